@@ -1,0 +1,63 @@
+# make demo: train and evaluate a small controller.   make test: run the tests.   Both set up what they need.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+STAMP := $(VENV)/.installed
+TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
+
+.PHONY: help setup demo test test-all lint clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo      train a small controller, evaluate it, write a report (about five minutes)"
+	@echo "make test      run the tests; make test-all runs the slow ones too"
+	@echo "make lint      style, types and import layers"
+	@echo "make setup     virtual environment in $(VENV); the others call it"
+	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
+	@echo "Another Python: make demo PYTHON=python3.12"
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "Python 3.11 or newer is needed; $(PYTHON) is: $$($(PYTHON) --version 2>&1 | head -n 1)."; \
+	  echo "Name another one, for example: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+	  echo "$(PYTHON) lacks the venv module. Debian and Ubuntu: apt install python3-venv"; exit 1; }
+	@echo "==> Setting up $(VENV) (once; about 2 GB, a few minutes)"
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	@$(PIP) install -c constraints.txt torch 2>/dev/null || { \
+	  echo "    the CPU build of torch is not in pip's index; uv fetches it from PyTorch's own"; \
+	  $(PIP) install -c constraints.txt uv && \
+	  $(BIN)/uv pip install --quiet --python $(BIN)/python --torch-backend cpu -c constraints.txt "$(TORCH)"; }
+	@$(PIP) install -c constraints.txt -e ".[train,dev]"
+	@touch $@
+
+demo: setup
+	@echo "==> Training a small controller on the five-link mechanism"
+	@$(BIN)/python -m agents.train --config configs/train/demo.yaml --run-dir runs/demo --force
+	@echo "==> Evaluating it under random loads"
+	@$(BIN)/python -m agents.evaluate runs/demo
+
+test: setup
+	@echo "==> Running the tests"
+	@$(BIN)/python -m pytest -n 2
+
+test-all: setup
+	@echo "==> Running all tests, slow ones too"
+	@$(BIN)/python -m pytest -n 2 -m ""
+
+lint: setup
+	@echo "==> Style"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@echo "==> Types"
+	@$(BIN)/mypy
+	@echo "==> Import layers"
+	@$(BIN)/lint-imports
+
+clean:
+	@echo "==> Removing the environment, caches and builds"
+	@rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,128 @@
+"""Desired tendon lengths in the least-squares sense: bounded Levenberg-Marquardt on the tensions.
+
+min over tensions in [low, high] of 1/2 |l(tau) - l_des|², where l(tau) is the length at the equilibrium under tau and
+dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorithm takes fixed gradient steps).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._jit import kernel
+from rollingjoint._kernels.arrays import ANGLE, NOT_CONVERGED, TendonLaw, new_state
+from rollingjoint._kernels.batch import solve_invalid, store, valid
+from rollingjoint._kernels.linear import cholesky, cholesky_solve, lu_step
+from rollingjoint._kernels.newton import limit_angles, solve
+
+_LARGEST_TENSION = 1000.0  # N, where none is given
+_SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
+_MAX_ITERATIONS = 300
+_GOAL = 1e-11  # mm that the next step would still change the lengths by
+
+
+@kernel
+def _solve_at(chain, tension, loads, phi, s, state, H):
+    """Equilibrium under fixed tensions."""
+    zero = np.zeros(tension.size)
+    return solve(chain, TendonLaw(zero, np.ones(tension.size), tension, tension), loads, phi, s, state, H)
+
+
+@kernel
+def _length_rates(chain, state, H, J):
+    """Fill J = dl/dtau; joints at a surface limit do not move."""
+    n, m = state.residual.size, state.length.size
+    free = np.ones(n, np.bool_)
+    for i in range(n):
+        highest, lowest = limit_angles(chain, i)
+        free[i] = lowest + 1e-13 < state.joint[i, ANGLE] < highest - 1e-13
+    J[:] = 0.0
+    column = np.empty(n)
+    for j in range(m):
+        if not lu_step(H, free, state.gap[:, j, 1], column):
+            return False
+        for k in range(m):
+            for i in range(n):
+                J[k, j] += state.gap[i, k, 1] * column[i]
+    return True
+
+
+@kernel
+def _step(J, miss, tension, low, high, damping, step):
+    """Levenberg-Marquardt step on the tensions that are not held at a bound."""
+    m = tension.size
+    gradient, normal = J.T @ miss, J.T @ J
+    free = np.ones(m, np.bool_)
+    for j in range(m):
+        free[j] = not (tension[j] <= low[j] and gradient[j] > 0.0) and not (tension[j] >= high[j] and gradient[j] < 0.0)
+    L = np.empty((m, m))
+    while cholesky(normal, free, damping, L) <= 0.0:
+        damping = max(10.0 * damping, 1e-300)
+        if damping > 1e12:
+            step[:] = 0.0
+            return
+    cholesky_solve(L, free, -gradient, step)
+
+
+@kernel
+def _iterate(chain, law, loads, tension, s, state, H):
+    """Improve the tensions in place; returns (status, iterations, residual)."""
+    n, m = s.size, tension.size
+    J, step, miss = np.empty((m, m)), np.empty(m), np.empty(m)
+    status, count, residual = _solve_at(chain, tension, loads, state.joint[:, ANGLE].copy(), s, state, H)
+    old_phi, old_tension = np.empty(n), np.empty(m)
+    damping = 1e-6
+    for _ in range(_MAX_ITERATIONS):
+        if not _length_rates(chain, state, H, J):
+            return status, count, residual
+        miss[:] = state.length - law.command
+        cost = 0.5 * np.sum(miss * miss)
+        size = np.max(np.abs(J)) ** 2
+        old_phi[:] = state.joint[:, ANGLE]
+        old_tension[:] = tension
+        while True:
+            _step(J, miss, old_tension, law.low, law.high, damping * size, step)
+            tension[:] = np.minimum(np.maximum(old_tension + step, law.low), law.high)
+            if np.max(np.abs(J @ (tension - old_tension))) < _GOAL:
+                tension[:] = old_tension
+                status, more, residual = _solve_at(chain, tension, loads, old_phi, s, state, H)
+                return status, count + more, residual
+            status, more, residual = _solve_at(chain, tension, loads, old_phi, s, state, H)
+            count += more
+            miss[:] = state.length - law.command
+            if status < NOT_CONVERGED and 0.5 * np.sum(miss * miss) < cost:
+                break
+            damping *= 10.0
+            _solve_at(chain, old_tension, loads, old_phi, s, state, H)
+            miss[:] = state.length - law.command
+        damping = max(0.1 * damping, 1e-12)
+    return NOT_CONVERGED, count, residual
+
+
+@kernel
+def _first_tensions(chain, law, loads, start, s, state, H):
+    """Tensions of nearly inextensible tendons with the desired lengths; without a load only their ratio matters."""
+    phi = start
+    for stiffness in (1.0, 30.0, 1000.0):
+        stiff = TendonLaw(law.command, np.full(law.low.size, stiffness), law.low, law.high)
+        solve(chain, stiff, loads, phi, s, state, H)
+        phi = state.joint[:, ANGLE].copy()
+    tension = state.tension.copy()
+    if np.max(tension) < _SMALLEST_TENSION:
+        tension[:] = 1.0
+    elif not np.any(loads[:, 3:9] != 0.0):
+        tension /= np.max(tension)
+    return np.minimum(np.maximum(tension, law.low), law.high)
+
+
+@kernel
+def solve_least_squares(chain, law, loads, start, results):
+    """Solve one lane into results; law.command holds the desired lengths."""
+    n, m = start.size, law.command.size
+    state, s, H = new_state(n, m), results.arc_lengths[0], results.stiffness[0]
+    if not valid(law, loads, start):
+        outcome = solve_invalid(chain, m, start, s, state, H)
+    else:
+        bounded = TendonLaw(law.command, law.stiffness, law.low, np.minimum(law.high, _LARGEST_TENSION))
+        tension = _first_tensions(chain, bounded, loads, start, s, state, H)
+        outcome = _iterate(chain, bounded, loads, tension, s, state, H)
+    store(chain, state, outcome, results, 0)

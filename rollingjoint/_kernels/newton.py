@@ -1,0 +1,300 @@
+"""Globalised Newton solve of the bound-constrained statics problem.
+
+Conservative loads: minimise the energy V over the joint angles by projected Newton steps with a line search on V; leave
+saddles along negative curvature. Follower loads: Newton on r = 0 with a line search on |r|.
+The state variable is the arc length s; steps are taken in the joint angle phi, where H is symmetric.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._jit import kernel
+from rollingjoint._kernels.arrays import (
+    ANGLE,
+    AT_LIMIT,
+    CONVERGED,
+    INDETERMINATE,
+    NOT_CONVERGED,
+    UNSTABLE,
+)
+from rollingjoint._kernels.chain import evaluate, stiffness
+from rollingjoint._kernels.joint import arc_length
+from rollingjoint._kernels.linear import (
+    cholesky,
+    cholesky_solve,
+    damped_step,
+    largest,
+    lu_step,
+    modified_cholesky,
+)
+
+RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
+_RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
+_RESIDUAL_FLOOR = 1e-12
+_RELATIVE_GOAL = 1e-11
+_MAX_ITERATIONS = 200
+_MAX_STEP = 0.5  # rad in any joint
+_MAX_ESCAPES = 8
+_ROUNDING = 1e-14  # of the magnitude of the energy terms
+
+
+@kernel
+def limit_angles(chain, i):
+    """Joint angles at both surface limits: (largest, at the smallest s; smallest, at the largest s)."""
+    return chain.cells[chain.cell_first[i], 2], chain.cells[chain.cell_first[i + 1] - 1, 3]
+
+
+@kernel
+def _mark_free(chain, state, prox, anchor, free):
+    """Mark joints that are not held by a surface limit; returns the largest free |r|. The proximal term is included."""
+    worst = 0.0
+    for i in range(free.size):
+        phi = state.joint[i, ANGLE]
+        highest, lowest = limit_angles(chain, i)
+        residual = state.residual[i] + prox * (phi - anchor[i])
+        held = (phi >= highest - 1e-13 and residual < 0.0) or (phi <= lowest + 1e-13 and residual > 0.0)
+        free[i] = not held
+        if free[i]:
+            worst = max(worst, abs(residual))
+    return worst
+
+
+@kernel
+def _release_step(chain, state, free, step):
+    """Hold joints at a limit that the step would leave outwards; returns True when it held any."""
+    changed = False
+    for i in range(free.size):
+        if free[i] and step[i] != 0.0:
+            phi = state.joint[i, ANGLE]
+            highest, lowest = limit_angles(chain, i)
+            if (phi >= highest - 1e-13 and step[i] > 0.0) or (phi <= lowest + 1e-13 and step[i] < 0.0):
+                free[i] = False
+                changed = True
+    return changed
+
+
+@kernel
+def _proximal_energy(state, prox, anchor):
+    energy = 0.0
+    for i in range(anchor.size):
+        energy += 0.5 * prox * (state.joint[i, ANGLE] - anchor[i]) ** 2
+    return energy
+
+
+@kernel
+def _proximal_residual(state, prox, anchor, out):
+    for i in range(anchor.size):
+        out[i] = state.residual[i] + prox * (state.joint[i, ANGLE] - anchor[i])
+
+
+@kernel
+def _newton_step(chain, state, H, conservative, damping, free, residual, L, step):
+    """Step on the free joints; joints at a limit that it would push outwards are held as well."""
+    for _ in range(free.size + 1):
+        if conservative:
+            modified_cholesky(H, free, L)
+            cholesky_solve(L, free, -residual, step)
+        elif damping > 0.0 or not lu_step(H, free, residual, step):
+            damped_step(H, free, residual, damping, L, step)
+        if not _release_step(chain, state, free, step):
+            break
+    longest = 0.0
+    for i in range(free.size):
+        longest = max(longest, abs(step[i]))
+    if longest > _MAX_STEP:
+        step *= _MAX_STEP / longest
+
+
+@kernel
+def _move(chain, phi, step, t, s):
+    """Arc lengths at joint angles phi + t step, clipped to the surface limits."""
+    for i in range(s.size):
+        if step[i] != 0.0:
+            s[i] = arc_length(chain, i, phi[i] + t * step[i])
+
+
+@kernel
+def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst):
+    """Halve the step until the merit falls.
+
+    Returns (moved, energy, magnitude, scale, worst free |r|); state and s are at the new configuration, or restored.
+    """
+    n = s.size
+    phi, s_old = state.joint[:, ANGLE].copy(), s.copy()
+    residual = np.empty(n)
+    _proximal_residual(state, prox, anchor, residual)
+    squared = 0.0
+    for i in range(n):
+        if free[i]:
+            squared += residual[i] ** 2
+    t, scale = 1.0, 0.0
+    for _ in range(40):
+        _move(chain, phi, step, t, s)
+        new_energy, new_magnitude, scale = evaluate(chain, law, loads, s, state)
+        new_energy += _proximal_energy(state, prox, anchor)
+        new_worst = _mark_free(chain, state, prox, anchor, free)
+        if conservative:
+            slope = 0.0
+            for i in range(n):
+                slope += residual[i] * (state.joint[i, ANGLE] - phi[i])
+            noise, fall = _ROUNDING * (magnitude + new_magnitude), energy - new_energy
+            accept = fall > noise and fall >= -1e-4 * slope
+            accept = accept or (fall >= -noise and new_worst < worst)
+        else:
+            new_squared = 0.0
+            for i in range(n):
+                if free[i]:
+                    new_squared += (state.residual[i] + prox * (state.joint[i, ANGLE] - anchor[i])) ** 2
+            accept = new_squared <= (1.0 - 1e-4 * t) * squared
+        if accept:
+            return True, new_energy, new_magnitude, scale, new_worst
+        t *= 0.5
+    s[:] = s_old
+    energy, magnitude, scale = evaluate(chain, law, loads, s, state)
+    energy += _proximal_energy(state, prox, anchor)
+    worst = _mark_free(chain, state, prox, anchor, free)
+    return False, energy, magnitude, scale, worst
+
+
+@kernel
+def _escape_direction(H, free, step):
+    """Fill step with the direction of most negative curvature, 0.1 rad long, its largest entry positive."""
+    index = np.flatnonzero(free)
+    reduced = np.empty((index.size, index.size))
+    for i in range(index.size):
+        for m in range(index.size):
+            reduced[i, m] = H[index[i], index[m]]
+    _, vectors = np.linalg.eigh(reduced)
+    leader = np.argmax(np.abs(vectors[:, 0]))
+    sign = 1.0 if vectors[leader, 0] > 0.0 else -1.0
+    step[:] = 0.0
+    for i in range(index.size):
+        step[index[i]] = 0.1 * sign * vectors[i, 0]
+
+
+@kernel
+def classify(H, free, conservative, L):
+    """Kind of a stationary point: CONVERGED, INDETERMINATE (H singular) or UNSTABLE (its symmetric part is indefinite)."""
+    symmetric = H if conservative else 0.5 * (H + H.T)
+    if cholesky(symmetric, free, 0.0, L) > 1e-10:
+        return CONVERGED
+    size = largest(symmetric, free)
+    if size == 0.0 or cholesky(symmetric, free, 1e-9 * size, L) > 0.0:
+        return INDETERMINATE
+    return UNSTABLE
+
+
+@kernel
+def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
+    """Iterate from s to equilibrium in place; returns (status, iterations, largest free |r|)."""
+    n = s.size
+    free = np.ones(n, np.bool_)
+    residual, step, L = np.empty(n), np.empty(n), np.empty((n, n))
+    energy, magnitude, scale = evaluate(chain, law, loads, s, state)
+    energy += _proximal_energy(state, prox, anchor)
+    worst = _mark_free(chain, state, prox, anchor, free)
+    damping, escapes, stalled = 0.0, 0, False
+    for iteration in range(_MAX_ITERATIONS):
+        goal = max(_RESIDUAL_FLOOR, min(_RESIDUAL_GOAL, _RELATIVE_GOAL * scale))
+        stiffness(chain, state, H)
+        for i in range(n):
+            H[i, i] += prox
+        if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, 1e-8 * scale)):
+            kind = classify(H, free, conservative, L)
+            if kind != UNSTABLE or not conservative or escapes == _MAX_ESCAPES:
+                if kind == CONVERGED and not np.all(free):
+                    kind = AT_LIMIT
+                return kind, iteration, worst
+            escapes += 1
+            _escape_direction(H, free, step)
+        elif stalled:
+            return NOT_CONVERGED, iteration, worst
+        else:
+            _proximal_residual(state, prox, anchor, residual)
+            _newton_step(chain, state, H, conservative, damping, free, residual, L, step)
+        moved, energy, magnitude, scale, worst = _line_search(
+            chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst
+        )
+        if moved:
+            damping *= 0.1 if damping > 1e-8 else 0.0
+        elif conservative or damping > 1.0:
+            stalled = True
+        else:
+            damping = max(10.0 * damping, 1e-6)
+    return NOT_CONVERGED, _MAX_ITERATIONS, worst
+
+
+@kernel
+def _relax(chain, law, loads, anchor, s, state, H):
+    """From the anchor angles, follow the overdamped motion dphi/dt = -r with implicit steps of growing length.
+
+    Follower forces have no potential to descend; this motion still leads from the start to a stable equilibrium where
+    there is one. Returns the steps taken.
+    """
+    n = s.size
+    free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
+    for i in range(n):
+        s[i] = arc_length(chain, i, anchor[i])
+    evaluate(chain, law, loads, s, state)
+    worst = _mark_free(chain, state, 0.0, anchor, free)
+    rate = -1.0
+    for count in range(_MAX_ITERATIONS):
+        stiffness(chain, state, H)
+        if rate < 0.0:
+            rate = 0.1 * largest(H, free)
+        while cholesky(0.5 * (H + H.T), free, rate, L) <= 1e-10 and rate > 0.0:
+            rate *= 2.0
+        for i in range(n):
+            H[i, i] += rate
+        _newton_step(chain, state, H, False, 0.0, free, state.residual, L, step)
+        phi = state.joint[:, ANGLE].copy()
+        _move(chain, phi, step, 1.0, s)
+        evaluate(chain, law, loads, s, state)
+        new_worst = _mark_free(chain, state, 0.0, anchor, free)
+        if new_worst <= _RESIDUAL_GOAL:
+            return count + 1
+        rate *= min(2.0, max(0.3, new_worst / worst))
+        worst = new_worst
+    return _MAX_ITERATIONS
+
+
+@kernel
+def _pull_back(chain, law, loads, conservative, anchor, s, state, H):
+    """From the anchor angles, follow the minimum of V + prox/2 |phi - anchor|² as prox falls; returns iterations."""
+    size, count = 0.0, 0
+    for j in range(law.stiffness.size):
+        for i in range(anchor.size):
+            size = max(size, law.stiffness[j] * state.gap[i, j, 1] ** 2)
+    for i in range(anchor.size):
+        s[i] = arc_length(chain, i, anchor[i])
+    for factor in (1e-2, 1e-4, 1e-6, 1e-8):
+        _, iterations, _ = minimise(chain, law, loads, conservative, factor * size, anchor, s, state, H)
+        count += iterations
+    return count
+
+
+@kernel
+def solve(chain, law, loads, start, s, state, H):
+    """Equilibrium from joint angles `start`; fills s, state and H; returns (status, iterations, largest free |r|).
+
+    Where slack tendons leave the pose open, the admissible pose nearest the start is found with a tiny proximal term.
+    """
+    n = start.size
+    conservative = not np.any(loads[:, 5:7] != 0.0)
+    for i in range(n):
+        s[i] = arc_length(chain, i, start[i])
+    anchor = start.copy()
+    status, iterations, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
+    if not conservative and status >= UNSTABLE:
+        iterations += _relax(chain, law, loads, anchor, s, state, H)
+        status, more, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
+        iterations += more
+    moved = False
+    for i in range(n):
+        moved = moved or abs(state.joint[i, ANGLE] - start[i]) > 1e-12
+    if status == INDETERMINATE and moved:
+        iterations += _pull_back(chain, law, loads, conservative, anchor, s, state, H)
+        status, more, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
+        iterations += more
+    return status, iterations, worst

@@ -1,0 +1,43 @@
+"""Exceptions that name the value, what was expected and the mend."""
+
+from __future__ import annotations
+
+
+class RollingJointError(Exception):
+    """Base of everything this project raises on purpose."""
+
+
+class InvalidInput(RollingJointError, ValueError):
+    """An argument that cannot be used.
+
+    Args:
+        what: the argument, as the caller knows it.
+        value: the offending value.
+        allowed: what was expected, in words.
+        mend: what to do about it (optional).
+    """
+
+    def __init__(self, what: str, value: object, allowed: str, mend: str = "") -> None:
+        self.what, self.value, self.allowed, self.mend = what, value, allowed, mend
+        super().__init__(what, value, allowed, mend)
+
+    def __str__(self) -> str:
+        text = f"{self.what} = {_short(self.value)}: expected {self.allowed}."
+        return f"{text} {self.mend}" if self.mend else text
+
+
+class MechanismError(InvalidInput):
+    """A mechanism that cannot be built."""
+
+
+class ConfigError(InvalidInput):
+    """A configuration file, or one of its keys, that cannot be used."""
+
+
+class SolverError(RollingJointError, RuntimeError):
+    """An equilibrium that the caller required and the solver could not give."""
+
+
+def _short(value: object, limit: int = 120) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -1,0 +1,142 @@
+"""External loads, and the table of rows that the kernels read.
+
+One row acts on one body point x of one link and is the sum of everything a row can hold:
+world force + body force turned with the link + spring k (anchor - x), and a moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.errors import InvalidInput
+
+LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
+"""Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class WorldForce:
+    """A force of fixed direction (a dead load) at a body point, and a moment [N, N·mm, mm]."""
+
+    link: int
+    force: Pair
+    moment: float = 0.0
+    point: Pair = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class BodyWrench:
+    """A force that turns with the link (a follower load) at a body point, and a moment [N, N·mm, mm]."""
+
+    link: int
+    force: Pair
+    moment: float = 0.0
+    point: Pair = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring of zero rest length from a body point to a world point [N/mm, mm]."""
+
+    link: int
+    stiffness: float
+    anchor: Pair
+    point: Pair = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """The weight of every link [N], base first, acting along `direction` at body points (default: link origins)."""
+
+    weights: Sequence[float]
+    direction: Pair = (0.0, -1.0)
+    points: Sequence[Pair] | None = None
+
+
+Load = WorldForce | BodyWrench | Spring | Gravity
+
+
+def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
+    """Rows of LOAD_COLUMNS for the loads, (rows, 11).
+
+    Raises:
+        InvalidInput: an unknown load, a link that does not exist, a wrong number of weights or coordinates.
+    """
+    rows = [row for load in loads for row in _rows(load, n_links)]
+    return np.array(rows, dtype=float).reshape(len(rows), len(LOAD_COLUMNS))
+
+
+def _rows(load: Load, n_links: int) -> list[list[float]]:
+    match load:
+        case WorldForce():
+            return [_row(load.link, n_links, point=load.point, world=load.force, moment=load.moment)]
+        case BodyWrench():
+            return [_row(load.link, n_links, point=load.point, body=load.force, moment=load.moment)]
+        case Spring():
+            return [_row(load.link, n_links, point=load.point, spring=load.stiffness, anchor=load.anchor)]
+        case Gravity():
+            return _gravity_rows(load, n_links)
+    raise InvalidInput("load", load, "WorldForce, BodyWrench, Spring or Gravity")
+
+
+def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
+    points = [(0.0, 0.0)] * n_links if load.points is None else list(load.points)
+    if len(load.weights) != n_links or len(points) != n_links:
+        raise InvalidInput(
+            "Gravity weights", load.weights, f"{n_links} weights [N] (and points), one per link, the base included"
+        )
+    dx, dy = _pair("Gravity direction", load.direction)
+    norm = float(np.hypot(dx, dy))
+    if norm == 0:
+        raise InvalidInput("Gravity direction", load.direction, "a direction other than (0, 0)")
+    return [
+        _row(link, n_links, point=point, world=(weight * dx / norm, weight * dy / norm))
+        for link, (weight, point) in enumerate(zip(load.weights, points, strict=True))
+    ]
+
+
+def _row(
+    link: int,
+    n_links: int,
+    *,
+    point: Pair,
+    world: Pair = (0.0, 0.0),
+    body: Pair = (0.0, 0.0),
+    moment: float = 0.0,
+    spring: float = 0.0,
+    anchor: Pair = (0.0, 0.0),
+) -> list[float]:
+    return [
+        link_index(link, n_links),
+        *_pair("load point", point),
+        *_pair("load force", world),
+        *_pair("load force", body),
+        float(moment),
+        float(spring),
+        *_pair("spring anchor", anchor),
+    ]
+
+
+def link_index(link: int, n_links: int) -> int:
+    """The link counted from 0; -1 is the tip.
+
+    Raises:
+        InvalidInput: a link that does not exist.
+    """
+    if int(link) != link or not -n_links <= link < n_links:
+        raise InvalidInput("link", link, f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}")
+    return int(link) % n_links
+
+
+def _pair(what: str, values: Pair) -> Pair:
+    try:
+        x, y = values
+        return float(x), float(y)
+    except (TypeError, ValueError):
+        raise InvalidInput(what, values, "two numbers (x, y)") from None

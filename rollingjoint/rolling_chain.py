@@ -1,0 +1,208 @@
+"""Planar chains of links that roll on each other: links, surfaces and tendons, and the arrays that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint import joint_table
+from rollingjoint._kernels.arrays import Chain
+from rollingjoint._kernels.forward import arc_lengths_of, joint_angles_of, poses_of
+from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.profile import Surface
+from rollingjoint.tendon import Hole, OnSurface, Tendon
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above."""
+
+    parent: Surface
+    child: Surface
+
+    @property
+    def height(self) -> float:
+        """Distance between the two surfaces at s = 0 [mm]."""
+        return float(np.hypot(*np.subtract(self.child.start, self.parent.start)))
+
+
+@dataclass(frozen=True, eq=False)
+class RollingChain:
+    """A chain of links, base first, pulled by tendons.
+
+    Args:
+        links: at least two; link 0 is fixed at the identity.
+        tendons: at least one.
+        name: for tables and pictures.
+    Raises:
+        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts.
+    Source: rolling-contact paper, sec. III.
+    """
+
+    links: Sequence[Link]
+    tendons: Sequence[Tendon]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "links", tuple(self.links))
+        object.__setattr__(self, "tendons", tuple(self.tendons))
+        if len(self.links) < 2:
+            raise MechanismError("number of links", len(self.links), "2 or more, the fixed base included")
+        if not self.tendons:
+            raise MechanismError("number of tendons", 0, "1 or more")
+        for i, (proximal, distal) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+            joint_table.check_rolling(i, proximal.child, distal.parent)
+        self._check_holes()
+
+    @property
+    def n_links(self) -> int:
+        """Number of links, the base included."""
+        return len(self.links)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.links) - 1
+
+    @property
+    def n_tendons(self) -> int:
+        """Number of tendons."""
+        return len(self.tendons)
+
+    @property
+    def length(self) -> float:
+        """Sum of the link heights [mm]."""
+        return sum(link.height for link in self.links)
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Tendon stiffnesses, (m,) [N/mm]."""
+        return np.array([tendon.stiffness for tendon in self.tendons])
+
+    @cached_property
+    def joint_limits(self) -> Array:
+        """Arc length range that both surfaces of a joint share, (n - 1, 2) [mm]."""
+        pairs = zip(self.links[:-1], self.links[1:], strict=True)
+        return np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs])
+
+    @cached_property
+    def neutral_angles(self) -> Array:
+        """Joint angles at s = 0, (n - 1,) [rad]."""
+        return self.joint_angles(np.zeros(self.n_joints))
+
+    @cached_property
+    def neutral_lengths(self) -> Array:
+        """Tendon lengths at s = 0, (m,) [mm]."""
+        return self.tendon_lengths(self.neutral_angles)
+
+    @cached_property
+    def arrays(self) -> Chain:
+        """Tables for the kernels."""
+        pairs = zip(self.links[:-1], self.links[1:], strict=True)
+        tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
+        n_joints, n_tendons = self.n_joints, self.n_tendons
+        child, parent = np.zeros((n_joints, n_tendons, 2)), np.zeros((n_joints, n_tendons, 2))
+        joints, channels = np.zeros(n_tendons, np.int64), np.zeros(n_tendons)
+        for j, holes in enumerate(self.hole_points):
+            joints[j] = len(holes) - 1
+            child[: joints[j], j], parent[: joints[j], j] = holes[:-1, 1], holes[1:, 0]
+            channels[j] = np.linalg.norm(holes[:, 1] - holes[:, 0], axis=1).sum()
+        return Chain(
+            np.cumsum([0] + [len(table.cells) for table in tables]),
+            np.concatenate([table.cells for table in tables]),
+            np.concatenate([table.coefficients for table in tables]),
+            child,
+            parent,
+            joints,
+            channels,
+        )
+
+    @cached_property
+    def hole_points(self) -> tuple[Array, ...]:
+        """For every tendon the holes of the links it passes, (links, 2 for parent and child, 2) in link frames [mm]."""
+        return tuple(
+            np.array(
+                [
+                    [_locate(parent, link.parent), _locate(child, link.child)]
+                    for link, (parent, child) in zip(self.links, tendon.link_holes(self.n_links), strict=False)
+                ]
+            )
+            for tendon in self.tendons
+        )
+
+    def replace(self, **changes: object) -> RollingChain:
+        """A copy with other links, tendons or name, checked anew."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def joint_angles(self, arc_lengths: ArrayLike) -> Array:
+        """Joint angles phi at contact arc lengths, (..., n - 1) both [rad, mm].
+
+        Raises:
+            InvalidInput: wrong number of joints, or s beyond a joint's limits.
+        """
+        s = self._per_joint("arc lengths", arc_lengths)
+        low, high = self.joint_limits.T
+        if not np.all((s >= low - 1e-12) & (s <= high + 1e-12)):
+            raise InvalidInput("arc lengths", s, f"values between {low} and {high} mm, the surface limits")
+        return joint_angles_of(self.arrays, s.reshape(-1, self.n_joints)).reshape(s.shape)
+
+    def arc_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
+        phi = self._per_joint("joint angles", joint_angles)
+        return arc_lengths_of(self.arrays, phi.reshape(-1, self.n_joints)).reshape(phi.shape)
+
+    def poses(self, joint_angles: ArrayLike) -> Array:
+        """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
+        phi = self._per_joint("joint angles", joint_angles)
+        poses, _ = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
+        return poses.reshape(*phi.shape[:-1], self.n_links, 3)
+
+    def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm].
+
+        Source: rolling-contact paper, eq. 28.
+        """
+        phi = self._per_joint("joint angles", joint_angles)
+        _, lengths = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
+        return lengths.reshape(*phi.shape[:-1], self.n_tendons)
+
+    def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
+        """World points of every tendon's holes, base to end, a list of (2 links passed, 2) [mm]."""
+        poses = np.asarray(poses, float)
+        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=-2)
+        return [
+            (np.einsum("lab,lhb->lha", rotation[: len(h)], h) + poses[: len(h), None, :2]).reshape(-1, 2)
+            for h in self.hole_points
+        ]
+
+    def _per_joint(self, what: str, values: ArrayLike) -> Array:
+        array = np.asarray(values, float)
+        if array.ndim == 0 or array.shape[-1] != self.n_joints:
+            raise InvalidInput(what, values, f"{self.n_joints} values in the last axis, one per joint")
+        return array
+
+    def _check_holes(self) -> None:
+        """Every hole on its surface, and no tendon whose holes change places across a joint."""
+        for j, holes in enumerate(self.hole_points):
+            for i in range(len(holes) - 1):
+                below, above = self.links[i].child, self.links[i + 1].parent
+                joint_table.check_gap(i, j, below, above, holes[i, 1], holes[i + 1, 0])
+
+
+def _locate(hole: Hole, surface: Surface) -> Array:
+    """The hole in its link's frame, (2,) [mm]."""
+    if isinstance(hole, OnSurface):
+        low, high = surface.limits
+        if not low <= hole.s <= high:
+            raise MechanismError(
+                "hole on the surface at s", hole.s, f"an arc length on the surface, [{low:g}, {high:g}] mm"
+            )
+        return surface.point(hole.s)
+    return np.array(hole)

@@ -1,0 +1,90 @@
+"""Tendons: which holes they pass, where they end, how stiff they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rollingjoint.errors import MechanismError
+
+DEFAULT_STIFFNESS = 5.0
+"""Tendon stiffness [N/mm]: E A / L of a 0.28 mm polyethylene braid (E about 20 GPa along the braid, A = 0.062 mm²)
+over a quarter of a metre between the motor and the tip."""
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """A hole where its contact surface is at arc length s [mm]."""
+
+    s: float
+
+
+Hole = tuple[float, float] | OnSurface
+"""A hole in a link: a point (x, y) of the link frame [mm], or a point of the contact surface."""
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A tendon that runs from the base to link `end`.
+
+    Args:
+        holes: (parent hole, child hole) of every link from 0 to `end`; the tendon enters a link at its parent side and
+            leaves it at its child side. A single pair stands for the same pair on every link.
+        end: the link where it is fixed; -1 is the tip.
+        stiffness: tension per mm of stretch [N/mm].
+    Raises:
+        MechanismError: a hole that is neither a point nor OnSurface; a stiffness that is not positive.
+    """
+
+    holes: Sequence[tuple[Hole, Hole]]
+    end: int = -1
+    stiffness: float = DEFAULT_STIFFNESS
+
+    def __post_init__(self) -> None:
+        try:
+            holes = tuple((_hole(parent), _hole(child)) for parent, child in self.holes)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, MechanismError):
+                raise
+            raise MechanismError("tendon holes", self.holes, "(parent hole, child hole) for every link") from None
+        if not holes:
+            raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
+        if not (np.isfinite(self.stiffness) and self.stiffness > 0):
+            raise MechanismError("tendon stiffness", self.stiffness, "a positive number [N/mm]")
+        object.__setattr__(self, "holes", holes)
+        object.__setattr__(self, "end", int(self.end))
+        object.__setattr__(self, "stiffness", float(self.stiffness))
+
+    @classmethod
+    def on_surfaces(cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS) -> Tendon:
+        """A tendon through the surface point s of every surface it passes."""
+        return cls(((OnSurface(s), OnSurface(s)),), end, stiffness)
+
+    def last_link(self, n_links: int) -> int:
+        """Index of the link where the tendon ends, counted from 0."""
+        last = self.end + n_links if self.end < 0 else self.end
+        if not 1 <= last < n_links:
+            raise MechanismError("tendon end", self.end, f"a moving link, 1 to {n_links - 1} or -1 to {1 - n_links}")
+        return last
+
+    def link_holes(self, n_links: int) -> Sequence[tuple[Hole, Hole]]:
+        """(parent hole, child hole) for every link that the tendon passes."""
+        passed = self.last_link(n_links) + 1
+        if len(self.holes) == 1:
+            return tuple(self.holes) * passed
+        if len(self.holes) != passed:
+            raise MechanismError("number of tendon hole pairs", len(self.holes), f"{passed}, links 0 to {passed - 1}")
+        return self.holes
+
+
+def _hole(hole: Hole) -> Hole:
+    if isinstance(hole, OnSurface):
+        if not np.isfinite(hole.s):
+            raise MechanismError("hole on the surface at s", hole.s, "a finite arc length [mm]")
+        return hole
+    x, y = (float(value) for value in hole)
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise MechanismError("tendon hole", hole, "a finite point (x, y) [mm]")
+    return (x, y)
