@@ -31,7 +31,7 @@ _PROBE_POWERS = np.vander(_PROBES, N_COEFFICIENTS, increasing=True)
 
 
 class JointTable(NamedTuple):
-    """Cells of one joint: borders (s and phi at both ends), coefficients (cells, 12, 5) of phi, child and parent point."""
+    """Cells of one joint: borders (s and phi at both ends) and coefficients (cells, 12, 5) of phi and both points."""
 
     cells: Array
     coefficients: Array

@@ -153,7 +153,10 @@ def _evaluate_loads(loads, state):
 
 @kernel
 def _evaluate_residual(chain, state):
-    """Fill r = sum of tension g' minus the moment of the loads about the contact; returns the size of its terms."""
+    """Fill r = sum of tension g' minus the moment of the loads about the contact.
+
+    Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
+    """
     scale = 0.0
     for i in range(state.joint.shape[0]):
         sums, cx, cy = state.sums[i], state.contact[i, 0], state.contact[i, 1]
@@ -164,7 +167,7 @@ def _evaluate_residual(chain, state):
             if i < chain.tendon_joints[j]:
                 torque = state.tension[j] * state.gap[i, j, 1]
                 residual += torque
-                size += abs(torque)
+                size += max(abs(torque), state.tension[j])
         state.residual[i] = residual
         scale = max(scale, size)
     return scale

@@ -69,15 +69,37 @@ def cholesky_solve(L, free, rhs, out):
 
 
 @kernel
-def modified_cholesky(H, free, L):
-    """Factor H, or H plus the first shift that makes it positive definite; returns the shift."""
+def eigen(H, free):
+    """(indices, eigenvalues, eigenvectors) of a symmetric H over the free joints."""
+    index = np.flatnonzero(free)
+    reduced = np.empty((index.size, index.size))
+    for i in range(index.size):
+        for m in range(index.size):
+            reduced[i, m] = H[index[i], index[m]]
+    values, vectors = np.linalg.eigh(reduced)
+    return index, values, vectors
+
+
+@kernel
+def descent_step(H, free, residual, L, out):
+    """Newton step H out = -r on the free joints where H is positive definite, else with |eigenvalues| in its place.
+
+    Reversing negative eigenvalues keeps the step's length right along soft directions, where a common shift would be
+    set by the stiffest one.
+    """
     if cholesky(H, free, 0.0, L) > 1e-10:
-        return 0.0
-    size = largest(H, free)
-    shift = 1e-3 * size if size > 0.0 else 1.0
-    while cholesky(H, free, shift, L) <= 1e-10:
-        shift *= 4.0
-    return shift
+        cholesky_solve(L, free, -residual, out)
+        return
+    index, values, vectors = eigen(H, free)
+    floor = max(1e-10 * np.max(np.abs(values)), 1e-300)
+    out[:] = 0.0
+    for q in range(index.size):
+        along = 0.0
+        for i in range(index.size):
+            along -= vectors[i, q] * residual[index[i]]
+        along /= max(abs(values[q]), floor)
+        for i in range(index.size):
+            out[index[i]] += along * vectors[i, q]
 
 
 @kernel

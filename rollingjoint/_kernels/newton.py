@@ -22,11 +22,11 @@ from rollingjoint._kernels.chain import evaluate, stiffness
 from rollingjoint._kernels.joint import arc_length
 from rollingjoint._kernels.linear import (
     cholesky,
-    cholesky_solve,
     damped_step,
+    descent_step,
+    eigen,
     largest,
     lu_step,
-    modified_cholesky,
 )
 
 RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
@@ -93,8 +93,7 @@ def _newton_step(chain, state, H, conservative, damping, free, residual, L, step
     """Step on the free joints; joints at a limit that it would push outwards are held as well."""
     for _ in range(free.size + 1):
         if conservative:
-            modified_cholesky(H, free, L)
-            cholesky_solve(L, free, -residual, step)
+            descent_step(H, free, residual, L, step)
         elif damping > 0.0 or not lu_step(H, free, residual, step):
             damped_step(H, free, residual, damping, L, step)
         if not _release_step(chain, state, free, step):
@@ -160,12 +159,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, 
 @kernel
 def _escape_direction(H, free, step):
     """Fill step with the direction of most negative curvature, 0.1 rad long, its largest entry positive."""
-    index = np.flatnonzero(free)
-    reduced = np.empty((index.size, index.size))
-    for i in range(index.size):
-        for m in range(index.size):
-            reduced[i, m] = H[index[i], index[m]]
-    _, vectors = np.linalg.eigh(reduced)
+    index, _, vectors = eigen(H, free)
     leader = np.argmax(np.abs(vectors[:, 0]))
     sign = 1.0 if vectors[leader, 0] > 0.0 else -1.0
     step[:] = 0.0
@@ -175,14 +169,25 @@ def _escape_direction(H, free, step):
 
 @kernel
 def classify(H, free, conservative, L):
-    """Kind of a stationary point: CONVERGED, INDETERMINATE (H singular) or UNSTABLE (its symmetric part is indefinite)."""
+    """Kind of a stationary point: CONVERGED (stable), INDETERMINATE (H singular) or UNSTABLE.
+
+    Unstable: H has an eigenvalue of negative real part.
+    """
     symmetric = H if conservative else 0.5 * (H + H.T)
     if cholesky(symmetric, free, 0.0, L) > 1e-10:
         return CONVERGED
-    size = largest(symmetric, free)
-    if size == 0.0 or cholesky(symmetric, free, 1e-9 * size, L) > 0.0:
+    size = largest(H, free)
+    if size == 0.0:
         return INDETERMINATE
-    return UNSTABLE
+    index = np.flatnonzero(free)
+    reduced = np.empty((index.size, index.size), np.complex128)
+    for i in range(index.size):
+        for m in range(index.size):
+            reduced[i, m] = H[index[i], index[m]]
+    smallest = np.min(np.linalg.eigvals(reduced).real)
+    if smallest > 1e-10 * size:
+        return CONVERGED
+    return INDETERMINATE if smallest > -1e-9 * size else UNSTABLE
 
 
 @kernel

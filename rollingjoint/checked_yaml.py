@@ -1,0 +1,119 @@
+"""YAML files read strictly: plain values only, and complaints that name the file, the place and the mend.
+
+Every check takes `where`, such as "arm.yaml: links[2].child", and raises ConfigError with it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rollingjoint.errors import ConfigError
+
+
+def read_yaml(path: Path) -> object:
+    """Content of a YAML file: dicts, lists, numbers and text, never an object.
+
+    Raises:
+        ConfigError: no readable YAML, or a key given twice.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ConfigError(f"{path}: line {line}", error.problem, "valid YAML") from None
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """The safe loader, and a key given twice is an error."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if str(key.value) in seen:
+                raise yaml.composer.ComposerError(None, None, f"key {key.value!r} given twice", key.start_mark)
+            seen.add(str(key.value))
+        return node
+
+
+def mapping(where: str, value: object, valid: Sequence[str], required: Sequence[str] = ()) -> Mapping[str, Any]:
+    """The value, a mapping with valid keys only and all the required ones; nothing is an empty mapping."""
+    value = {} if value is None else value
+    if not isinstance(value, Mapping):
+        raise ConfigError(where, value, f"keys and values, with the keys {', '.join(valid)}")
+    for key in value:
+        if key not in valid:
+            raise ConfigError(f"{where}: unknown key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid))
+    for key in required:
+        if key not in value:
+            raise ConfigError(where, list(value), f"the key {key!r}", f"Add it; the keys are {', '.join(valid)}.")
+    return value
+
+
+def suggestion(word: str, valid: Sequence[str]) -> str:
+    """The question whether the nearest valid word was meant, or nothing if none is near."""
+    nearest = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
+    return f"Did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def entries(where: str, value: object) -> Sequence[Any]:
+    """The value, a list that is not empty."""
+    if not isinstance(value, list | tuple) or not value:
+        raise ConfigError(where, value, "a list with at least one entry")
+    return value
+
+
+def number_table(where: str, value: object) -> list[Any]:
+    """Numbers, or rows of numbers of one width."""
+    items = entries(where, value)
+    if not isinstance(items[0], list | tuple):
+        return numbers(where, items)
+    rows = [numbers(f"{where}[{i}]", row) for i, row in enumerate(items)]
+    if len({len(row) for row in rows}) > 1:
+        raise ConfigError(where, value, "rows of the same length", "Fill the shorter rows with zeros.")
+    return rows
+
+
+def numbers(where: str, value: object) -> list[float]:
+    """A list of finite numbers that is not empty."""
+    return [number(f"{where}[{i}]", item) for i, item in enumerate(entries(where, value))]
+
+
+def point(where: str, value: object) -> tuple[float, float]:
+    """Two finite numbers."""
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ConfigError(where, value, "two numbers, such as [0, 10]")
+    return number(f"{where}[0]", value[0]), number(f"{where}[1]", value[1])
+
+
+def number(where: str, value: object) -> float:
+    """A finite number; text such as 8e-5, which YAML does not read as a number, counts as one."""
+    try:
+        converted = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        converted = math.nan
+    if not math.isfinite(converted):
+        raise ConfigError(where, value, "a finite number")
+    return converted
+
+
+def whole_number(where: str, value: object) -> int:
+    """A whole number; 2.0 and true are none."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ConfigError(where, value, "a whole number")
+    return value
+
+
+def text(where: str, value: object) -> str:
+    """Text; a bare number or date in YAML is none."""
+    if not isinstance(value, str):
+        raise ConfigError(where, value, "text", "Put it in quotes.")
+    return value

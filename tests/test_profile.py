@@ -1,0 +1,80 @@
+"""Surfaces are integrated exactly, whatever their curvature."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from rollingjoint import InvalidInput, MechanismError, Profile, Surface
+
+PROFILES = {
+    "constant": Profile.constant(-0.07),
+    "flat": Profile.constant(0.0),
+    "polynomial": Profile.polynomial([-0.05, 0.001, 0.002 / 25, -1e-6]),
+    "piecewise_constant": Profile.piecewise_constant([-15, -3, 4, 15], [-0.04, 0.02, -0.06]),
+    "piecewise_polynomial": Profile.piecewise_polynomial([-15, 0, 15], [[-0.1, 0.01, 0.0], [0.0, 0.0, -1e-4]]),
+    "spline": Profile.spline([-15, -8, 0, 7, 15], [-0.02, -0.06, 0.01, -0.05, -0.03]),
+    "samples": Profile.samples(np.linspace(-15, 15, 11), 0.05 * np.cos(np.arange(11.0))),
+}
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
+def test_surface_points_match_adaptive_quadrature(profile):
+    surface = Surface(profile, (0.3, -2.0), 0.4)
+    for s in (-15.0, -7.7, -1e-3, 0.0, 5.1, 15.0):
+        breaks = [b for b in profile.breaks if min(0, s) < b < max(0, s)] or None
+        x, y = (
+            quad(lambda t, f=f: f(surface.tangent_angle(t)), 0.0, s, epsabs=1e-13, limit=400, points=breaks)[0]
+            for f in (np.cos, np.sin)
+        )
+        assert surface.point(s) == pytest.approx((0.3 + x, -2.0 + y), abs=1e-11)
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
+def test_turning_is_the_integral_of_curvature(profile):
+    s = np.linspace(-15, 15, 4001)
+    middle = 0.5 * (s[1:] + s[:-1])
+    assert profile.turning(0.0) == pytest.approx(0.0, abs=1e-16)
+    smooth = np.min(np.abs(middle[:, None] - profile.breaks), axis=1) > 0.01
+    slope = np.diff(profile.turning(s)) / np.diff(s)
+    assert slope[smooth] == pytest.approx(profile.curvature(middle)[smooth], abs=1e-6)
+
+
+def test_constant_curvature_is_a_circular_arc():
+    s = np.linspace(-15, 15, 7)
+    surface = Surface(Profile.constant(-1 / 12.0), (0.0, 10.0))
+    circle = np.stack([12 * np.sin(s / 12), 10 - 12 * (1 - np.cos(s / 12))], axis=-1)
+    assert surface.point(s) == pytest.approx(circle, abs=1e-13)
+
+
+def test_spline_passes_through_its_knots():
+    knots, values = [-10, -4, 0, 9], [0.1, -0.2, 0.05, 0.0]
+    assert Profile.spline(knots, values).curvature(knots) == pytest.approx(values, abs=1e-15)
+
+
+def test_pose_is_point_and_tangent_angle():
+    surface = Surface(PROFILES["polynomial"], (1.0, 2.0), 0.1)
+    assert surface.pose([1.0, 2.0]).shape == (2, 3)
+    assert surface.pose(3.0)[2] == surface.tangent_angle(3.0)
+
+
+@pytest.mark.parametrize(
+    "build, name",
+    [
+        (lambda: Profile.constant(np.nan), "coefficients"),
+        (lambda: Profile.constant(-0.05, (1.0, 15.0)), "contain s = 0"),
+        (lambda: Profile.piecewise_constant([-1, 2, 1], [0.1, 0.2]), "increasing"),
+        (lambda: Profile.piecewise_constant([-1, 0, 1], [0.1]), "one row per piece"),
+        (lambda: Profile.spline([0, 0, 1], [1, 2, 3]), "increasing"),
+        (lambda: Profile.polynomial("abc"), "numbers"),
+        (lambda: Surface(Profile.constant(0.1), (0.0, np.inf)), "surface start"),
+        (lambda: Surface(Profile.constant(0.1), (0.0, 1.0, 2.0)), "(x, y)"),
+    ],
+)
+def test_invalid_surfaces_name_the_value_and_the_range(build, name):
+    with pytest.raises(MechanismError, match=name.replace("(", r"\(").replace(")", r"\)")):
+        build()
+
+
+def test_points_beyond_the_surface_are_refused():
+    with pytest.raises(InvalidInput, match=r"\[-15, 15\] mm"):
+        Surface(Profile.constant(-0.05)).point(15.1)
