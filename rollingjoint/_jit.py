@@ -12,7 +12,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numba
 from numba.core import caching
@@ -66,7 +66,7 @@ class _KernelLocator(caching._CacheLocator):
 
 
 class _KernelCacheImpl(caching.CompileResultCacheImpl):
-    _locator_classes: ClassVar = [_KernelLocator]
+    _locator_classes = [_KernelLocator]  # noqa: RUF012 (numba's own form)
 
 
 class _KernelCache(caching.FunctionCache):

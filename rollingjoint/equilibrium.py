@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint._kernels.arrays import TendonLaw
-from rollingjoint._kernels.batch import Results, new_results, solve_lane, solve_lanes
+from rollingjoint._kernels.batch import Results, new_results, solve_lanes, solve_lanes_threaded
 from rollingjoint._kernels.least_squares import solve_least_squares
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table
@@ -140,6 +140,7 @@ class Equilibrium:
 
 
 _FAR = 1e15  # eigenvalue given to joints that are held
+_LANES_WORTH_THREADS = 128
 
 
 Start = ArrayLike | Equilibrium | None
@@ -253,7 +254,8 @@ def solve_lengths_batch(
 
 def _solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, phi: Array) -> Equilibrium:
     results = new_results(1, mechanism.n_joints, mechanism.n_tendons)
-    solve_lane(mechanism.arrays, law, table, phi, results, 0)
+    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
+    solve_lanes(mechanism.arrays, laws, table[None], phi[None], results)
     return _pack_one(mechanism, table, results)
 
 
@@ -275,7 +277,8 @@ def _solve_many(
         if len(phi) != n_lanes:
             raise InvalidInput("number of starts", len(phi), f"{n_lanes}, one per lane")
     results = new_results(n_lanes, n_joints, mechanism.n_tendons)
-    solve_lanes(mechanism.arrays, laws, table, phi, results)
+    run = solve_lanes if n_lanes < _LANES_WORTH_THREADS else solve_lanes_threaded
+    run(mechanism.arrays, laws, table, phi, results)
     return _pack(mechanism, table, results)
 
 

@@ -6,7 +6,7 @@ joint i lies between the child surface of link i and the parent surface of link 
 lengths s_i and the contact forces f_i, six equations a link, solved by the recursion of sec. IV-C; tendon lengths
 are met by the gradient method of sec. V-C. Nothing is shared with the compiled solver but the surfaces.
 
-Where the printed equations had to be read with care (each checked by finite differences in the tests):
+Where the printed equations had to be read with care (the tests check every derivative by finite differences):
 - (27): the I is the 6x3 matrix [I; 0], because delta eta_n = 0.
 - (45): the second adjoint in D_s,i is that of T_c,i.
 - (52): printed as a row; it is the first column (-[q]^T R^T [f]; R^T [f]) of a 3x3 matrix, as (51) shows.

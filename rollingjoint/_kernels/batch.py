@@ -113,9 +113,17 @@ def solve_lane(chain, law, loads, start, results, lane):
     store(chain, state, outcome, results, lane)
 
 
-@kernel(parallel=True)
+@kernel
 def solve_lanes(chain, laws, loads, starts, results):
     """Solve every lane; all inputs and the arrays of laws carry a leading lane axis."""
+    for lane in range(starts.shape[0]):
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        solve_lane(chain, law, loads[lane], starts[lane], results, lane)
+
+
+@kernel(parallel=True)
+def solve_lanes_threaded(chain, laws, loads, starts, results):
+    """As solve_lanes, on all threads; starting them pays from about a hundred lanes."""
     for lane in numba.prange(starts.shape[0]):
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         solve_lane(chain, law, loads[lane], starts[lane], results, lane)

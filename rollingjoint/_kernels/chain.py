@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from rollingjoint._jit import kernel
 from rollingjoint._kernels.arrays import (
     ANGLE,
@@ -48,21 +46,24 @@ def evaluate(chain, law, loads, s, state):
 
     Follower forces have no potential and are left out of the energy.
     """
-    _evaluate_joints(chain, s, state)
-    _evaluate_poses(state)
-    energy, magnitude = _evaluate_tendons(chain, law, state)
+    evaluate_kinematics(chain, s, state)
+    energy, magnitude = _evaluate_tendons(law, state)
     load_energy, load_magnitude = _evaluate_loads(loads, state)
     scale = _evaluate_residual(chain, state)
     return energy + load_energy, magnitude + load_magnitude, scale
 
 
 @kernel
-def _evaluate_joints(chain, s, state):
+def evaluate_kinematics(chain, s, state):
+    """Fill what does not depend on tendon law and loads: joints, gaps, lengths, poses."""
+    state.length[:] = chain.channels
     for i in range(s.size):
         evaluate_joint(chain, i, s[i], state.joint[i])
         for j in range(chain.tendon_joints.size):
             if i < chain.tendon_joints[j]:
                 evaluate_gap(state.joint[i], chain.child_holes[i, j], chain.parent_holes[i, j], state.gap[i, j])
+                state.length[j] += state.gap[i, j, 0]
+    _evaluate_poses(state)
 
 
 @kernel
@@ -85,13 +86,10 @@ def _evaluate_poses(state):
 
 
 @kernel
-def _evaluate_tendons(chain, law, state):
+def _evaluate_tendons(law, state):
     energy = magnitude = 0.0
-    for j in range(chain.tendon_joints.size):
-        length = chain.channels[j]
-        for i in range(chain.tendon_joints[j]):
-            length += state.gap[i, j, 0]
-        state.length[j] = length
+    for j in range(state.length.size):
+        length = state.length[j]
         k, low, high = law.stiffness[j], law.low[j], law.high[j]
         stretch = length - law.command[j]
         state.elastic[j] = 0.0
@@ -221,15 +219,3 @@ def contact_forces(chain, state, forces):
         ex, ey = state.contact[i, 2], state.contact[i, 3]
         forces[i, 0] = fx * ex + fy * ey
         forces[i, 1] = -fx * ey + fy * ex
-
-
-@kernel
-def link_poses(state, poses):
-    """Fill poses, (n, 3): x, y, angle."""
-    poses[:] = state.pose[:, :3]
-
-
-@kernel
-def is_conservative(loads):
-    """True unless a follower force acts."""
-    return not np.any(loads[:, 5:7] != 0.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rollingjoint._jit import kernel
-from rollingjoint._kernels.arrays import ANGLE, TendonLaw, new_state
-from rollingjoint._kernels.chain import evaluate
+from rollingjoint._kernels.arrays import ANGLE, new_state
+from rollingjoint._kernels.chain import evaluate_kinematics
 from rollingjoint._kernels.joint import arc_length, evaluate_joint
 
 
@@ -38,12 +38,10 @@ def poses_of(chain, phi):
     n_tendons = chain.channels.size
     poses, lengths = np.empty((n_lanes, n_joints + 1, 3)), np.empty((n_lanes, n_tendons))
     state, s = new_state(n_joints, n_tendons), np.empty(n_joints)
-    zero = np.zeros(n_tendons)
-    law, no_loads = TendonLaw(zero, np.ones(n_tendons), zero, zero), np.zeros((0, 11))
     for lane in range(n_lanes):
         for i in range(n_joints):
             s[i] = arc_length(chain, i, phi[lane, i])
-        evaluate(chain, law, no_loads, s, state)
+        evaluate_kinematics(chain, s, state)
         poses[lane] = state.pose[:, :3]
         lengths[lane] = state.length
     return poses, lengths

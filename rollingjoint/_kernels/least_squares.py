@@ -21,13 +21,6 @@ _GOAL = 1e-11  # mm that the next step would still change the lengths by
 
 
 @kernel
-def _solve_at(chain, tension, loads, phi, s, state, H):
-    """Equilibrium under fixed tensions."""
-    zero = np.zeros(tension.size)
-    return solve(chain, TendonLaw(zero, np.ones(tension.size), tension, tension), loads, phi, s, state, H)
-
-
-@kernel
 def _length_rates(chain, state, H, J):
     """Fill J = dl/dtau; joints at a surface limit do not move."""
     n, m = state.residual.size, state.length.size
@@ -66,35 +59,30 @@ def _step(J, miss, tension, low, high, damping, step):
 @kernel
 def _iterate(chain, law, loads, tension, s, state, H):
     """Improve the tensions in place; returns (status, iterations, residual)."""
-    n, m = s.size, tension.size
-    J, step, miss = np.empty((m, m)), np.empty(m), np.empty(m)
-    status, count, residual = _solve_at(chain, tension, loads, state.joint[:, ANGLE].copy(), s, state, H)
-    old_phi, old_tension = np.empty(n), np.empty(m)
-    damping = 1e-6
+    m = tension.size
+    J, step, miss, trial = np.empty((m, m)), np.empty(m), np.empty(m), tension.copy()
+    phi, fixed = state.joint[:, ANGLE].copy(), np.ones(m)
+    cost, damping, count, finished = np.inf, 1e-5, 0, False
     for _ in range(_MAX_ITERATIONS):
-        if not _length_rates(chain, state, H, J):
-            return status, count, residual
-        miss[:] = state.length - law.command
-        cost = 0.5 * np.sum(miss * miss)
-        size = np.max(np.abs(J)) ** 2
-        old_phi[:] = state.joint[:, ANGLE]
-        old_tension[:] = tension
-        while True:
-            _step(J, miss, old_tension, law.low, law.high, damping * size, step)
-            tension[:] = np.minimum(np.maximum(old_tension + step, law.low), law.high)
-            if np.max(np.abs(J @ (tension - old_tension))) < _GOAL:
-                tension[:] = old_tension
-                status, more, residual = _solve_at(chain, tension, loads, old_phi, s, state, H)
-                return status, count + more, residual
-            status, more, residual = _solve_at(chain, tension, loads, old_phi, s, state, H)
-            count += more
-            miss[:] = state.length - law.command
-            if status < NOT_CONVERGED and 0.5 * np.sum(miss * miss) < cost:
-                break
+        at_trial = TendonLaw(np.zeros(m), fixed, trial, trial)
+        status, iterations, residual = solve(chain, at_trial, loads, phi, s, state, H)
+        count += iterations
+        new_cost = 0.5 * np.sum((state.length - law.command) ** 2)
+        better = cost == np.inf or (status < NOT_CONVERGED and new_cost < cost)
+        if better:
+            cost, damping = new_cost, max(0.1 * damping, 1e-12)
+            tension[:], miss[:], phi[:] = trial, state.length - law.command, state.joint[:, ANGLE]
+            finished = finished or not _length_rates(chain, state, H, J)
+        else:
             damping *= 10.0
-            _solve_at(chain, old_tension, loads, old_phi, s, state, H)
-            miss[:] = state.length - law.command
-        damping = max(0.1 * damping, 1e-12)
+        if finished:
+            return status, count, residual
+        _step(J, miss, tension, law.low, law.high, damping * np.max(np.abs(J)) ** 2, step)
+        trial[:] = np.minimum(np.maximum(tension + step, law.low), law.high)
+        if np.max(np.abs(J @ (trial - tension))) < _GOAL:
+            if better:
+                return status, count, residual
+            trial[:], finished = tension, True
     return NOT_CONVERGED, count, residual
 
 

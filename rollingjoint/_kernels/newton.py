@@ -35,7 +35,9 @@ _RESIDUAL_FLOOR = 1e-12
 _RELATIVE_GOAL = 1e-11
 _MAX_ITERATIONS = 200
 _MAX_STEP = 0.5  # rad in any joint
+_MAX_HALVINGS = 40
 _MAX_ESCAPES = 8
+_PROXIMAL_PATH = (0.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)  # weights of the way back to the start, over k g'²
 _ROUNDING = 1e-14  # of the magnitude of the energy terms
 
 
@@ -127,9 +129,13 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, 
     for i in range(n):
         if free[i]:
             squared += residual[i] ** 2
-    t, scale = 1.0, 0.0
-    for _ in range(40):
-        _move(chain, phi, step, t, s)
+    t = 1.0
+    for attempt in range(_MAX_HALVINGS + 1):
+        restored = attempt == _MAX_HALVINGS
+        if restored:
+            s[:] = s_old
+        else:
+            _move(chain, phi, step, t, s)
         new_energy, new_magnitude, scale = evaluate(chain, law, loads, s, state)
         new_energy += _proximal_energy(state, prox, anchor)
         new_worst = _mark_free(chain, state, prox, anchor, free)
@@ -146,14 +152,10 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, 
                 if free[i]:
                     new_squared += (state.residual[i] + prox * (state.joint[i, ANGLE] - anchor[i])) ** 2
             accept = new_squared <= (1.0 - 1e-4 * t) * squared
-        if accept:
-            return True, new_energy, new_magnitude, scale, new_worst
+        if accept or restored:
+            break
         t *= 0.5
-    s[:] = s_old
-    energy, magnitude, scale = evaluate(chain, law, loads, s, state)
-    energy += _proximal_energy(state, prox, anchor)
-    worst = _mark_free(chain, state, prox, anchor, free)
-    return False, energy, magnitude, scale, worst
+    return not restored, new_energy, new_magnitude, scale, new_worst
 
 
 @kernel
@@ -231,75 +233,66 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
 
 
 @kernel
-def _relax(chain, law, loads, anchor, s, state, H):
-    """From the anchor angles, follow the overdamped motion dphi/dt = -r with implicit steps of growing length.
+def _relax(chain, law, loads, s, state, H):
+    """From s, follow the overdamped motion dphi/dt = -r with implicit steps of growing length; returns the steps taken.
 
     Follower forces have no potential to descend; this motion still leads from the start to a stable equilibrium where
-    there is one. Returns the steps taken.
+    there is one.
     """
     n = s.size
     free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
-    for i in range(n):
-        s[i] = arc_length(chain, i, anchor[i])
-    evaluate(chain, law, loads, s, state)
-    worst = _mark_free(chain, state, 0.0, anchor, free)
-    rate = -1.0
+    rate, worst = -1.0, 0.0
     for count in range(_MAX_ITERATIONS):
+        evaluate(chain, law, loads, s, state)
+        new_worst = _mark_free(chain, state, 0.0, state.residual, free)
+        if new_worst <= _RESIDUAL_GOAL:
+            return count
         stiffness(chain, state, H)
-        if rate < 0.0:
-            rate = 0.1 * largest(H, free)
+        rate = 0.1 * largest(H, free) if count == 0 else rate * min(2.0, max(0.3, new_worst / worst))
+        worst = new_worst
         while cholesky(0.5 * (H + H.T), free, rate, L) <= 1e-10 and rate > 0.0:
             rate *= 2.0
         for i in range(n):
             H[i, i] += rate
         _newton_step(chain, state, H, False, 0.0, free, state.residual, L, step)
-        phi = state.joint[:, ANGLE].copy()
-        _move(chain, phi, step, 1.0, s)
-        evaluate(chain, law, loads, s, state)
-        new_worst = _mark_free(chain, state, 0.0, anchor, free)
-        if new_worst <= _RESIDUAL_GOAL:
-            return count + 1
-        rate *= min(2.0, max(0.3, new_worst / worst))
-        worst = new_worst
+        _move(chain, state.joint[:, ANGLE].copy(), step, 1.0, s)
     return _MAX_ITERATIONS
 
 
 @kernel
-def _pull_back(chain, law, loads, conservative, anchor, s, state, H):
-    """From the anchor angles, follow the minimum of V + prox/2 |phi - anchor|² as prox falls; returns iterations."""
-    size, count = 0.0, 0
-    for j in range(law.stiffness.size):
-        for i in range(anchor.size):
-            size = max(size, law.stiffness[j] * state.gap[i, j, 1] ** 2)
-    for i in range(anchor.size):
-        s[i] = arc_length(chain, i, anchor[i])
-    for factor in (1e-2, 1e-4, 1e-6, 1e-8):
-        _, iterations, _ = minimise(chain, law, loads, conservative, factor * size, anchor, s, state, H)
-        count += iterations
-    return count
+def _begin(chain, start, s):
+    for i in range(s.size):
+        s[i] = arc_length(chain, i, start[i])
 
 
 @kernel
 def solve(chain, law, loads, start, s, state, H):
     """Equilibrium from joint angles `start`; fills s, state and H; returns (status, iterations, largest free |r|).
 
-    Where slack tendons leave the pose open, the admissible pose nearest the start is found with a tiny proximal term.
+    Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
+    falls to 0: it ends at the admissible pose nearest the start.
     """
-    n = start.size
     conservative = not np.any(loads[:, 5:7] != 0.0)
-    for i in range(n):
-        s[i] = arc_length(chain, i, start[i])
-    anchor = start.copy()
-    status, iterations, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
-    if not conservative and status >= UNSTABLE:
-        iterations += _relax(chain, law, loads, anchor, s, state, H)
-        status, more, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
-        iterations += more
-    moved = False
-    for i in range(n):
-        moved = moved or abs(state.joint[i, ANGLE] - start[i]) > 1e-12
-    if status == INDETERMINATE and moved:
-        iterations += _pull_back(chain, law, loads, conservative, anchor, s, state, H)
-        status, more, worst = minimise(chain, law, loads, conservative, 0.0, anchor, s, state, H)
-        iterations += more
-    return status, iterations, worst
+    last = len(_PROXIMAL_PATH) - 1
+    count, phase, size = 0, 0, 0.0
+    _begin(chain, start, s)
+    while True:
+        prox = size * _PROXIMAL_PATH[phase]
+        status, iterations, worst = minimise(chain, law, loads, conservative, prox, start, s, state, H)
+        count += iterations
+        if phase == last:
+            break
+        if phase > 0:
+            phase += 1
+        elif status == INDETERMINATE and np.max(np.abs(state.joint[:, ANGLE] - start)) > 1e-12:
+            for j in range(law.stiffness.size):
+                size = max(size, law.stiffness[j] * np.max(state.gap[:, j, 1] ** 2))
+            _begin(chain, start, s)
+            phase = 1
+        elif status >= UNSTABLE and not conservative:
+            _begin(chain, start, s)
+            count += _relax(chain, law, loads, s, state, H)
+            phase = last
+        else:
+            break
+    return status, count, worst

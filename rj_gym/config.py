@@ -1,0 +1,266 @@
+"""Frozen settings of the tracking environments: built from keywords, dictionaries or YAML, checked once."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from numbers import Real
+from typing import Any, Self
+
+from rollingjoint.errors import ConfigError
+from rollingjoint.rolling_chain import RollingChain
+
+Range = tuple[float, float]
+
+
+class _Settings:
+    """Construction from plain dictionaries, shared by every settings class below."""
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The defaults with `values` on top; nested settings are dictionaries.
+
+        Raises:
+            ConfigError: an unknown key (with the nearest valid one) or a value out of range.
+        """
+        return cls().updated(values)
+
+    def updated(self, values: Mapping[str, Any]) -> Self:
+        """These settings with `values` on top; a nested dictionary changes only the keys that it names."""
+        if not isinstance(values, Mapping):
+            raise ConfigError(type(self).__name__, values, "a dictionary of settings")
+        valid = [f.name for f in fields(self)]  # type: ignore[arg-type]
+        merged = {}
+        for key, value in values.items():
+            if key not in valid:
+                raise ConfigError(f"{type(self).__name__} key", key, f"one of {', '.join(valid)}", _nearest(key, valid))
+            current = getattr(self, key)
+            nested = isinstance(current, _Settings) and isinstance(value, Mapping)
+            merged[key] = current.updated(value) if nested else value
+        return replace(self, **merged)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class LoadConfig(_Settings):
+    """The external force: a dead load at the origin of one moving link, its direction uniform.
+
+    Args:
+        magnitude: range of the uniform magnitude [N].
+        link: "random" (uniform over the moving links, the tip included) or "tip".
+        process: "constant"; "step" (jumps to a new draw at random times); "ou" (an Ornstein-Uhlenbeck process per
+            component, stationary standard deviation half the largest magnitude, force clipped to that magnitude).
+        hold_steps: mean number of steps between two jumps of "step".
+        correlation_steps: correlation time of "ou" [steps].
+    """
+
+    magnitude: Range = (0.0, 1.0)
+    link: str = "random"
+    process: str = "constant"
+    hold_steps: float = 15.0
+    correlation_steps: float = 15.0
+
+    def __post_init__(self) -> None:
+        _set(self, "magnitude", _range("load.magnitude", self.magnitude, low=0.0, unit="N"))
+        _choice("load.link", self.link, ("random", "tip"))
+        _choice("load.process", self.process, ("constant", "step", "ou"))
+        _set(self, "hold_steps", _number("load.hold_steps", self.hold_steps, low=1.0))
+        _set(self, "correlation_steps", _number("load.correlation_steps", self.correlation_steps, low=1e-3))
+
+
+@dataclass(frozen=True)
+class TargetConfig(_Settings):
+    """Where the tip should be: tips of unloaded equilibria, so that the unloaded mechanism reaches every target.
+
+    Args:
+        process: "fixed" for the whole episode, or "path": a smooth walk through `waypoints` reachable points.
+        tension_range: tensions drawn log-uniformly per tendon [N]; unloaded, only their ratios matter.
+        waypoints: number of drawn points of a path, its two ends included.
+    """
+
+    process: str = "fixed"
+    tension_range: Range = (1.0, 6.0)
+    waypoints: int = 3
+
+    def __post_init__(self) -> None:
+        _choice("target.process", self.process, ("fixed", "path"))
+        _set(self, "tension_range", _range("target.tension_range", self.tension_range, low=1e-3, unit="N"))
+        _set(self, "waypoints", _count("target.waypoints", self.waypoints, low=2))
+
+
+@dataclass(frozen=True)
+class RewardConfig(_Settings):
+    """Scales and weights of the reward terms.
+
+    Args:
+        error_scale_mm: tip error that costs 1 per step [mm].
+        effort: weight of mean((tension / largest tension)²).
+        smoothness: weight of mean((action - previous action)²).
+        failure_penalty: subtracted once when the solver gives no usable pose and the episode ends.
+        goal: reward of the Goal environment, "dense" (the tracking term) or "sparse" (0 within the tolerance, else -1).
+        goal_tolerance_mm: tip error that counts as reached when sparse [mm].
+    """
+
+    error_scale_mm: float = 10.0
+    effort: float = 0.01
+    smoothness: float = 0.01
+    failure_penalty: float = 100.0
+    goal: str = "dense"
+    goal_tolerance_mm: float = 2.0
+
+    def __post_init__(self) -> None:
+        _set(self, "error_scale_mm", _number("reward.error_scale_mm", self.error_scale_mm, low=1e-3))
+        for name in ("effort", "smoothness", "failure_penalty"):
+            _set(self, name, _number(f"reward.{name}", getattr(self, name)))
+        _choice("reward.goal", self.goal, ("dense", "sparse"))
+        _set(self, "goal_tolerance_mm", _number("reward.goal_tolerance_mm", self.goal_tolerance_mm, low=1e-6))
+
+
+@dataclass(frozen=True)
+class RandomizationConfig(_Settings):
+    """Domain randomisation, drawn anew in every episode; all zero (off) by default.
+
+    Args:
+        position_noise_mm: standard deviation of the measured link positions, every step [mm].
+        angle_noise_rad: standard deviation of the measured link angles, every step [rad].
+        stiffness_spread: tendon stiffness is multiplied by 1 + uniform(-spread, spread).
+        link_tolerance_mm: every contact surface shifts on its link by uniform(-tol, tol) in x and in y [mm].
+        link_tolerance_rad: every contact surface turns on its link by uniform(-tol, tol) [rad].
+        actuator_offset_mm: every length command is off by a constant uniform(-offset, offset) [mm].
+    """
+
+    position_noise_mm: float = 0.0
+    angle_noise_rad: float = 0.0
+    stiffness_spread: float = 0.0
+    link_tolerance_mm: float = 0.0
+    link_tolerance_rad: float = 0.0
+    actuator_offset_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        highest = {"stiffness_spread": 0.9, "link_tolerance_mm": 2.0, "link_tolerance_rad": 0.2}
+        for name in (f.name for f in fields(self)):
+            high = highest.get(name, math.inf)
+            _set(self, name, _number(f"randomization.{name}", getattr(self, name), high=high))
+
+    @property
+    def sensor_noise(self) -> bool:
+        """Whether measured poses differ from the true ones."""
+        return self.position_noise_mm > 0 or self.angle_noise_rad > 0
+
+    @property
+    def link_tolerance(self) -> bool:
+        """Whether contact surfaces are displaced on their links."""
+        return self.link_tolerance_mm > 0 or self.link_tolerance_rad > 0
+
+
+@dataclass(frozen=True)
+class TrackingConfig(_Settings):
+    """Everything that defines the tracking task.
+
+    Args:
+        mechanism: preset name, mechanism file, or a RollingChain.
+        episode_steps: steps until the episode is truncated.
+        action_scale_mm: tendon length pulled in by an action of 1 [mm per step].
+        tension_range: what a motor holds at least and where it gives way [N].
+        start: "equal" tensions `start_tension`, or "random" ones from `start_tension_range`.
+        start_tension: tension of every tendon at the start, before the load acts [N].
+        start_tension_range: range of the log-uniform start tensions [N].
+        command_scale_mm: commanded lengths are observed in units of this [mm].
+        observe_tensions: whether the observation contains the tendon tensions.
+        observe_load: whether the observation contains the external force and the link where it acts.
+        load, target, reward, randomization: nested settings, each also a dictionary.
+    Raises:
+        ConfigError: a value out of range, with the range.
+    """
+
+    mechanism: str | RollingChain = "five_link"
+    episode_steps: int = 50
+    action_scale_mm: float = 1.0
+    tension_range: Range = (0.5, 15.0)
+    start: str = "equal"
+    start_tension: float = 3.0
+    start_tension_range: Range = (1.0, 6.0)
+    command_scale_mm: float = 20.0
+    observe_tensions: bool = True
+    observe_load: bool = False
+    load: LoadConfig = field(default_factory=LoadConfig)
+    target: TargetConfig = field(default_factory=TargetConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, str | RollingChain):
+            raise ConfigError("mechanism", self.mechanism, "a preset name, a mechanism file or a RollingChain")
+        _set(self, "episode_steps", _count("episode_steps", self.episode_steps, low=1))
+        for name in ("action_scale_mm", "command_scale_mm"):
+            _set(self, name, _number(name, getattr(self, name), low=1e-6))
+        _set(self, "tension_range", _range("tension_range", self.tension_range, low=0.0, unit="N"))
+        lo, hi = self.tension_range
+        if lo == hi:
+            raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
+        _choice("start", self.start, ("equal", "random"))
+        _set(self, "start_tension", _number("start_tension", self.start_tension, low=max(lo, 1e-3), high=hi))
+        _set(
+            self,
+            "start_tension_range",
+            _range("start_tension_range", self.start_tension_range, low=max(lo, 1e-3), high=hi, unit="N"),
+        )
+        for name in ("observe_tensions", "observe_load"):
+            if not isinstance(getattr(self, name), bool):
+                raise ConfigError(name, getattr(self, name), "True or False")
+        self._check_nested()
+
+    def _check_nested(self) -> None:
+        for name, kind in _NESTED.items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                _set(self, name, kind.from_dict(value))
+            elif not isinstance(value, kind):
+                raise ConfigError(name, value, f"a dictionary or a {kind.__name__}")
+
+
+_NESTED: dict[str, type[_Settings]] = {
+    "load": LoadConfig,
+    "target": TargetConfig,
+    "reward": RewardConfig,
+    "randomization": RandomizationConfig,
+}
+
+
+def _set(settings: _Settings, name: str, value: object) -> None:
+    object.__setattr__(settings, name, value)
+
+
+def _nearest(key: object, valid: list[str]) -> str:
+    near = difflib.get_close_matches(str(key), valid, n=1, cutoff=0.5)
+    return f"Did you mean {near[0]!r}?" if near else ""
+
+
+def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ConfigError(name, value, " or ".join(map(repr, choices)), _nearest(value, list(choices)))
+
+
+def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
+    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not number or not low <= value <= high:  # type: ignore[operator]
+        upper = "" if high == math.inf else f" and <= {high:g}"
+        raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _count(name: str, value: object, low: int) -> int:
+    number = _number(name, value, low)
+    if number != int(number):
+        raise ConfigError(name, value, f"a whole number >= {low}")
+    return int(number)
+
+
+def _range(name: str, value: object, low: float, high: float = math.inf, unit: str = "") -> Range:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+        raise ConfigError(name, value, f"two numbers (low, high) [{unit}]")
+    first, second = (_number(name, number, low, high) for number in value)
+    if first > second:
+        raise ConfigError(name, value, f"low <= high [{unit}]", f"Write ({second:g}, {first:g}).")
+    return first, second

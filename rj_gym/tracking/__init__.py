@@ -1,0 +1,1 @@
+"""The tracking task: bring the tip to a target under loads."""

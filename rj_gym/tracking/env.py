@@ -1,0 +1,300 @@
+"""The scalar tracking environments: Gymnasium shells around a batch of one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.config import TrackingConfig
+from rj_gym.render import Renderer, Scene
+from rj_gym.tracking.observation import POSITION_BOUND
+from rj_gym.tracking.options import checked_options
+from rj_gym.tracking.sampling import Episodes
+from rj_gym.tracking.task import State, TrackingTask
+from rollingjoint.equilibrium import Status
+from rollingjoint.errors import InvalidInput
+
+
+class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+    """Bring the tip of a tendon-driven rolling-contact chain to a target while an unknown force pulls at it.
+
+    n links (n - 1 of them move), m tendons, length L (sum of the link heights; 100 mm for the default five-link
+    mechanism, n = 5, m = 2). Every step is quasi-static: tendons move, the load moves on, the mechanism settles.
+
+    ## Action space
+    `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (1 mm); negative
+    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 15 N (`tension_range`);
+    there the command follows the tendon, so commands do not wind up.
+
+    ## Observation space
+    `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.observation_entries` lists them.
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | link k x, link k y | origin of moving link k, k = 1 ... n - 1 | L | -2 | 2 |
+    | link k cos angle, link k sin angle | its angle | 1 | -1 | 1 |
+    | tendon j command | commanded length minus neutral length, j = 0 ... m - 1 | `command_scale_mm` (20 mm) | -2 | 2 |
+    | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (15 N) | 0 | 1 |
+    | target x, target y | where the tip should be now | L | -2 | 2 |
+    | tip error x, tip error y | target minus measured tip | `error_scale_mm` (10 mm) | -10 | 10 |
+    | load x, load y (`observe_load`, off) | external force | largest `load.magnitude` (1 N) | -1 | 1 |
+    | load on link k (`observe_load`, off) | 1 for the link that the force pulls | 1 | 0 | 1 |
+
+    Links' entries come link by link (x, y, cos, sin), all others in the order of the table.
+
+    ## Reward
+    The sum of the terms, each in `info["reward_terms"]`:
+
+    | Term | Value |
+    |---|---|
+    | tracking | - error / `error_scale_mm` (10 mm), error the distance of the true tip from the target after the step |
+    | effort | - `effort` (0.01) · mean((tension / largest tension)²) |
+    | smoothness | - `smoothness` (0.01) · mean((action - previous action)²) |
+    | failure | - `failure_penalty` (100) if the solver gave no usable equilibrium, else 0 |
+
+    ## Start
+    Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied.
+    Drawn per episode: a target that the unloaded mechanism reaches (`target`), and the load: a dead force at the
+    origin of a random moving link, uniform in direction and in magnitude from 0 to 1 N (`load`).
+    `reset(options=...)` fixes any of "target", "load", "mechanism" and "start"; what was drawn is in
+    `info["sampled"]`.
+
+    ## Episode end
+    Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
+    vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
+    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
+    the observation is that of the last good pose.
+
+    ## Info
+    `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (2,) [mm], `load` {"link", "force"},
+    `tensions` (m,) [N], `command` (m,) [mm]; from `step` also `reward_terms`, from `reset` also `sampled`.
+
+    ## Arguments
+    `RollingJointEnv(render_mode=None, config=None, **overrides)`: `config` is a TrackingConfig or a dictionary of its
+    fields; overrides go on top, and nested ones change only what they name:
+    `gymnasium.make("rj_gym/RollingJoint-v0", episode_steps=20, load={"magnitude": (0, 1.5)})`.
+    See TrackingConfig, LoadConfig, TargetConfig, RewardConfig and RandomizationConfig.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 12}  # noqa: RUF012 (Gymnasium's own form)
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        config: TrackingConfig | Mapping[str, Any] | None = None,
+        **overrides: Any,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InvalidInput("render_mode", render_mode, f"None or one of {self.metadata['render_modes']}")
+        if not isinstance(config, TrackingConfig):
+            config = TrackingConfig.from_dict(config or {})
+        self.task = TrackingTask(config.updated(overrides))
+        self.render_mode = render_mode
+        self.action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
+        self.observation_space = self._observation_space()
+        self._episode: Episodes | None = None
+        self._state: State | None = None
+        self._over = True
+        self._trail: list[NDArray[np.float64]] = []
+        self._renderer: Renderer | None = None
+
+    @property
+    def config(self) -> TrackingConfig:
+        """The settings."""
+        return self.task.config
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """First observation and info of a new episode.
+
+        Args:
+            seed: of the environment's random numbers.
+            options: what to hold fixed; see rj_gym.tracking.options.checked_options.
+        Raises:
+            InvalidInput: options that cannot be used; nothing has changed then.
+        """
+        fixed = checked_options(options, self.config, self.task.mechanism)
+        super().reset(seed=seed)
+        self._episode = self.task.sample([self.np_random], fixed)
+        self._state = self.task.begin(self._episode)
+        self._over = False
+        self._trail = [self._state.tips[0]]
+        if self.render_mode == "human":
+            self.render()
+        info = state_info(self._episode, self._state)
+        return self._observation(self._episode, self._state), info | {"sampled": sampled_info(self._episode)}
+
+    def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and info after one step.
+
+        Raises:
+            InvalidInput: an action that is not (m,) finite numbers; nothing has changed then.
+            gymnasium.error.ResetNeeded: before the first reset, or after the end of an episode.
+        """
+        if self._episode is None or self._state is None or self._over:
+            raise ResetNeeded("No episode is running: call reset() before step().")
+        episode, state = self._episode, self.task.advance(self._episode, self._state, self._checked(action))
+        self._state = state
+        self._trail.append(state.tips[0])
+        terminated, truncated = (bool(ended[0]) for ended in self.task.end(state))
+        self._over = terminated or truncated
+        if self.render_mode == "human":
+            self.render()
+        observation = self._observation(episode, state)
+        terms = self._reward_terms(state, observation)
+        info = state_info(episode, state) | {"reward_terms": terms}
+        return observation, sum(terms.values()), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The picture (H, W, 3) in mode "rgb_array"; in mode "human" it goes to the window."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() needs render_mode "human" or "rgb_array" in gymnasium.make.')
+            return None
+        if self._episode is None or self._state is None:
+            raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
+        scene = state_scene(self.task, self._episode, self._state, np.array(self._trail))
+        if self._renderer is None:
+            self._renderer = Renderer(self.task.length)
+        if self.render_mode == "rgb_array":
+            return self._renderer.picture(scene)
+        self._renderer.show(scene, self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}
+
+    def _checked(self, action: ArrayLike) -> NDArray[np.float64]:
+        """The action as a batch of one, (1, m)."""
+        m = self.task.mechanism.n_tendons
+        allowed = f"{m} finite numbers in [-1, 1], one per tendon"
+        try:
+            values = np.array(action, dtype=float)
+        except (TypeError, ValueError):
+            raise InvalidInput("action", action, allowed) from None
+        if values.shape != (m,) or not np.isfinite(values).all():
+            raise InvalidInput("action", action, allowed)
+        return values[None]
+
+    def _observation_space(self) -> spaces.Space[Any]:
+        return _box(*self.task.observation_bounds())
+
+    def _observation(self, episode: Episodes, state: State) -> Any:
+        return self.task.observe(episode, state)[0]
+
+    def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
+        return {name: float(values[0]) for name, values in self.task.reward_terms(state).items()}
+
+
+class RollingJointGoalEnv(RollingJointEnv):
+    """The tracking task with goals, for hindsight relabelling: as RollingJointEnv but for what follows.
+
+    ## Observation space
+    `Dict`, float32:
+
+    | Key | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | observation | the entries of RollingJointEnv without target and tip error | | | |
+    | achieved_goal | true tip x, y (without sensor noise) | L | -2 | 2 |
+    | desired_goal | target x, y | L | -2 | 2 |
+
+    ## Reward
+    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which needs nothing from info and takes batches:
+    "dense" (default) is - error / `error_scale_mm`; "sparse" (`reward={"goal": "sparse"}`) is 0 where the error is at
+    most `goal_tolerance_mm` (2 mm), else -1. There are no effort, smoothness and failure terms.
+
+    ## Info
+    As RollingJointEnv, and `is_success`: whether the error is at most `goal_tolerance_mm`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
+        """Reward for goals (..., 2), a float for one pair and (...) for batches; info is not used."""
+        reward = self.task.goal_reward(achieved_goal, desired_goal)
+        return float(reward) if np.ndim(reward) == 0 else reward
+
+    def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """As RollingJointEnv.step, with is_success in info."""
+        *outcome, info = super().step(action)
+        info["is_success"] = info["error_mm"] <= self.config.reward.goal_tolerance_mm
+        return (*outcome, info)
+
+    def _observation_space(self) -> spaces.Space[Any]:
+        goal = np.full(2, POSITION_BOUND)
+        return spaces.Dict(
+            observation=_box(*self.task.observation_bounds(goal=True)),
+            achieved_goal=_box(-goal, goal),
+            desired_goal=_box(-goal, goal),
+        )
+
+    def _observation(self, episode: Episodes, state: State) -> dict[str, NDArray[np.float32]]:
+        return {
+            "observation": self.task.observe(episode, state, goal=True)[0],
+            "achieved_goal": self.task.goals(state.tips[0]),
+            "desired_goal": self.task.goals(state.targets[0]),
+        }
+
+    def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
+        return {"tracking": self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)}
+
+
+def state_info(episode: Episodes, state: State) -> dict[str, Any]:
+    """What info says in every step about lane 0, in fresh arrays."""
+    return {
+        "error_mm": float(state.errors[0]),
+        "status": Status(state.status[0]).name,
+        "tip": state.tips[0].copy(),
+        "target": state.targets[0].copy(),
+        "load": {"link": int(episode.links[0]), "force": state.forces[0].copy()},
+        "tensions": state.tensions[0].copy(),
+        "command": state.commands[0].copy(),
+    }
+
+
+def sampled_info(episode: Episodes) -> dict[str, Any]:
+    """What was drawn for lane 0, in fresh arrays."""
+    mechanism = episode.mechanisms[0]
+    return {
+        "mechanism": mechanism.name,
+        "targets": episode.targets[0].copy(),
+        "link": int(episode.links[0]),
+        "forces": episode.forces[0].copy(),
+        "start_tensions": episode.start_tensions[0].copy(),
+        "stiffnesses": mechanism.stiffnesses.copy(),
+        "surface_offsets": episode.surface_offsets[0].copy(),
+        "actuator_offsets": episode.actuator_offsets[0].copy(),
+    }
+
+
+def state_scene(task: TrackingTask, episode: Episodes, state: State, trail: NDArray[np.float64]) -> Scene:
+    """What a picture of lane 0 shows."""
+    return Scene(
+        mechanism=episode.mechanisms[0],
+        poses=state.poses[0],
+        tensions=state.tensions[0],
+        tension_range=task.config.tension_range,
+        targets=episode.targets[0],
+        force=state.forces[0],
+        link=int(episode.links[0]),
+        trail=trail,
+        step=int(state.step[0]),
+    )
+
+
+def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> spaces.Box:
+    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)

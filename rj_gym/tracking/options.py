@@ -1,0 +1,96 @@
+"""What `reset(options=...)` may hold fixed, checked before anything changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.config import TrackingConfig
+from rj_gym.tracking.sampling import Fixed
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import link_index
+from rollingjoint.mechanism_file import load_mechanism
+from rollingjoint.rolling_chain import RollingChain
+
+Array = NDArray[np.float64]
+
+OPTIONS = ("target", "load", "mechanism", "start")
+
+
+def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, nominal: RollingChain) -> Fixed:
+    """What the options hold fixed.
+
+    Args:
+        options: any of "target": (2,) or (T + 1, 2) [mm]; "load": {"link": link, "force": (2,) or (T + 1, 2) [N]};
+            "mechanism": preset name, file or RollingChain with as many links and tendons as the nominal one;
+            "start": tensions (m,) [N] within the tension range.
+    Raises:
+        InvalidInput: an unknown key or a value that cannot be used.
+    """
+    options = {} if options is None else options
+    if not isinstance(options, Mapping):
+        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(OPTIONS)}")
+    for key in options:
+        if key not in OPTIONS:
+            raise InvalidInput("reset options key", key, f"one of {', '.join(OPTIONS)}")
+    times = config.episode_steps + 1
+    fixed: dict[str, Any] = {}
+    if "target" in options:
+        fixed["targets"] = _series("options['target']", options["target"], times, "mm")
+    if "load" in options:
+        fixed["links"], fixed["forces"] = _load(options["load"], nominal.n_links, times)
+    if "mechanism" in options:
+        fixed["mechanism"] = _mechanism(options["mechanism"], nominal)
+    if "start" in options:
+        fixed["start_tensions"] = _tensions(options["start"], config, nominal.n_tendons)
+    return Fixed(**fixed)
+
+
+def _load(value: object, n_links: int, times: int) -> tuple[int, Array]:
+    if not isinstance(value, Mapping) or set(value) != {"link", "force"}:
+        raise InvalidInput("options['load']", value, "{'link': link, 'force': (fx, fy)} [N]")
+    link = value["link"]
+    if isinstance(link, bool) or not isinstance(link, int | np.integer) or link_index(int(link), n_links) == 0:
+        raise InvalidInput("options['load']['link']", link, f"a moving link, 1 to {n_links - 1} or -1 (the tip)")
+    return link_index(int(link), n_links), _series("options['load']['force']", value["force"], times, "N")
+
+
+def _series(what: str, value: object, times: int, unit: str) -> Array:
+    """Finite (x, y) over time, (T + 1, 2); one pair holds for the whole episode."""
+    array = _floats(what, value)
+    if array.shape not in ((2,), (times, 2)):
+        raise InvalidInput(what, value, f"(x, y) or an array of shape ({times}, 2) over time [{unit}]")
+    return np.tile(array, (times, 1)) if array.ndim == 1 else array
+
+
+def _mechanism(value: object, nominal: RollingChain) -> RollingChain:
+    mechanism = load_mechanism(value) if isinstance(value, str) else value
+    if not isinstance(mechanism, RollingChain):
+        raise InvalidInput("options['mechanism']", value, "a preset name, a mechanism file or a RollingChain")
+    counts, expected = (mechanism.n_links, mechanism.n_tendons), (nominal.n_links, nominal.n_tendons)
+    if counts != expected:
+        raise InvalidInput(
+            "options['mechanism'] (links, tendons)", counts, f"{expected}", "Make an environment with this mechanism."
+        )
+    return mechanism
+
+
+def _tensions(value: object, config: TrackingConfig, n_tendons: int) -> Array:
+    tensions = _floats("options['start']", value)
+    low, high = config.tension_range
+    if tensions.shape != (n_tendons,) or np.any(tensions < low) or np.any(tensions > high) or np.any(tensions <= 0):
+        raise InvalidInput("options['start']", value, f"{n_tendons} tensions > 0 within [{low:g}, {high:g}] N")
+    return tensions
+
+
+def _floats(what: str, value: object) -> Array:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(what, value, "numbers") from None
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(what, value, "finite numbers")
+    return array
