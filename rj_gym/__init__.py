@@ -8,6 +8,7 @@ import gymnasium
 from rj_gym.config import LoadConfig, RandomizationConfig, RewardConfig, TargetConfig, TrackingConfig
 from rj_gym.tracking.env import RollingJointEnv, RollingJointGoalEnv
 from rj_gym.tracking.observation import observation_entries
+from rj_gym.tracking.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
 
 __all__ = [
     "IDS",
@@ -16,6 +17,8 @@ __all__ = [
     "RewardConfig",
     "RollingJointEnv",
     "RollingJointGoalEnv",
+    "RollingJointGoalVectorEnv",
+    "RollingJointVectorEnv",
     "TargetConfig",
     "TrackingConfig",
     "observation_entries",
@@ -23,17 +26,21 @@ __all__ = [
 ]
 
 IDS = {
-    "rj_gym/RollingJoint-v0": "rj_gym.tracking.env:RollingJointEnv",
-    "rj_gym/RollingJointGoal-v0": "rj_gym.tracking.env:RollingJointGoalEnv",
+    "rj_gym/RollingJoint-v0": "RollingJoint",
+    "rj_gym/RollingJointGoal-v0": "RollingJointGoal",
 }
-"""Registered ids and their classes."""
+"""Registered ids and the stem of their classes: <stem>Env, and <stem>VectorEnv for gymnasium.make_vec."""
 
 
 def register_envs() -> None:
     """Register every id that is not registered yet."""
-    for env_id, entry_point in IDS.items():
+    for env_id, stem in IDS.items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(env_id, entry_point)
+            gymnasium.register(
+                env_id,
+                entry_point=f"rj_gym.tracking.env:{stem}Env",
+                vector_entry_point=f"rj_gym.tracking.vector:{stem}VectorEnv",
+            )
 
 
 register_envs()

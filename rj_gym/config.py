@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from typing import Any, Self
 
+from rollingjoint.checked_yaml import suggestion
 from rollingjoint.errors import ConfigError
 from rollingjoint.rolling_chain import RollingChain
 
@@ -35,7 +35,9 @@ class _Settings:
         merged = {}
         for key, value in values.items():
             if key not in valid:
-                raise ConfigError(f"{type(self).__name__} key", key, f"one of {', '.join(valid)}", _nearest(key, valid))
+                raise ConfigError(
+                    f"{type(self).__name__} key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid)
+                )
             current = getattr(self, key)
             nested = isinstance(current, _Settings) and isinstance(value, Mapping)
             merged[key] = current.updated(value) if nested else value
@@ -232,14 +234,9 @@ def _set(settings: _Settings, name: str, value: object) -> None:
     object.__setattr__(settings, name, value)
 
 
-def _nearest(key: object, valid: list[str]) -> str:
-    near = difflib.get_close_matches(str(key), valid, n=1, cutoff=0.5)
-    return f"Did you mean {near[0]!r}?" if near else ""
-
-
 def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
     if value not in choices:
-        raise ConfigError(name, value, " or ".join(map(repr, choices)), _nearest(value, list(choices)))
+        raise ConfigError(name, value, " or ".join(map(repr, choices)), suggestion(str(value), choices))
 
 
 def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:

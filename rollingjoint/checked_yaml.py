@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,23 +17,8 @@ import yaml
 from rollingjoint.errors import ConfigError
 
 
-def read_yaml(path: Path) -> object:
-    """Content of a YAML file: dicts, lists, numbers and text, never an object.
-
-    Raises:
-        ConfigError: no readable YAML, or a key given twice.
-    """
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ConfigError(f"{path}: line {line}", error.problem, "valid YAML") from None
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
-
-
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, and a key given twice is an error."""
+    """The safe loader; a key given twice is an error, and 3e-4 is a number (YAML 1.1 makes it text)."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -42,6 +28,39 @@ class _StrictLoader(yaml.SafeLoader):
                 raise yaml.composer.ComposerError(None, None, f"key {key.value!r} given twice", key.start_mark)
             seen.add(str(key.value))
         return node
+
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+_StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", _NUMBER, list("-+.0123456789"))
+
+
+def parse_yaml(text: str, where: str) -> object:
+    """What YAML text says: dicts, lists, numbers and text, never an object.
+
+    Raises:
+        ConfigError: no valid YAML, or a key given twice.
+    """
+    try:
+        return yaml.load(text, Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ConfigError(f"{where}: line {line}", error.problem, "valid YAML") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(where, text, "valid YAML", str(error)) from None
+
+
+def read_yaml(path: Path) -> object:
+    """Content of a YAML file; as parse_yaml, and ConfigError for a file that cannot be read."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (UnicodeDecodeError, OSError) as error:
+        raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
+    return parse_yaml(text, str(path))
+
+
+def dump_yaml(values: Mapping[str, Any]) -> str:
+    """YAML text of plain values, keys in the order given."""
+    return yaml.safe_dump(dict(values), sort_keys=False, allow_unicode=True)
 
 
 def mapping(where: str, value: object, valid: Sequence[str], required: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -95,9 +114,9 @@ def point(where: str, value: object) -> tuple[float, float]:
 
 
 def number(where: str, value: object) -> float:
-    """A finite number; text such as 8e-5, which YAML does not read as a number, counts as one."""
+    """A finite number."""
     try:
-        converted = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        converted = math.nan if isinstance(value, bool | str) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         converted = math.nan
     if not math.isfinite(converted):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, SupportsFloat
+from typing import Any, ClassVar, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -12,12 +12,12 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
-from rj_gym.render import Renderer, Scene
-from rj_gym.tracking.observation import POSITION_BOUND
+from rj_gym.render import Renderer
+from rj_gym.tracking.info import lane_info, lane_scene, sampled_info, state_info
 from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import Episodes
+from rj_gym.tracking.spaces import batch_observation, observation_space
 from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.equilibrium import Status
 from rollingjoint.errors import InvalidInput
 
 
@@ -86,6 +86,7 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 12}  # noqa: RUF012 (Gymnasium's own form)
+    goal: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -100,7 +101,7 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self.task = TrackingTask(config.updated(overrides))
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
-        self.observation_space = self._observation_space()
+        self.observation_space = observation_space(self.task, self.goal)
         self._episode: Episodes | None = None
         self._state: State | None = None
         self._over = True
@@ -129,8 +130,8 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._trail = [self._state.tips[0]]
         if self.render_mode == "human":
             self.render()
-        info = state_info(self._episode, self._state)
-        return self._observation(self._episode, self._state), info | {"sampled": sampled_info(self._episode)}
+        info = state_info(self._episode, self._state) | {"sampled": sampled_info(self._episode)}
+        return self._observation(self._episode, self._state), lane_info(info)
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and info after one step.
@@ -150,7 +151,7 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             self.render()
         observation = self._observation(episode, state)
         terms = self._reward_terms(state, observation)
-        info = state_info(episode, state) | {"reward_terms": terms}
+        info = lane_info(state_info(episode, state)) | {"reward_terms": terms}
         return observation, sum(terms.values()), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -160,7 +161,7 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             return None
         if self._episode is None or self._state is None:
             raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
-        scene = state_scene(self.task, self._episode, self._state, np.array(self._trail))
+        scene = lane_scene(self.task, self._episode, self._state, np.array(self._trail))
         if self._renderer is None:
             self._renderer = Renderer(self.task.length)
         if self.render_mode == "rgb_array":
@@ -189,11 +190,9 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             raise InvalidInput("action", action, allowed)
         return values[None]
 
-    def _observation_space(self) -> spaces.Space[Any]:
-        return _box(*self.task.observation_bounds())
-
     def _observation(self, episode: Episodes, state: State) -> Any:
-        return self.task.observe(episode, state)[0]
+        batch = batch_observation(self.task, episode, state, self.goal)
+        return {key: value[0] for key, value in batch.items()} if self.goal else batch[0]
 
     def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
         return {name: float(values[0]) for name, values in self.task.reward_terms(state).items()}
@@ -223,6 +222,8 @@ class RollingJointGoalEnv(RollingJointEnv):
     * v0: first version.
     """
 
+    goal: ClassVar[bool] = True
+
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Reward for goals (..., 2), a float for one pair and (...) for batches; info is not used."""
         reward = self.task.goal_reward(achieved_goal, desired_goal)
@@ -234,67 +235,5 @@ class RollingJointGoalEnv(RollingJointEnv):
         info["is_success"] = info["error_mm"] <= self.config.reward.goal_tolerance_mm
         return (*outcome, info)
 
-    def _observation_space(self) -> spaces.Space[Any]:
-        goal = np.full(2, POSITION_BOUND)
-        return spaces.Dict(
-            observation=_box(*self.task.observation_bounds(goal=True)),
-            achieved_goal=_box(-goal, goal),
-            desired_goal=_box(-goal, goal),
-        )
-
-    def _observation(self, episode: Episodes, state: State) -> dict[str, NDArray[np.float32]]:
-        return {
-            "observation": self.task.observe(episode, state, goal=True)[0],
-            "achieved_goal": self.task.goals(state.tips[0]),
-            "desired_goal": self.task.goals(state.targets[0]),
-        }
-
     def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
         return {"tracking": self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)}
-
-
-def state_info(episode: Episodes, state: State) -> dict[str, Any]:
-    """What info says in every step about lane 0, in fresh arrays."""
-    return {
-        "error_mm": float(state.errors[0]),
-        "status": Status(state.status[0]).name,
-        "tip": state.tips[0].copy(),
-        "target": state.targets[0].copy(),
-        "load": {"link": int(episode.links[0]), "force": state.forces[0].copy()},
-        "tensions": state.tensions[0].copy(),
-        "command": state.commands[0].copy(),
-    }
-
-
-def sampled_info(episode: Episodes) -> dict[str, Any]:
-    """What was drawn for lane 0, in fresh arrays."""
-    mechanism = episode.mechanisms[0]
-    return {
-        "mechanism": mechanism.name,
-        "targets": episode.targets[0].copy(),
-        "link": int(episode.links[0]),
-        "forces": episode.forces[0].copy(),
-        "start_tensions": episode.start_tensions[0].copy(),
-        "stiffnesses": mechanism.stiffnesses.copy(),
-        "surface_offsets": episode.surface_offsets[0].copy(),
-        "actuator_offsets": episode.actuator_offsets[0].copy(),
-    }
-
-
-def state_scene(task: TrackingTask, episode: Episodes, state: State, trail: NDArray[np.float64]) -> Scene:
-    """What a picture of lane 0 shows."""
-    return Scene(
-        mechanism=episode.mechanisms[0],
-        poses=state.poses[0],
-        tensions=state.tensions[0],
-        tension_range=task.config.tension_range,
-        targets=episode.targets[0],
-        force=state.forces[0],
-        link=int(episode.links[0]),
-        trail=trail,
-        step=int(state.step[0]),
-    )
-
-
-def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> spaces.Box:
-    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)

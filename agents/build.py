@@ -1,0 +1,104 @@
+"""From a configuration to environments and a Stable-Baselines3 model; torch is loaded here, late."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from agents.config import EnvConfig, TrainConfig
+from agents.parameters import constructor_arguments
+from rollingjoint.errors import ConfigError
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.vec_env import VecEnv
+
+
+def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
+    """One environment of the run; raises ConfigError if Gymnasium cannot make it."""
+    if config.id.startswith("rj_gym/"):
+        import rj_gym  # noqa: F401  (registers its ids)
+    try:
+        return gymnasium.make(config.id, **config.arguments(), **arguments)
+    except (gymnasium.error.Error, TypeError) as error:
+        raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
+
+
+def make_vec_env(config: EnvConfig) -> VecEnv:
+    """The copies that training steps together: lanes of a native vector environment, else one after the other."""
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+    envs: VecEnv
+    if config.id.startswith("rj_gym/"):
+        from rj_gym.sb3 import make_sb3_env
+
+        try:
+            envs = make_sb3_env(config.id, config.n_envs, **config.arguments())
+        except gymnasium.error.Error as error:
+            raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
+    else:
+        envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
+    return VecMonitor(envs, info_keywords=("error_mm",))
+
+
+def build_model(config: TrainConfig) -> BaseAlgorithm:
+    """A fresh model on fresh, seeded environments, normalised as the configuration says.
+
+    Raises ConfigError if Stable-Baselines3 refuses the configuration.
+    """
+    import torch
+    from gymnasium.spaces import Dict
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    torch.set_num_threads(config.torch_threads)
+    env = make_vec_env(config.env)
+    if config.normalise.observation or config.normalise.reward:
+        gamma = config.parameters.get("gamma", 0.99)
+        env = VecNormalize(env, config.normalise.observation, config.normalise.reward, gamma=gamma)
+    policy = "MultiInputPolicy" if isinstance(env.observation_space, Dict) else "MlpPolicy"
+    arguments = constructor_arguments(config.parameters)
+    try:
+        return algorithm_class(config.algorithm)(
+            policy, env, seed=config.seed, device="cpu", policy_kwargs=_policy_arguments(config), **arguments
+        )
+    except (ValueError, TypeError, AssertionError) as error:
+        env.close()
+        raise ConfigError("parameters", dict(config.parameters), "what the algorithm accepts", str(error)) from error
+
+
+def algorithm_class(name: str) -> type[BaseAlgorithm]:
+    """The Stable-Baselines3 class of "ppo" or "sac"."""
+    import stable_baselines3
+
+    classes: dict[str, type[BaseAlgorithm]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
+    return classes[name]
+
+
+def close(model: BaseAlgorithm) -> None:
+    """Close the model's environments."""
+    env = model.get_env()
+    if env is not None:
+        env.close()
+
+
+def load_normaliser(path: Path) -> Any:
+    """The VecNormalize saved at `path`, frozen, without environments; None if the run does not normalise."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as stream:
+        normaliser = pickle.load(stream)
+    normaliser.training = False
+    return normaliser
+
+
+def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
+    import torch
+
+    activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
+    arguments: dict[str, Any] = {"net_arch": list(config.policy.hidden), "activation_fn": activation}
+    if config.algorithm == "ppo":
+        arguments["log_std_init"] = config.policy.log_std_init
+    return arguments

@@ -1,0 +1,173 @@
+"""Evaluate a trained controller: python -m agents.evaluate RUN."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.command_line import exit_code
+from agents.config import TrainConfig
+from agents.run_folder import RunFolder, typed_command, versions, write_bytes, write_json, write_text
+from rollingjoint.errors import ConfigError
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from agents.baselines import Controller
+    from agents.report import Report
+
+POLICY, OPEN_LOOP, NOTHING = "policy", "open loop", "do nothing"
+OWN = "one more controller to compare, as described in agents.baselines; repeatable"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command: 0 evaluated, 2 an error."""
+    parser = argparse.ArgumentParser(prog="python -m agents.evaluate", description="Evaluate a trained controller.")
+    parser.add_argument("run", type=Path, help="the run folder")
+    parser.add_argument("--episodes", type=int, default=200, help="number of episodes (default 200)")
+    parser.add_argument("--seed", type=int, default=10_000, help="seed of the first episode (default 10000)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="env.settings.key=value, repeatable"
+    )
+    parser.add_argument("--policy", default="best", help='"best" (default), "last" or the steps of a checkpoint')
+    parser.add_argument("--out", type=Path, help="where the report goes (default: evaluation/ in the run folder)")
+    parser.add_argument("--controller", action="append", default=[], metavar="MODULE:CLASS", help=OWN)
+    arguments = parser.parse_args(argv)
+    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What to evaluate: a run, one of its policies, its configuration with overrides, the seeds, other controllers."""
+
+    run: RunFolder
+    policy: str
+    config: TrainConfig
+    seeds: range
+    own: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if not len(self.seeds):
+            raise ConfigError("--episodes", len(self.seeds), "an integer >= 1")
+        if self.seeds.start < 0:
+            raise ConfigError("--seed", self.seeds.start, "an integer >= 0")
+        used = self.config.evaluation
+        seen = range(self.config.seed, self.config.seed + self.config.env.n_envs)
+        if any(_overlap(self.seeds, other) for other in (seen, range(used.seed, used.seed + used.episodes))):
+            mend = "The run's seeds.json lists them; give another --seed."
+            raise ConfigError("--seed", self.seeds.start, "seeds that training has not used", mend)
+
+
+def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    run = RunFolder.open(arguments.run)
+    seeds = range(arguments.seed, arguments.seed + max(arguments.episodes, 0))
+    evaluation = Evaluation(run, arguments.policy, run.config(arguments.set), seeds, arguments.controller)
+    folder = arguments.out or run.evaluation
+    about = {"command": " ".join(command), "changed settings": ", ".join(arguments.set) or "none"}
+    print(evaluate(evaluation, folder, about))
+    print(f"Report: {folder / 'report.md'}\nAnimation: {folder / 'animation.gif'}")
+    return 0
+
+
+def evaluate(evaluation: Evaluation, folder: Path, about: dict[str, Any]) -> str:
+    """The table of scores; report and pictures go to `folder`. Raises RollingJointError."""
+    from agents.baselines import task_of
+    from agents.build import make_env
+    from agents.report import Report
+    from agents.rollout import run_episodes
+
+    controllers = _controllers(evaluation)
+    env = make_env(evaluation.config.env)
+    episodes = {name: run_episodes(env, controller, evaluation.seeds) for name, controller in controllers.items()}
+    length = float(task_of(env).mechanism.length)
+    env.close()
+    report = Report(_about(evaluation) | about, length, episodes)
+    _write(report, controllers, evaluation, folder)
+    return report.text()
+
+
+def _controllers(evaluation: Evaluation) -> dict[str, Controller]:
+    from agents.baselines import DoNothing, OpenLoop
+    from agents.policy import Policy
+
+    policy = Policy.load(evaluation.run, evaluation.policy)
+    own = {text.rpartition(":")[2]: _own_controller(text) for text in evaluation.own}
+    return {POLICY: policy, OPEN_LOOP: OpenLoop(), NOTHING: DoNothing(), **own}
+
+
+def _own_controller(text: str) -> Controller:
+    """A controller of the class that "module:Class" names."""
+    module, _, name = text.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)()
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        allowed = "module:Class, a class that needs no arguments"
+        raise ConfigError("--controller", text, allowed, str(error)) from error
+
+
+def _write(report: Report, controllers: dict[str, Controller], evaluation: Evaluation, folder: Path) -> None:
+    from agents.pictures import error_distribution, error_over_time
+
+    seed, gif = _film(report, controllers, evaluation)
+    pictures = {
+        "error_over_time.png": error_over_time(report.episodes),
+        "error_distribution.png": error_distribution(report.episodes),
+        "animation.gif": gif,
+    }
+    captions = {
+        "Tip error after every step: median and the band from 10 to 90 % of the episodes.": "error_over_time.png",
+        "Tip error at the end of every episode; box: quartiles, whiskers: 5 to 95 %.": "error_distribution.png",
+        f"The episode of seed {seed}, in which open loop ends with its median error.": "animation.gif",
+    }
+    for name, content in pictures.items():
+        write_bytes(folder / name, content)
+    write_json(folder / "report.json", report.to_dict())
+    notes = {name: (type(controller).__doc__ or "").split("\n")[0] for name, controller in controllers.items()}
+    write_text(folder / "report.md", report.markdown(notes, captions))
+
+
+def _film(report: Report, controllers: dict[str, Controller], evaluation: Evaluation) -> tuple[int, bytes]:
+    """Seed and animation of the episode in which open loop's final error is its median one."""
+    from agents.build import make_env
+    from agents.pictures import animation
+
+    final = [episode.errors[-1] for episode in report.episodes[OPEN_LOOP]]
+    seed = evaluation.seeds[int(np.argsort(final)[len(final) // 2])]
+    env = make_env(evaluation.config.env, render_mode="rgb_array")
+    frames = {name: _frames(env, controllers[name], seed) for name in (POLICY, OPEN_LOOP)}
+    env.close()
+    return seed, animation(frames)
+
+
+def _frames(env: gymnasium.Env, controller: Controller, seed: int) -> list[np.ndarray]:
+    from agents.rollout import run_episode
+
+    frames: list[np.ndarray] = []
+    run_episode(env, controller, seed, lambda: frames.append(env.render()))  # type: ignore[arg-type]
+    return frames
+
+
+def _about(evaluation: Evaluation) -> dict[str, Any]:
+    seeds, env = evaluation.seeds, evaluation.config.env
+    return {
+        "run": str(evaluation.run.path),
+        "policy": evaluation.policy,
+        "environment": env.id,
+        "episodes": f"{len(seeds)}, seeds {seeds[0]} to {seeds[-1]}",
+        "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
+    }
+
+
+def _overlap(one: range, other: range) -> bool:
+    return one.start < other.stop and other.start < one.stop
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,181 @@
+"""A run folder: everything needed to repeat a training run and to use its policy.
+
+    config.yaml          the configuration, complete: environment settings and overrides written in
+    command.txt          what was typed
+    mechanism.yaml       the mechanism, where the environment names a mechanism file
+    versions.json        Python, packages, platform
+    seeds.json           seeds of training and of the evaluations during training
+    policy.zip           the policy at the end (or where training was stopped), with normaliser.pkl
+    best/                the policy with the smallest tip error in the evaluations, with its normaliser.pkl
+    checkpoints/         policy_STEPS.zip and normaliser_STEPS.pkl
+    logs/                progress.csv and TensorBoard events
+    evaluations.csv      tip error in the evaluations during training
+    evaluation/          report, pictures and animation, written by agents.evaluate
+
+Policies and normalisers are pickles: load only run folders that you trust.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents.config import TrainConfig, load_config
+from rollingjoint.checked_yaml import dump_yaml
+from rollingjoint.errors import InvalidInput
+
+PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch")
+
+
+class RunFolderError(InvalidInput):
+    """A run folder that cannot be made or read."""
+
+
+def write_file(path: Path, write: Callable[[Any], Any]) -> None:
+    """Call `write` with a binary stream; the file appears whole or not at all (a neighbour that is then renamed)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with partial.open("wb") as stream:
+            write(stream)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file of these bytes, whole or not at all."""
+    write_file(path, lambda stream: stream.write(content))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    write_bytes(path, text.encode())
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write plain values as JSON, whole or not at all."""
+    write_text(path, json.dumps(values, indent=2) + "\n")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths of a run folder, and its configuration."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, config: TrainConfig, command: Sequence[str], force: bool = False) -> RunFolder:
+        """A new run folder with all that is known before training; it appears whole or not at all.
+
+        Raises RunFolderError if the folder is there and holds something; `force` replaces an earlier run.
+        """
+        cls.check_free(path, force)
+        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        shutil.rmtree(partial, ignore_errors=True)
+        try:
+            partial.mkdir(parents=True)
+            write_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
+            write_text(partial / "command.txt", shlex.join(command) + "\n")
+            write_json(partial / "versions.json", versions())
+            write_json(partial / "seeds.json", seeds(config))
+            if path.exists():
+                shutil.rmtree(path)
+            os.replace(partial, path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+        return cls(path)
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """The run folder at `path`; raises RunFolderError if there is no run."""
+        if not (path / "config.yaml").is_file():
+            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by agents.train")
+        return cls(path)
+
+    @staticmethod
+    def check_free(path: Path, force: bool) -> None:
+        """Raise RunFolderError unless a run can be written to `path`."""
+        if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+            return
+        if not (path / "config.yaml").is_file():
+            raise RunFolderError("run folder", str(path), "a new folder", "What is there is no run; it stays as it is.")
+        if not force:
+            mend = "There is a run already: give another --run-dir, or --force to replace it."
+            raise RunFolderError("run folder", str(path), "a new folder", mend)
+
+    def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
+        """The configuration of the run, with overrides on top."""
+        return load_config(self.path / "config.yaml", overrides)
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the training log."""
+        return self.path / "logs"
+
+    @property
+    def evaluations(self) -> Path:
+        """Tip errors in the evaluations during training."""
+        return self.path / "evaluations.csv"
+
+    @property
+    def evaluation(self) -> Path:
+        """Folder of the report that agents.evaluate writes."""
+        return self.path / "evaluation"
+
+    def policy_files(self, which: str) -> tuple[Path, Path]:
+        """Policy and normaliser: "last", "best", or the steps of a checkpoint."""
+        if which == "last":
+            return self.path / "policy.zip", self.path / "normaliser.pkl"
+        if which == "best":
+            return self.path / "best" / "policy.zip", self.path / "best" / "normaliser.pkl"
+        folder = self.path / "checkpoints"
+        return folder / f"policy_{which}.zip", folder / f"normaliser_{which}.pkl"
+
+
+def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The plain configuration; a mechanism file that it names is copied into `folder` and named there."""
+    mechanism = values["env"]["settings"].get("mechanism")
+    if isinstance(mechanism, str) and Path(mechanism).is_file():
+        shutil.copyfile(mechanism, folder / "mechanism.yaml")
+        values["env"]["settings"]["mechanism"] = "mechanism.yaml"
+    return values
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, the packages and the platform."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    return found | {
+        "platform": platform.platform(),
+        "processor": platform.machine(),
+        "cores": str(os.cpu_count()),
+    }
+
+
+def seeds(config: TrainConfig) -> dict[str, Any]:
+    """Seeds that the run uses: first and last of each range."""
+    evaluation = config.evaluation
+    return {
+        "training": config.seed,
+        "training_environments": [config.seed, config.seed + config.env.n_envs - 1],
+        "evaluation_during_training": [evaluation.seed, evaluation.seed + evaluation.episodes - 1],
+    }
+
+
+def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:
+    """The command line that starts `module` with these arguments (None: those of this process)."""
+    return ["python", "-m", module, *(sys.argv[1:] if argv is None else argv)]

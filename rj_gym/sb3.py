@@ -1,0 +1,114 @@
+"""Stable-Baselines3 on the native vector environments. SB3 does not take a Gymnasium VectorEnv; this is its VecEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
+
+from rj_gym.tracking.info import lane_info
+from rj_gym.tracking.vector import RollingJointVectorEnv
+from rollingjoint.errors import InvalidInput
+
+
+class SB3VecEnv(VecEnv):
+    """A native vector environment as Stable-Baselines3 wants it.
+
+    Ended lanes restart in the same step; their info is the whole last info, with `terminal_observation` and
+    `TimeLimit.truncated`. The other lanes' infos are empty.
+
+    Args:
+        env: a native vector environment with same-step autoreset.
+    Raises:
+        InvalidInput: another autoreset mode.
+    """
+
+    def __init__(self, env: RollingJointVectorEnv) -> None:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise InvalidInput("autoreset_mode", env.autoreset_mode, "AutoresetMode.SAME_STEP, which SB3 expects")
+        self.env = env
+        self.render_mode = env.render_mode
+        self._actions = np.zeros(env.action_space.shape or 0)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def reset(self) -> VecEnvObs:
+        """First observations of all lanes; seeds and options set by `seed` and `set_options` are used once."""
+        options = self._options[0] or None
+        if any(other != self._options[0] for other in self._options):
+            raise InvalidInput("options", self._options, "the same options for every lane")
+        observations, infos = self.env.reset(seed=self._seeds, options=options)
+        self.reset_infos = [_without_masks(infos, lane) for lane in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Remember the actions for step_wait."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Observations, rewards, dones and infos of all lanes."""
+        observations, rewards, terminated, truncated, vector_infos = self.env.step(self._actions)
+        dones = terminated | truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for lane in np.flatnonzero(dones):
+            info = _without_masks(vector_infos["final_info"], lane)
+            info["terminal_observation"] = vector_infos["final_obs"][lane]
+            info["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
+            infos[lane] = info
+        return observations, rewards.astype(np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Pictures of the lanes that the environment draws."""
+        return self.env.render() or []
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of the environment, once per lane."""
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the environment, which all lanes share."""
+        setattr(self.env, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> list[Any]:
+        """Call a method of the environment once; its result for every lane (hindsight relabelling: compute_reward)."""
+        result = getattr(self.env, method_name)(*args, **kwargs)
+        return [result] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
+        """Lanes are not wrapped."""
+        return [False] * len(list(self._get_indices(indices)))
+
+
+def make_sb3_env(env_id: str, num_envs: int, **arguments: Any) -> SB3VecEnv:
+    """`num_envs` lanes of a registered environment for Stable-Baselines3; arguments as for gymnasium.make.
+
+    Raises:
+        InvalidInput, ConfigError: arguments that the environment refuses.
+        gymnasium.error.Error: an id that is not registered.
+    """
+    import gymnasium
+
+    env = gymnasium.make_vec(
+        env_id, num_envs, "vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP, **arguments
+    )
+    return SB3VecEnv(env)  # type: ignore[arg-type]
+
+
+def _without_masks(infos: dict[str, Any], lane: int | np.integer[Any]) -> dict[str, Any]:
+    return lane_info(_plain(infos), int(lane))
+
+
+def _plain(infos: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _plain(value) if isinstance(value, dict) else value
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }

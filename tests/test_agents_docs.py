@@ -1,0 +1,52 @@
+"""The commands of docs/training.md run, in their order, with few steps."""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from agents import evaluate, train
+
+TEXT = Path("docs/training.md").read_text(encoding="utf-8")
+FEW_STEPS = {
+    "demo": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "ppo_rolling_joint": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "sac_rolling_joint": "total_timesteps=40 env.n_envs=2 parameters.learning_starts=20",
+    "config": "",
+}
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, flags=re.MULTILINE | re.DOTALL)
+
+
+def run(command: str) -> int:
+    """Exit code of one command, shortened."""
+    python, _, module, *arguments = shlex.split(command)
+    assert python == "python"
+    if module == "agents.evaluate":
+        return evaluate.main([*arguments, "--episodes", "2"])
+    assert module == "agents.train"
+    config = Path(arguments[arguments.index("--config") + 1]).stem
+    few = [*FEW_STEPS[config].split(), "env.settings.episode_steps=10", "evaluation.episodes=1"]
+    return train.main([*arguments, *(word for override in few for word in ("--set", override))])
+
+
+def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch):
+    for name in ("configs", "docs"):
+        (tmp_path / name).symlink_to(Path(name).resolve())
+    (tmp_path / "my_controller.py").write_text(blocks("python")[0])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    commands = "".join(blocks("bash")).splitlines()
+    assert len(commands) >= 7
+    assert [command for command in commands if run(command) != 0] == []
+    assert "Corrected" in Path("runs/demo/corrected/report.md").read_text()
+    sys.modules.pop("my_controller")
+
+
+def test_every_file_of_a_run_folder_is_in_the_documentation():
+    from agents import run_folder
+
+    for name in re.findall(r"^    (\S+?)/? {2,}\S", run_folder.__doc__, flags=re.MULTILINE):
+        assert name in TEXT

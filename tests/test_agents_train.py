@@ -1,0 +1,197 @@
+import csv
+import json
+import os
+import signal
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from PIL import Image
+
+from agents import evaluate, train
+from agents.build import make_env
+from agents.callbacks import StopOnSignal
+from agents.policy import Policy
+from agents.rollout import run_episode
+from agents.run_folder import RunFolder
+
+TINY = [
+    "env.n_envs=2", "env.settings.episode_steps=10", "total_timesteps=80", "parameters.n_steps=20",
+    "parameters.batch_size=20", "parameters.n_epochs=2", "policy.hidden=[8]", "evaluation.every=40",
+    "evaluation.episodes=2", "checkpoint_every=40",
+]  # fmt: skip
+TINY_SAC = [
+    "env.n_envs=2", "env.settings.episode_steps=10", "total_timesteps=60", "parameters.learning_starts=20",
+    "parameters.batch_size=16", "parameters.buffer_size=1000", "policy.hidden=[8]", "evaluation.every=40",
+    "evaluation.episodes=2", "checkpoint_every=40",
+]  # fmt: skip
+
+
+def tiny_train(path: Path, *extra: str, config: str = "demo", tiny: list[str] = TINY) -> int:
+    overrides = [word for override in tiny for word in ("--set", override)]
+    return train.main(["--config", f"configs/train/{config}.yaml", "--run-dir", str(path), *overrides, *extra])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "tiny"
+    assert tiny_train(path) == 0
+    assert evaluate.main([str(path), "--episodes", "4"]) == 0
+    return path
+
+
+def test_a_run_folder_holds_policy_normaliser_checkpoints_and_logs(run):
+    files = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
+    assert files >= {
+        "config.yaml", "command.txt", "versions.json", "seeds.json", "policy.zip", "normaliser.pkl", "best/policy.zip",
+        "best/normaliser.pkl", "checkpoints/policy_000000040.zip", "checkpoints/normaliser_000000040.pkl",
+        "checkpoints/policy_000000080.zip", "evaluations.csv", "logs/progress.csv",
+    }  # fmt: skip
+    assert list((run / "logs").glob("events.out.tfevents*"))
+    assert not [name for name in files if Path(name).name.startswith(".")]
+
+
+def test_training_logs_the_tip_error(run):
+    evaluations = list(csv.DictReader((run / "evaluations.csv").read_text().splitlines()))
+    assert [int(row["steps"]) for row in evaluations] == [40, 80]
+    assert all(0 < float(row["median_mm"]) < 200 for row in evaluations)
+    assert "rollout/final_error_mm" in (run / "logs" / "progress.csv").read_text()
+
+
+def test_an_evaluation_writes_its_report_and_pictures(run):
+    folder = run / "evaluation"
+    report = json.loads((folder / "report.json").read_text())
+    assert set(report["scores"]) == {"policy", "open loop", "do nothing"}
+    assert report["seeds"] == [10000, 10001, 10002, 10003]
+    assert report["scores"]["policy"]["mean_mm"] == pytest.approx(np.mean(report["final_errors_mm"]["policy"]))
+    text = (folder / "report.md").read_text()
+    for name in ("error_over_time.png", "error_distribution.png", "animation.gif"):
+        assert name in text
+        with Image.open(folder / name) as image:
+            assert image.width > 400
+            assert getattr(image, "n_frames", 1) == (11 if name == "animation.gif" else 1)
+
+
+def test_the_same_seeds_give_the_same_evaluation(run, tmp_path):
+    assert evaluate.main([str(run), "--episodes", "4", "--out", str(tmp_path)]) == 0
+    first, second = (json.loads((folder / "report.json").read_text()) for folder in (run / "evaluation", tmp_path))
+    assert first["final_errors_mm"] == second["final_errors_mm"]
+
+
+def test_the_policy_acts_without_chance(run):
+    folder = RunFolder.open(run)
+    policy, env = Policy.load(folder), make_env(folder.config().env)
+    first, second = (run_episode(env, policy, seed=3).errors for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_run_repeated_from_its_own_config_gives_the_same_policy(run, tmp_path, capsys):
+    assert train.main(["--config", str(run / "config.yaml"), "--run-dir", str(tmp_path / "again")]) == 0
+    assert "agents.evaluate" in capsys.readouterr().out
+    assert (run / "evaluations.csv").read_text() == (tmp_path / "again" / "evaluations.csv").read_text()
+
+
+def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings(run, tmp_path):
+    moved = tmp_path / "elsewhere"
+    os.symlink(run, moved)
+    out = tmp_path / "unloaded"
+    settings = ["--set", "env.settings.load.magnitude=[0, 0]", "--set", "env.settings.episode_steps=40"]
+    assert evaluate.main([str(moved), "--episodes", "2", "--policy", "last", "--out", str(out), *settings]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert report["scores"]["open loop"]["p95_mm"] < 0.5
+    assert "magnitude" in report["about"]["changed settings"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--policy", "000000033"], "policy_000000033.zip"),
+        (["--episodes", "0"], "--episodes"),
+        (["--seed", "1"], "seeds that training has not used"),
+        (["--set", "env.settings.lod=1"], "'load'"),
+        (["--controller", "agents.baselines:Nobody"], "Nobody"),
+        (["--controller", "nowhere"], "module:Class"),
+    ],
+)
+def test_a_wrong_evaluation_ends_with_one_line(run, arguments, words, capsys):
+    assert evaluate.main([str(run), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_evaluating_a_folder_without_a_run_ends_with_one_line(tmp_path, capsys):
+    assert evaluate.main([str(tmp_path)]) == 2
+    assert "config.yaml" in capsys.readouterr().err
+
+
+def test_training_into_an_existing_run_is_refused_in_one_line(run, capsys):
+    before = (run / "policy.zip").read_bytes()
+    assert tiny_train(run) == 2
+    error = capsys.readouterr().err
+    assert "--force" in error
+    assert error.count("\n") == 1
+    assert (run / "policy.zip").read_bytes() == before
+
+
+def test_sac_trains_and_evaluates_on_the_goal_environment(tmp_path):
+    goal = ["--set", "env.id=rj_gym/RollingJointGoal-v0"]
+    assert tiny_train(tmp_path / "sac", *goal, config="sac_rolling_joint", tiny=TINY_SAC) == 0
+    assert evaluate.main([str(tmp_path / "sac"), "--episodes", "2"]) == 0
+
+
+class Interrupting(gymnasium.Env):
+    """Sends a signal to its own process after some steps, or raises an error."""
+
+    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (1,))
+    action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,))
+
+    def __init__(self, number: int):
+        self.number, self.steps = number, 0
+
+    def reset(self, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {"error_mm": 1.0}
+
+    def step(self, action):
+        self.steps += 1
+        if self.steps == 25:
+            if self.number == 0:
+                raise FloatingPointError("broken")
+            os.kill(os.getpid(), self.number)
+        return np.zeros(1, np.float32), 0.0, False, self.steps % 10 == 0, {"error_mm": 1.0}
+
+
+@pytest.fixture
+def interrupting():
+    gymnasium.register("test/Interrupting-v0", Interrupting)
+    yield ["--set", "env.id=test/Interrupting-v0", "--set", "env.n_envs=1", "--set", "env.file=null", "--set"]
+    gymnasium.registry.pop("test/Interrupting-v0")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_training_in_good_order_and_saves_the_policy(number, interrupting, tmp_path, capsys):
+    path = tmp_path / "run"
+    handler = signal.getsignal(number)
+    assert tiny_train(path, *interrupting, f"env.settings={{number: {number}}}") == 128 + number
+    assert f"stopped by {number.name} after 25 steps" in capsys.readouterr().out
+    assert (path / "policy.zip").is_file()
+    assert signal.getsignal(number) is handler
+
+
+def test_a_second_signal_interrupts_at_once():
+    with StopOnSignal() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.signal == signal.SIGINT
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_training_that_breaks_off_says_so_in_one_line_and_keeps_the_traceback(interrupting, tmp_path, capsys):
+    path = tmp_path / "run"
+    assert tiny_train(path, *interrupting, "env.settings={number: 0}") == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "after 24 steps" in error
+    assert "Traceback" in (path / "error.txt").read_text()
