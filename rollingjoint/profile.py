@@ -2,7 +2,7 @@
 
 A profile is a piecewise polynomial in the arc length s, so its turning angle is exact; positions follow from
 Gauss-Legendre quadrature on panels aligned with the breakpoints (error below 1e-12 mm).
-Source: THEORY section 1 in docs/theory.md.
+Source: docs/theory.md, section 1.
 """
 
 from __future__ import annotations

@@ -58,8 +58,3 @@ def test_make_target_exists(words):
 @pytest.mark.parametrize("words", [w for w in COMMANDS if w[0] == "pip"], ids=" ".join)
 def test_pip_extra_exists(words):
     assert set(re.findall(r"\[(\w+)\]", " ".join(words))) <= EXTRAS
-
-
-def test_linked_files_exist():
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", README)
-    assert [link for link in links if not (ROOT / link).exists()] == []

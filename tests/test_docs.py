@@ -1,0 +1,112 @@
+"""What the pages in docs/ say holds: their code runs, their links resolve, their lists are the project's."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from rollingjoint import Status
+
+ROOT = Path(__file__).parent.parent
+PAGES = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md"))}
+LINKED = {"README.md": (ROOT / "README.md").read_text("utf-8"), **PAGES}
+ARCHITECTURE, CONVERGENCE = PAGES["docs/architecture.md"], PAGES["docs/convergence.md"]
+
+PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
+FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+RUN_ELSEWHERE = {"docs/environment.md": "test_gym_docs.py", "docs/training.md": "test_agents_docs.py"}
+RUN_HERE = [page for page, text in PAGES.items() if "```python" in text and page not in RUN_ELSEWHERE]
+FOLDERS = ["rollingjoint", "rollingjoint/_kernels", "rj_gym", "rj_gym/tracking", "agents"]
+
+
+@pytest.mark.parametrize("page", RUN_HERE)
+def test_blocks_of_a_page_run_in_order_and_print_the_text_below_them(page, tmp_path, monkeypatch, capsys):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for program, output in PYTHON_BLOCK.findall(PAGES[page]):
+        exec(program, names)
+        printed = capsys.readouterr().out
+        assert output in ("", printed), program
+
+
+@pytest.mark.parametrize(("page", "test"), RUN_ELSEWHERE.items())
+def test_blocks_of_the_other_pages_run_in_a_test_of_their_own(page, test):
+    assert Path(page).name in (ROOT / "tests" / test).read_text("utf-8")
+
+
+def anchors(text):
+    """Anchors that a code host gives to the headings of a page."""
+    headings = re.findall(r"^#+ (.*)", FENCED.sub("", text), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", LINKED)
+def test_relative_links_resolve(page):
+    broken = []
+    for link in re.findall(r"\]\((?!\w+:)([^)\s]+)\)", FENCED.sub("", LINKED[page])):
+        path, _, anchor = link.partition("#")
+        target = (ROOT / page).parent / path if path else ROOT / page
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text("utf-8"))):
+            broken.append(link)
+    assert broken == []
+
+
+@pytest.mark.parametrize("page", LINKED)
+def test_files_of_the_project_that_a_page_names_exist(page):
+    tops = "rollingjoint|rj_gym|agents|tests|benchmarks|examples|configs|docs"
+    named = set(re.findall(rf"(?<![\w/])((?:{tops})/[\w/.-]*\w)", LINKED[page]))
+    ids = set(re.findall(r"rj_gym/\w+-v\d", LINKED[page]))
+    assert sorted(path for path in named - ids if not (ROOT / path).exists()) == []
+
+
+def test_every_page_is_in_the_index():
+    assert {f"docs/{link}" for link in re.findall(r"\]\((\w[\w-]*\.md)\)", PAGES["docs/index.md"])} == (
+        PAGES.keys() - {"docs/index.md"}
+    )
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_architecture_names_every_module_and_no_other(folder):
+    section = ARCHITECTURE.split(f"### {folder}\n", 1)[1].split("\n#", 1)[0]
+    named = re.findall(r"^\| `(\w+\.py)` \|", section, re.MULTILINE)
+    assert sorted(named) == sorted(path.name for path in (ROOT / folder).glob("*.py") if path.stem != "__init__")
+
+
+def test_architecture_names_every_folder_of_the_packages():
+    packages = {
+        path.parent.relative_to(ROOT).as_posix()
+        for top in ("rollingjoint", "rj_gym", "agents")
+        for path in (ROOT / top).rglob("*.py")
+    }
+    assert packages == set(FOLDERS)
+
+
+def test_architecture_shows_the_layers_that_are_enforced():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    inside = next(contract for contract in contracts if contract.get("containers") == ["rollingjoint"])
+    assert "```text\n" + "\n".join(inside["layers"]) + "\n```" in ARCHITECTURE
+
+
+def test_convergence_table_has_every_status_and_counts_every_solve():
+    header, _, *rows = [line.strip("|").split("|") for line in CONVERGENCE.splitlines() if line.startswith("|")]
+    assert [name.strip() for name in header[3:-1]] == [status.name.lower().replace("_", " ") for status in Status]
+    counts = [[int(cell) for cell in row[3:-1]] for row in rows]
+    assert f"{sum(map(sum, counts))} solves" in CONVERGENCE
+
+
+def test_theory_has_the_sections_that_the_code_refers_to():
+    sources = [
+        path.read_text("utf-8")
+        for top in ("rollingjoint", "rj_gym", "agents", "tests")
+        for path in (ROOT / top).rglob("*.py")
+    ]
+    referred = {
+        int(number)
+        for text in [*sources, *PAGES.values()]
+        for group in re.findall(r"docs/theory\.md, sections? ([\d, and]+)", text)
+        for number in re.findall(r"\d+", group)
+    }
+    numbered = {int(number) for number in re.findall(r"^## (\d)\. ", PAGES["docs/theory.md"], re.MULTILINE)}
+    assert referred and referred <= numbered
