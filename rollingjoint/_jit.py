@@ -6,9 +6,12 @@ the old answer. Here the key is a hash over all files that hold kernels.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
+import pickle
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -47,6 +50,13 @@ def cache_directory() -> Path:
     return places[-1] / f"kernels-{_source_hash()}"
 
 
+@functools.cache
+def _announce() -> None:
+    """Tell a person at a terminal, once, what the wait is for."""
+    if sys.stderr.isatty():
+        print("rollingjoint: compiling kernels, about half a minute; they are kept for next time", file=sys.stderr)
+
+
 class _KernelLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._name = Path(py_file).stem
@@ -69,20 +79,28 @@ class _KernelCacheImpl(caching.CompileResultCacheImpl):
     _locator_classes = [_KernelLocator]  # noqa: RUF012 (numba's own form)
 
 
+_UNREADABLE = (OSError, EOFError, ValueError, pickle.UnpicklingError)
+
+
 class _KernelCache(caching.FunctionCache):
     _impl_class = _KernelCacheImpl
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Compiled code from disk, or None when there is none that can be read."""
-        try:
-            return super().load_overload(sig, target_context)
-        except (OSError, EOFError, ValueError):
-            return None
+        with contextlib.suppress(*_UNREADABLE):
+            if (compiled := super().load_overload(sig, target_context)) is not None:
+                return compiled
+        _announce()
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep compiled code; a full or read-only disk costs only the next start its time."""
+        """Keep compiled code, over what cannot be read; a full or read-only disk costs only the next start its time."""
         try:
-            super().save_overload(sig, data)
+            try:
+                super().save_overload(sig, data)
+            except _UNREADABLE:
+                self.flush()
+                super().save_overload(sig, data)
         except OSError:
             self.disable()
 

@@ -65,9 +65,8 @@ def tabulate(child: Surface, parent: Surface) -> JointTable:
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:
     """Raise MechanismError unless kappa = u_c - u_p < 0 on the common range (else the links cut into each other)."""
-    borders = _borders(child, parent)
-    for lo, hi in itertools.pairwise(borders):
-        s = np.linspace(lo, np.nextafter(hi, lo), 65)
+    for lo, hi in itertools.pairwise(_borders(child, parent)):
+        s = _extremes(child, parent, lo, np.nextafter(hi, lo))
         kappa = child.curvature(s) - parent.curvature(s)
         worst = int(np.argmax(kappa))
         if not kappa[worst] < 0:
@@ -106,6 +105,16 @@ def _borders(child: Surface, parent: Surface) -> Array:
         raise MechanismError("common arc length range of a joint", (low, high), "limits of both surfaces that overlap")
     breaks = np.union1d(child.profile.breaks, parent.profile.breaks)
     return np.union1d([low, high], breaks[(breaks > low) & (breaks < high)])
+
+
+def _extremes(child: Surface, parent: Surface, low: float, high: float) -> Array:
+    """Arc lengths where kappa, a polynomial between low and high, can be largest: both ends and stationary points."""
+    degree = max(surface.profile.coefficients.shape[1] for surface in (child, parent)) - 1
+    if degree < 2:
+        return np.array([low, high])
+    kappa = chebyshev.Chebyshev.interpolate(lambda s: child.curvature(s) - parent.curvature(s), degree, (low, high))
+    stationary = kappa.deriv().roots().real
+    return np.concatenate([[low], np.sort(stationary[(stationary > low) & (stationary < high)]), [high]])
 
 
 def _fit(child: Surface, parent: Surface, low: Array, high: Array) -> tuple[Array, Array]:

@@ -128,3 +128,10 @@ def test_tendons_that_cannot_work_are_refused(build):
 def test_replacing_tendons_checks_them_anew():
     with pytest.raises(MechanismError):
         uniform(3).replace(tendons=[Tendon.on_surfaces(99)])
+
+
+def test_a_narrow_peak_of_relative_curvature_is_found():
+    peak = Profile.polynomial([-1e-9, 0.0, -1e-3, 0.0, -1e-3])  # kappa = peak + 2e-9 > 0 within 1e-3 mm of s = 0
+    above = Surface(Profile.constant(-2e-9), (0.0, -10.0))
+    with pytest.raises(MechanismError, match=r"at s = -?\d"):
+        RollingChain([Link(LINK.parent, Surface(peak, (0.0, 10.0))), Link(above, LINK.child)], TENDONS)

@@ -90,7 +90,7 @@ def solve_invalid(chain, n_tendons, start, s, state, H):
 @kernel
 def store(chain, state, outcome, results, lane):
     """Copy a solved state and its outcome (status, iterations, residual) into the results."""
-    contact_forces(chain, state, results.contact_forces[lane])
+    contact_forces(chain, state, results.contact_forces, lane)
     results.joint_angles[lane] = state.joint[:, ANGLE]
     results.poses[lane] = state.pose[:, :3]
     results.contacts[lane] = state.contact

@@ -5,8 +5,6 @@ Symbols as in docs/theory.md: r = U' - M (residual), H = dr/dphi (stiffness), c 
 
 from __future__ import annotations
 
-import math
-
 from rollingjoint._jit import kernel
 from rollingjoint._kernels.arrays import (
     ANGLE,
@@ -37,7 +35,7 @@ from rollingjoint._kernels.arrays import (
     X,
     Y,
 )
-from rollingjoint._kernels.joint import evaluate_gap, evaluate_joint
+from rollingjoint._kernels.joint import evaluate_gap, evaluate_joint, gap_direction
 
 
 @kernel
@@ -58,31 +56,30 @@ def evaluate_kinematics(chain, s, state):
     """Fill what does not depend on tendon law and loads: joints, gaps, lengths, poses."""
     state.length[:] = chain.channels
     for i in range(s.size):
-        evaluate_joint(chain, i, s[i], state.joint[i])
+        evaluate_joint(chain, i, s[i], state.joint)
         for j in range(chain.tendon_joints.size):
             if i < chain.tendon_joints[j]:
-                evaluate_gap(state.joint[i], chain.child_holes[i, j], chain.parent_holes[i, j], state.gap[i, j])
+                evaluate_gap(chain, i, j, state.joint, state.gap)
                 state.length[j] += state.gap[i, j, 0]
     _evaluate_poses(state)
 
 
 @kernel
 def _evaluate_poses(state):
-    pose = state.pose
+    pose, joint, contact = state.pose, state.joint, state.contact
     pose[0, X] = pose[0, Y] = pose[0, THETA] = pose[0, S] = 0.0
     pose[0, C] = 1.0
-    for i in range(state.joint.shape[0]):
-        joint, contact = state.joint[i], state.contact[i]
+    for i in range(joint.shape[0]):
         x, y, cos, sin = pose[i, X], pose[i, Y], pose[i, C], pose[i, S]
-        contact[0] = x + cos * joint[CX] - sin * joint[CY]
-        contact[1] = y + sin * joint[CX] + cos * joint[CY]
-        contact[2] = cos * joint[EX] - sin * joint[EY]
-        contact[3] = sin * joint[EX] + cos * joint[EY]
-        pose[i + 1, X] = x + cos * joint[GX] - sin * joint[GY]
-        pose[i + 1, Y] = y + sin * joint[GX] + cos * joint[GY]
-        pose[i + 1, THETA] = pose[i, THETA] + joint[ANGLE]
-        pose[i + 1, C] = cos * joint[COS] - sin * joint[SIN]
-        pose[i + 1, S] = sin * joint[COS] + cos * joint[SIN]
+        contact[i, 0] = x + cos * joint[i, CX] - sin * joint[i, CY]
+        contact[i, 1] = y + sin * joint[i, CX] + cos * joint[i, CY]
+        contact[i, 2] = cos * joint[i, EX] - sin * joint[i, EY]
+        contact[i, 3] = sin * joint[i, EX] + cos * joint[i, EY]
+        pose[i + 1, X] = x + cos * joint[i, GX] - sin * joint[i, GY]
+        pose[i + 1, Y] = y + sin * joint[i, GX] + cos * joint[i, GY]
+        pose[i + 1, THETA] = pose[i, THETA] + joint[i, ANGLE]
+        pose[i + 1, C] = cos * joint[i, COS] - sin * joint[i, SIN]
+        pose[i + 1, S] = sin * joint[i, COS] + cos * joint[i, SIN]
 
 
 @kernel
@@ -131,21 +128,22 @@ def _evaluate_loads(loads, state):
         bx = cos * loads[row, 5] - sin * loads[row, 6]
         by = sin * loads[row, 5] + cos * loads[row, 6]
         fx, fy = fx + bx + k * dx, fy + by + k * dy
-        beyond = sums[link - 1]
-        beyond[FX] += fx
-        beyond[FY] += fy
-        beyond[X_CROSS_F] += x * fy - y * fx
-        beyond[X_DOT_F] += x * fx + y * fy
-        beyond[MOMENT] += moment
-        beyond[BX] += bx
-        beyond[BY] += by
-        beyond[X_DOT_B] += x * bx + y * by
-        beyond[K] += k
-        beyond[KX] += k * x
-        beyond[KY] += k * y
-        beyond[K_XX] += k * (x * x + y * y)
+        i = link - 1
+        sums[i, FX] += fx
+        sums[i, FY] += fy
+        sums[i, X_CROSS_F] += x * fy - y * fx
+        sums[i, X_DOT_F] += x * fx + y * fy
+        sums[i, MOMENT] += moment
+        sums[i, BX] += bx
+        sums[i, BY] += by
+        sums[i, X_DOT_B] += x * bx + y * by
+        sums[i, K] += k
+        sums[i, KX] += k * x
+        sums[i, KY] += k * y
+        sums[i, K_XX] += k * (x * x + y * y)
     for i in range(sums.shape[0] - 2, -1, -1):
-        sums[i] += sums[i + 1]
+        for column in range(sums.shape[1]):
+            sums[i, column] += sums[i + 1, column]
     return energy, magnitude
 
 
@@ -155,10 +153,10 @@ def _evaluate_residual(chain, state):
 
     Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
     """
-    scale = 0.0
-    for i in range(state.joint.shape[0]):
-        sums, cx, cy = state.sums[i], state.contact[i, 0], state.contact[i, 1]
-        moment = sums[MOMENT] + sums[X_CROSS_F] - (cx * sums[FY] - cy * sums[FX])
+    scale, sums = 0.0, state.sums
+    for i in range(sums.shape[0]):
+        cx, cy = state.contact[i, 0], state.contact[i, 1]
+        moment = sums[i, MOMENT] + sums[i, X_CROSS_F] - (cx * sums[i, FY] - cy * sums[i, FX])
         size = abs(moment)
         residual = -moment
         for j in range(chain.tendon_joints.size):
@@ -174,48 +172,37 @@ def _evaluate_residual(chain, state):
 @kernel
 def stiffness(chain, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    n_joints = state.joint.shape[0]
+    n_joints, sums, contact = state.joint.shape[0], state.sums, state.contact
     for i in range(n_joints):
         for m in range(n_joints):
             b = max(i, m)
-            sums, contact = state.sums[b], state.contact[b]
-            ci_x, ci_y = state.contact[i, 0], state.contact[i, 1]
-            cm_x, cm_y = state.contact[m, 0], state.contact[m, 1]
-            value = sums[X_DOT_F] - (contact[0] * sums[FX] + contact[1] * sums[FY])
-            value -= sums[X_DOT_B] - (ci_x * sums[BX] + ci_y * sums[BY])
-            value += sums[K_XX] - sums[KX] * (ci_x + cm_x) - sums[KY] * (ci_y + cm_y)
-            value += sums[K] * (ci_x * cm_x + ci_y * cm_y)
+            ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
+            value = sums[b, X_DOT_F] - (contact[b, 0] * sums[b, FX] + contact[b, 1] * sums[b, FY])
+            value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
+            value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
+            value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
             for j in range(chain.tendon_joints.size):
                 if b < chain.tendon_joints[j]:
                     value += state.elastic[j] * state.gap[i, j, 1] * state.gap[m, j, 1]
             H[i, m] = value
-        kappa = state.joint[i, KAPPA]
-        along = state.contact[i, 2] * state.sums[i, FY] - state.contact[i, 3] * state.sums[i, FX]
-        H[i, i] += along / kappa
+        along = contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
+        H[i, i] += along / state.joint[i, KAPPA]
         for j in range(chain.tendon_joints.size):
             if i < chain.tendon_joints[j]:
                 H[i, i] += state.tension[j] * state.gap[i, j, 2]
 
 
 @kernel
-def contact_forces(chain, state, forces):
-    """Fill forces on the distal link of every joint, (J, 2): along the tangent and along the normal."""
+def contact_forces(chain, state, forces, lane):
+    """Fill forces[lane] on the distal link of every joint, (J, 2): along the tangent and along the normal."""
     for i in range(state.joint.shape[0]):
         cos, sin = state.pose[i, C], state.pose[i, S]
-        joint = state.joint[i]
         fx, fy = -state.sums[i, FX], -state.sums[i, FY]
         for j in range(chain.tendon_joints.size):
             if i < chain.tendon_joints[j]:
-                child, parent = chain.child_holes[i, j], chain.parent_holes[i, j]
-                vx = joint[GX] + joint[COS] * parent[0] - joint[SIN] * parent[1] - child[0]
-                vy = joint[GY] + joint[SIN] * parent[0] + joint[COS] * parent[1] - child[1]
-                length = math.sqrt(vx * vx + vy * vy)
-                if length > 1e-9:
-                    vx, vy = vx / length, vy / length
-                else:
-                    vx, vy = -joint[EY], joint[EX]
+                vx, vy, _ = gap_direction(chain, i, j, state.joint)
                 fx += state.tension[j] * (cos * vx - sin * vy)
                 fy += state.tension[j] * (sin * vx + cos * vy)
         ex, ey = state.contact[i, 2], state.contact[i, 3]
-        forces[i, 0] = fx * ex + fy * ey
-        forces[i, 1] = -fx * ey + fy * ex
+        forces[lane, i, 0] = fx * ex + fy * ey
+        forces[lane, i, 1] = -fx * ey + fy * ex

@@ -13,11 +13,11 @@ from rollingjoint._kernels.joint import arc_length, evaluate_joint
 @kernel
 def joint_angles_of(chain, s):
     """phi at arc lengths s, (B, J) both."""
-    phi, joint = np.empty_like(s), np.empty(10)
+    phi, joint = np.empty_like(s), np.empty((s.shape[1], 10))
     for lane in range(s.shape[0]):
         for i in range(s.shape[1]):
             evaluate_joint(chain, i, s[lane, i], joint)
-            phi[lane, i] = joint[ANGLE]
+            phi[lane, i] = joint[i, ANGLE]
     return phi
 
 

@@ -34,7 +34,8 @@ def arc_length(chain, i, phi):
     cell = first
     while cell < last and phi < chain.cells[cell, 3]:
         cell += 1
-    s_lo, s_hi, phi_lo, phi_hi = chain.cells[cell]
+    s_lo, s_hi = chain.cells[cell, 0], chain.cells[cell, 1]
+    phi_lo, phi_hi = chain.cells[cell, 2], chain.cells[cell, 3]
     if phi >= phi_lo:
         return s_lo
     if phi <= phi_hi:
@@ -63,7 +64,7 @@ def arc_length(chain, i, phi):
 
 @kernel
 def evaluate_joint(chain, i, s, joint):
-    """Fill joint: angle, relative curvature, contact point and tangent in link i's frame, and the relative pose."""
+    """Fill row i of joint: angle, relative curvature, contact point and tangent in link i's frame, relative pose."""
     first, last = chain.cell_first[i], chain.cell_first[i + 1] - 1
     cell = first
     while cell < last and s >= chain.cells[cell, 1]:
@@ -73,39 +74,42 @@ def evaluate_joint(chain, i, s, joint):
     u = (s - s_lo) * per_s - 1.0
     phi = xc = yc = xp = yp = dphi = dxc = dyc = 0.0
     for k in range(N_COEFFICIENTS - 1, -1, -1):
-        row = chain.coefficients[cell, k]
         dphi = dphi * u + phi
         dxc = dxc * u + xc
         dyc = dyc * u + yc
-        phi = phi * u + row[PHI]
-        xc = xc * u + row[XC]
-        yc = yc * u + row[YC]
-        xp = xp * u + row[XP]
-        yp = yp * u + row[YP]
+        phi = phi * u + chain.coefficients[cell, k, PHI]
+        xc = xc * u + chain.coefficients[cell, k, XC]
+        yc = yc * u + chain.coefficients[cell, k, YC]
+        xp = xp * u + chain.coefficients[cell, k, XP]
+        yp = yp * u + chain.coefficients[cell, k, YP]
     cos, sin = math.cos(phi), math.sin(phi)
-    joint[ANGLE], joint[KAPPA] = phi, dphi * per_s
-    joint[CX], joint[CY] = xc, yc
-    joint[EX], joint[EY] = dxc * per_s, dyc * per_s
-    joint[COS], joint[SIN] = cos, sin
-    joint[GX], joint[GY] = xc - (cos * xp - sin * yp), yc - (sin * xp + cos * yp)
+    joint[i, ANGLE], joint[i, KAPPA] = phi, dphi * per_s
+    joint[i, CX], joint[i, CY] = xc, yc
+    joint[i, EX], joint[i, EY] = dxc * per_s, dyc * per_s
+    joint[i, COS], joint[i, SIN] = cos, sin
+    joint[i, GX], joint[i, GY] = xc - (cos * xp - sin * yp), yc - (sin * xp + cos * yp)
 
 
 @kernel
-def evaluate_gap(joint, child_hole, parent_hole, gap):
-    """Fill gap: length of the straight tendon segment and its first two derivatives in phi."""
-    px = joint[GX] + joint[COS] * parent_hole[0] - joint[SIN] * parent_hole[1]
-    py = joint[GY] + joint[SIN] * parent_hole[0] + joint[COS] * parent_hole[1]
-    vx, vy = px - child_hole[0], py - child_hole[1]
-    jrx, jry = -(py - joint[CY]), px - joint[CX]
-    pole_x, pole_y = joint[EX] / joint[KAPPA], joint[EY] / joint[KAPPA]
+def gap_direction(chain, i, j, joint):
+    """(unit vector of tendon j's segment across joint i in link i's frame, its length)."""
+    x, y = chain.parent_holes[i, j, 0], chain.parent_holes[i, j, 1]
+    vx = joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y - chain.child_holes[i, j, 0]
+    vy = joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y - chain.child_holes[i, j, 1]
     length = math.sqrt(vx * vx + vy * vy)
     if length > _CLOSED_GAP:
-        vx, vy = vx / length, vy / length
-        along = vx * jrx + vy * jry
-        turn = (jrx * jrx + jry * jry - along * along) / length
-    else:
-        vx, vy = -joint[EY], joint[EX]
-        along = vx * jrx + vy * jry
-        turn = 0.0
-    gap[0], gap[1] = length, along
-    gap[2] = turn + vx * -(jry - pole_y) + vy * (jrx - pole_x)
+        return vx / length, vy / length, length
+    return -joint[i, EY], joint[i, EX], length
+
+
+@kernel
+def evaluate_gap(chain, i, j, joint, gap):
+    """Fill gap[i, j]: length of the straight tendon segment and its first two derivatives in phi."""
+    vx, vy, length = gap_direction(chain, i, j, joint)
+    jrx = -(chain.child_holes[i, j, 1] + length * vy - joint[i, CY])
+    jry = chain.child_holes[i, j, 0] + length * vx - joint[i, CX]
+    along = vx * jrx + vy * jry
+    turn = (jrx * jrx + jry * jry - along * along) / length if length > _CLOSED_GAP else 0.0
+    to_pole = 1.0 / joint[i, KAPPA]
+    gap[i, j, 0], gap[i, j, 1] = length, along
+    gap[i, j, 2] = turn - vx * (jry - joint[i, EY] * to_pole) + vy * (jrx - joint[i, EX] * to_pole)
