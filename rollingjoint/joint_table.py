@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from rollingjoint._kernels.arrays import N_COEFFICIENTS
+from rollingjoint._kernels.arrays import N_COEFFICIENTS, PHI
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 
@@ -60,7 +60,10 @@ def tabulate(child: Surface, parent: Surface) -> JointTable:
     done.sort(key=lambda cell: cell[0])
     s = np.array([(lo, hi) for lo, hi, _ in done])
     phi = child.tangent_angle(s) - parent.tangent_angle(s)
-    return JointTable(np.concatenate([s, phi], axis=1), np.stack([cell for _, _, cell in done]))
+    coefficients = np.stack([cell for _, _, cell in done])
+    degree = max(surface.profile.coefficients.shape[1] for surface in (child, parent))
+    coefficients[:, degree + 1 :, PHI] = 0.0  # the angle is a polynomial of that degree; what the fit adds is rounding
+    return JointTable(np.concatenate([s, phi], axis=1), coefficients)
 
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint import joint_table
-from rollingjoint._kernels.arrays import Chain
+from rollingjoint._kernels.arrays import PHI, Chain
 from rollingjoint._kernels.forward import arc_lengths_of, joint_angles_of, poses_of
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.profile import Surface
@@ -113,10 +113,12 @@ class RollingChain:
             joints[j] = len(holes) - 1
             child[: joints[j], j], parent[: joints[j], j] = holes[:-1, 1], holes[1:, 0]
             channels[j] = np.linalg.norm(holes[:, 1] - holes[:, 0], axis=1).sum()
+        coefficients = np.concatenate([table.coefficients for table in tables])
         return Chain(
             np.cumsum([0] + [len(table.cells) for table in tables]),
             np.concatenate([table.cells for table in tables]),
-            np.concatenate([table.coefficients for table in tables]),
+            coefficients,
+            1 + int(np.flatnonzero(coefficients[:, :, PHI].any(axis=0)).max()),
             child,
             parent,
             joints,

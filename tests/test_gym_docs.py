@@ -31,7 +31,7 @@ def test_example_prints_what_the_page_says(program, output, capsys):
 
 
 def test_every_python_block_has_its_output():
-    assert PAGE.count("```python") == len(EXAMPLES) == 3
+    assert PAGE.count("```python") == len(EXAMPLES) == 4
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -28,6 +28,7 @@ class Chain(NamedTuple):
     cell_first: np.ndarray  # (J + 1,) first cell of each joint's table
     cells: np.ndarray  # (cells, 4): s and phi at both ends of a cell
     coefficients: np.ndarray  # (cells, 12, 5) ascending powers of the cell's coordinate in [-1, 1]
+    angle_terms: int  # coefficients that the relative angle needs; the other ones are zero in every cell
     child_holes: np.ndarray  # (J, m, 2) hole on the proximal link
     parent_holes: np.ndarray  # (J, m, 2) hole on the distal link
     tendon_joints: np.ndarray  # (m,) number of joints a tendon crosses

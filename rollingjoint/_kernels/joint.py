@@ -44,7 +44,7 @@ def arc_length(chain, i, phi):
     u = 2.0 * (phi - phi_lo) / (phi_hi - phi_lo) - 1.0
     for _ in range(60):
         value, slope = 0.0, 0.0
-        for k in range(N_COEFFICIENTS - 1, -1, -1):
+        for k in range(chain.angle_terms - 1, -1, -1):
             slope = slope * u + value
             value = value * u + chain.coefficients[cell, k, PHI]
         error = value - phi
@@ -53,12 +53,12 @@ def arc_length(chain, i, phi):
         else:
             high = u
         step = error / slope
-        u_next = u - step
-        if not (low <= u_next <= high):
-            u_next = 0.5 * (low + high)
-        if abs(u_next - u) < 1e-15 or error == 0.0:
-            break
-        u = u_next
+        if low <= u - step <= high:
+            u -= step
+            if abs(step) < 1e-8:  # convergence is quadratic: the next step would be rounding
+                break
+        else:
+            u = 0.5 * (low + high)
     return 0.5 * ((1.0 - u) * s_lo + (1.0 + u) * s_hi)
 
 

@@ -53,7 +53,7 @@ def _step(J, miss, tension, low, high, damping, step):
         if damping > 1e12:
             step[:] = 0.0
             return
-    cholesky_solve(L, free, -gradient, step)
+    cholesky_solve(L, free, gradient, step)
 
 
 @kernel

@@ -48,13 +48,13 @@ def cholesky(H, free, shift, L):
 
 
 @kernel
-def cholesky_solve(L, free, rhs, out):
-    """Solve L Lᵀ out = rhs on the free joints; zero elsewhere."""
+def cholesky_solve(L, free, residual, out):
+    """Solve L Lᵀ out = -r on the free joints; zero elsewhere."""
     n = free.size
     for i in range(n):
         out[i] = 0.0
         if free[i]:
-            value = rhs[i]
+            value = -residual[i]
             for k in range(i):
                 if free[k]:
                     value -= L[i, k] * out[k]
@@ -88,7 +88,7 @@ def descent_step(H, free, residual, L, out):
     set by the stiffest one.
     """
     if cholesky(H, free, 0.0, L) > 1e-10:
-        cholesky_solve(L, free, -residual, out)
+        cholesky_solve(L, free, residual, out)
         return
     index, values, vectors = eigen(H, free)
     floor = max(1e-10 * np.max(np.abs(values)), 1e-300)
@@ -113,7 +113,7 @@ def damped_step(H, free, residual, damping, L, out):
             continue
         for k in range(n):
             if free[k]:
-                rhs[i] -= H[k, i] * residual[k]
+                rhs[i] += H[k, i] * residual[k]
                 for m in range(n):
                     if free[m]:
                         normal[i, m] += H[k, i] * H[k, m]

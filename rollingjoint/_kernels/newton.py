@@ -116,17 +116,18 @@ def _move(chain, phi, step, t, s):
 
 
 @kernel
-def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst):
+def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst, work):
     """Halve the step until the merit falls.
 
     Returns (moved, energy, magnitude, scale, worst free |r|); state and s are at the new configuration, or restored.
+    work is scratch space, (3, J).
     """
     n = s.size
-    phi, s_old = state.joint[:, ANGLE].copy(), s.copy()
-    residual = np.empty(n)
+    phi, s_old, residual = work[0], work[1], work[2]
     _proximal_residual(state, prox, anchor, residual)
     squared = 0.0
     for i in range(n):
+        phi[i], s_old[i] = state.joint[i, ANGLE], s[i]
         if free[i]:
             squared += residual[i] ** 2
     t = 1.0
@@ -197,7 +198,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
     """Iterate from s to equilibrium in place; returns (status, iterations, largest free |r|)."""
     n = s.size
     free = np.ones(n, np.bool_)
-    residual, step, L = np.empty(n), np.empty(n), np.empty((n, n))
+    residual, step, L, work = np.empty(n), np.empty(n), np.empty((n, n)), np.empty((3, n))
     energy, magnitude, scale = evaluate(chain, law, loads, s, state)
     energy += _proximal_energy(state, prox, anchor)
     worst = _mark_free(chain, state, prox, anchor, free)
@@ -221,7 +222,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
             _proximal_residual(state, prox, anchor, residual)
             _newton_step(chain, state, H, conservative, damping, free, residual, L, step)
         moved, energy, magnitude, scale, worst = _line_search(
-            chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst
+            chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst, work
         )
         if moved:
             damping *= 0.1 if damping > 1e-8 else 0.0
