@@ -11,9 +11,9 @@ import numpy as np
 from rj_gym import RollingJointEnv
 from rj_gym.tracking.observation import observation_entries
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.equilibrium import solve_tensions
 from rollingjoint.rolling_chain import RollingChain
 from rollingjoint.sensitivity import dposes_dtensions
+from rollingjoint.solve import solve_tensions
 
 
 class Controller(Protocol):

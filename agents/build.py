@@ -10,6 +10,7 @@ import gymnasium
 
 from agents.config import EnvConfig, TrainConfig
 from agents.parameters import constructor_arguments
+from agents.rollout import tip_error
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -40,8 +41,18 @@ def make_vec_env(config: EnvConfig) -> VecEnv:
         except gymnasium.error.Error as error:
             raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
     else:
+        _check_reports_error(config)
         envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
     return VecMonitor(envs, info_keywords=("error_mm",))
+
+
+def _check_reports_error(config: EnvConfig) -> None:
+    """Raise ConfigError, before training begins, for an environment without info["error_mm"]."""
+    env = make_env(config)
+    try:
+        tip_error(env.reset()[1])
+    finally:
+        env.close()
 
 
 def build_model(config: TrainConfig) -> BaseAlgorithm:

@@ -25,7 +25,7 @@ class Linear:
 
 def check_integer(what: str, value: Any, low: int, high: float = math.inf) -> None:
     """Accept an integer in [low, high]."""
-    allowed = f"an integer >= {low}" if high == math.inf else f"an integer from {low} to {high:g}"
+    allowed = f"an integer >= {low}" if high == math.inf else f"an integer from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ConfigError(what, value, allowed)
 

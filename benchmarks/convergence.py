@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint import BodyWrench, Equilibrium, RollingChain, Status, solve_lengths, solve_tensions
-from rollingjoint.equilibrium import Start
 from rollingjoint.random_chain import random_chain, random_lengths, random_loads, random_tensions
+from rollingjoint.solve import Start
 
 N_CASES = 8
 

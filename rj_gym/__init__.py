@@ -9,6 +9,7 @@ from rj_gym.config import LoadConfig, RandomizationConfig, RewardConfig, TargetC
 from rj_gym.tracking.env import RollingJointEnv, RollingJointGoalEnv
 from rj_gym.tracking.observation import observation_entries
 from rj_gym.tracking.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
+from rj_gym.vector_checker import check_vector_env
 
 __all__ = [
     "IDS",
@@ -21,6 +22,7 @@ __all__ = [
     "RollingJointVectorEnv",
     "TargetConfig",
     "TrackingConfig",
+    "check_vector_env",
     "observation_entries",
     "register_envs",
 ]

@@ -63,6 +63,7 @@ def number_links(ax: Axes, chain: RollingChain, poses: Array) -> None:
     for i, (link, pose) in enumerate(zip(chain.links, poses, strict=True)):
         beside = to_world(pose, np.array([right_side(link) + 0.025 * chain.length, 0.0]))
         ax.text(beside[0], beside[1], str(i), zorder=ORDER["tendon"], **style)
+        ax.update_datalim([beside])
 
 
 def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | None) -> None:

@@ -6,7 +6,6 @@ Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -14,14 +13,16 @@ from importlib import metadata
 from typing import NoReturn
 
 from rollingjoint import report
-from rollingjoint.equilibrium import Equilibrium, solve_lengths, solve_tensions
+from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
 from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.presets import PRESETS
 from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solve import solve_lengths, solve_tensions
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
+_LARGEST_FRICTION = 100.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,8 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _solve(args: argparse.Namespace) -> int:
-    if not 0 <= args.friction < math.inf:
-        raise InvalidInput("--friction", args.friction, "a number >= 0")
+    if not 0 <= args.friction <= _LARGEST_FRICTION:
+        raise InvalidInput("--friction", args.friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
     _check_picture(args.plot)
     equilibrium = _equilibrium(args, load_mechanism(args.mechanism))
     text = report.as_json(equilibrium, args.friction) if args.json else report.as_table(equilibrium, args.friction)
@@ -106,7 +107,9 @@ def _loads(args: argparse.Namespace, n_links: int) -> list[Load]:
         weights = args.gravity * n_links if len(args.gravity) == 1 else args.gravity
         if len(weights) != n_links:
             raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
-        loads.append(Gravity(weights, tuple(args.gravity_direction)))
+        loads.append(Gravity(weights, tuple(args.gravity_direction or (0.0, -1.0))))
+    elif args.gravity_direction:
+        raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
     return loads
 
 
@@ -124,7 +127,17 @@ def _counted(option: str, values: list[float], count: int) -> list[float]:
 
 def _refuse_idle_options(args: argparse.Namespace) -> None:
     """An option that needs an equilibrium must not be dropped in silence."""
-    for name in ("force", "body_force", "moment", "spring", "gravity", "start", "method", "tension_limits"):
+    for name in (
+        "force",
+        "body_force",
+        "moment",
+        "spring",
+        "gravity",
+        "gravity_direction",
+        "start",
+        "method",
+        "tension_limits",
+    ):
         if getattr(args, name):
             option = "--" + name.replace("_", "-")
             raise InvalidInput(option, getattr(args, name), "--tensions or --lengths beside it")
@@ -216,7 +229,6 @@ def _add_case(parser: argparse.ArgumentParser, required: bool) -> None:
         nargs=2,
         type=float,
         metavar=("X", "Y"),
-        default=(0.0, -1.0),
         help="default 0 -1",
     )
     parser.add_argument("--start", nargs="+", type=float, metavar="S", help="arc lengths to start from [mm]")

@@ -1,8 +1,7 @@
-"""Equilibria: what a solve returns, and the solvers for given tensions and given lengths."""
+"""Equilibria: what a solve returns, and how it ended."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -10,11 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint._kernels.arrays import TendonLaw
-from rollingjoint._kernels.batch import Results, new_results, solve_lanes, solve_lanes_threaded
-from rollingjoint._kernels.least_squares import solve_least_squares
-from rollingjoint.errors import InvalidInput, SolverError
-from rollingjoint.load import LOAD_COLUMNS, Load, load_table
+from rollingjoint._kernels.batch import Results, stiffness_of
+from rollingjoint.errors import SolverError
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -66,7 +62,6 @@ class Equilibrium:
         tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
         tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
         contact_forces: (n - 1, 2) on the distal link, along the child surface's tangent and normal [N].
-        stiffness: (n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad].
         residual: largest joint moment that is not balanced, joints at a surface limit left out [N·mm].
         iterations: Newton steps. status: Status, or (B,) integers.
     """
@@ -83,10 +78,18 @@ class Equilibrium:
     tendon_rates: Array
     tendon_stiffness: Array
     contact_forces: Array
-    stiffness: Array
     residual: float | Array
     iterations: int | NDArray[np.int64]
     status: Status | NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        name = self.mechanism.name
+        if np.ndim(self.status):
+            codes, counts = np.unique(self.status, return_counts=True)
+            found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
+            return f"<Equilibrium of {name!r}, {len(self.poses)} lanes: {found or 'none'}>"
+        x, y = self.tip
+        return f"<Equilibrium of {name!r}: {Status(int(self.status)).name}, tip at ({x:.3f}, {y:.3f}) mm>"
 
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
@@ -104,6 +107,24 @@ class Equilibrium:
         """(n - 1,) False where the contact is at the end of a surface."""
         low, high = self.mechanism.joint_limits.T
         return (self.arc_lengths > low + 1e-9) & (self.arc_lengths < high - 1e-9)
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
+        n_joints = self.mechanism.n_joints
+        lanes = np.size(self.status)
+        known = np.asarray(self.status) != Status.INVALID_INPUT
+        loads = np.where(known[..., None, None], self.loads, 0.0)
+        H = np.empty((*self.joint_angles.shape[:-1], n_joints, n_joints))
+        stiffness_of(
+            self.mechanism.arrays,
+            self.tensions.reshape(lanes, -1),
+            self.tendon_stiffness.reshape(lanes, -1),
+            loads.reshape(lanes, *loads.shape[-2:]),
+            self.arc_lengths.reshape(lanes, n_joints),
+            H.reshape(lanes, n_joints, n_joints),
+        )
+        return H
 
     @cached_property
     def smallest_eigenvalue(self) -> float | Array:
@@ -140,149 +161,10 @@ class Equilibrium:
 
 
 _FAR = 1e15  # eigenvalue given to joints that are held
-_LANES_WORTH_THREADS = 128
 
 
-Start = ArrayLike | Equilibrium | None
-
-
-def solve_tensions(
-    mechanism: RollingChain, tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None
-) -> Equilibrium:
-    """Equilibrium under given tendon tensions.
-
-    Args:
-        mechanism: the chain.
-        tensions: (m,) [N], not negative.
-        loads: external loads.
-        start: joint angles (n - 1,) [rad] or an Equilibrium to start from; default s = 0 in every joint.
-    Returns:
-        Equilibrium; look at its status. NaN, huge or negative numbers give Status.INVALID_INPUT.
-    Raises:
-        InvalidInput: wrong shapes or types, a load on a link that does not exist.
-    Source: docs/theory.md, section 3.
-    """
-    tau = _vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
-    law = TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau)
-    return _solve_one(mechanism, law, load_table(loads, mechanism.n_links), _start(mechanism, start))
-
-
-def solve_lengths(
-    mechanism: RollingChain,
-    lengths: ArrayLike,
-    loads: Sequence[Load] = (),
-    start: Start = None,
-    method: str = "elastic",
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Equilibrium:
-    """Equilibrium under given tendon lengths.
-
-    Args:
-        mechanism: the chain.
-        lengths: (m,) unstretched length that the motors leave in the channels [mm] ("elastic"), or desired lengths
-            ("least_squares").
-        loads: external loads.
-        start: joint angles (n - 1,) [rad] or an Equilibrium to start from; default s = 0 in every joint.
-        method: "elastic": tension = clip(stiffness × stretch, *tension_limits), unique and well posed while a tendon is
-            taut. "least_squares": tensions within the limits that bring the lengths nearest the desired ones.
-        tension_limits: lowest and highest tension, numbers or (m,) [N]; a motor that holds at least the first and gives
-            way at the second. With "least_squares" an infinite highest tension stands for 1000 N.
-    Returns:
-        Equilibrium; look at its status.
-    Raises:
-        InvalidInput: wrong shapes or types, an unknown method, a load on a link that does not exist.
-    Source: docs/theory.md, section 4; least squares: rolling-contact paper, eq. 29.
-    """
-    command = _vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
-    low, high = _tension_limits(tension_limits, mechanism.n_tendons)
-    law = TendonLaw(command, mechanism.stiffnesses, low, high)
-    table, phi = load_table(loads, mechanism.n_links), _start(mechanism, start)
-    if method == "elastic":
-        return _solve_one(mechanism, law, table, phi)
-    if method == "least_squares":
-        results = new_results(1, mechanism.n_joints, mechanism.n_tendons)
-        solve_least_squares(mechanism.arrays, law, table, phi, results)
-        return _pack_one(mechanism, table, results)
-    raise InvalidInput("method", method, '"elastic" or "least_squares"')
-
-
-def solve_tensions_batch(
-    mechanism: RollingChain, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: ArrayLike | None = None
-) -> Equilibrium:
-    """Equilibria under given tensions, lane by lane.
-
-    Args:
-        mechanism: the chain.
-        tensions: (B, m) [N].
-        loads: loads shared by all lanes, or a table (B, rows, 11) with columns load.LOAD_COLUMNS.
-        starts: joint angles, (B, n - 1) [rad]; default s = 0.
-    Returns:
-        Equilibrium whose arrays have a leading axis B.
-    Raises:
-        InvalidInput: wrong shapes or types.
-    """
-    tau = _lanes("tensions", tensions, mechanism.n_tendons)
-    laws = TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau)
-    return _solve_many(mechanism, laws, loads, starts)
-
-
-def solve_lengths_batch(
-    mechanism: RollingChain,
-    lengths: ArrayLike,
-    loads: Sequence[Load] | Array = (),
-    starts: ArrayLike | None = None,
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Equilibrium:
-    """Equilibria under given lengths (elastic tendons), lane by lane.
-
-    Args:
-        mechanism: the chain.
-        lengths: (B, m) unstretched lengths [mm].
-        loads: loads shared by all lanes, or a table (B, rows, 11) with columns load.LOAD_COLUMNS.
-        starts: joint angles, (B, n - 1) [rad]; default s = 0.
-        tension_limits: lowest and highest tension, numbers or (m,) [N].
-    Returns:
-        Equilibrium whose arrays have a leading axis B.
-    Raises:
-        InvalidInput: wrong shapes or types.
-    """
-    command = _lanes("lengths", lengths, mechanism.n_tendons)
-    low, high = _tension_limits(tension_limits, mechanism.n_tendons)
-    shared = (np.tile(values, (len(command), 1)) for values in (mechanism.stiffnesses, low, high))
-    return _solve_many(mechanism, TendonLaw(command, *shared), loads, starts)
-
-
-def _solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, phi: Array) -> Equilibrium:
-    results = new_results(1, mechanism.n_joints, mechanism.n_tendons)
-    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    solve_lanes(mechanism.arrays, laws, table[None], phi[None], results)
-    return _pack_one(mechanism, table, results)
-
-
-def _solve_many(
-    mechanism: RollingChain, laws: TendonLaw, loads: Sequence[Load] | Array, starts: ArrayLike | None
-) -> Equilibrium:
-    n_lanes, n_joints = len(laws.command), mechanism.n_joints
-    if isinstance(loads, np.ndarray):
-        if loads.ndim != 3 or loads.shape[0] != n_lanes or loads.shape[2] != len(LOAD_COLUMNS):
-            raise InvalidInput("shape of the load table", loads.shape, f"({n_lanes}, rows, {len(LOAD_COLUMNS)})")
-        table = np.ascontiguousarray(loads, float)
-        _check_links(table, mechanism.n_links)
-    else:
-        table = np.tile(load_table(loads, mechanism.n_links), (n_lanes, 1, 1))
-    if starts is None:
-        phi = np.tile(mechanism.neutral_angles, (n_lanes, 1))
-    else:
-        phi = _lanes("starts", starts, n_joints)
-        if len(phi) != n_lanes:
-            raise InvalidInput("number of starts", len(phi), f"{n_lanes}, one per lane")
-    results = new_results(n_lanes, n_joints, mechanism.n_tendons)
-    run = solve_lanes if n_lanes < _LANES_WORTH_THREADS else solve_lanes_threaded
-    run(mechanism.arrays, laws, table, phi, results)
-    return _pack(mechanism, table, results)
-
-
-def _pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
+def pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
+    """The equilibria in the results of the kernels, with their leading axis."""
     return Equilibrium(
         mechanism=mechanism,
         loads=table,
@@ -296,54 +178,15 @@ def _pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibriu
         tendon_rates=results.rates,
         tendon_stiffness=results.elastic,
         contact_forces=results.contact_forces,
-        stiffness=results.stiffness,
         residual=results.residual,
         iterations=results.iterations,
         status=results.status,
     )
 
 
-def _pack_one(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
+def pack_one(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
     """The single lane of results, without its leading axis."""
-    lane = _pack(mechanism, table, Results(*(array[0] for array in results)))
+    lane = pack(mechanism, table, Results(*(array[0] for array in results)))
     return replace(
         lane, residual=float(lane.residual), iterations=int(lane.iterations), status=Status(int(lane.status))
     )
-
-
-def _start(mechanism: RollingChain, start: Start) -> Array:
-    if start is None:
-        return mechanism.neutral_angles
-    angles = start.joint_angles if isinstance(start, Equilibrium) else start
-    return _vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
-
-
-def _tension_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[Array, Array]:
-    try:
-        low, high = (np.array(np.broadcast_to(np.asarray(side, float), n_tendons)) for side in limits)
-    except (TypeError, ValueError):
-        raise InvalidInput("tension_limits", limits, f"(lowest, highest), numbers or {n_tendons} values each") from None
-    return low, high
-
-
-def _vector(what: str, values: ArrayLike, size: int, meaning: str) -> Array:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(what, values, f"{size} numbers, {meaning}") from None
-    if array.shape != (size,):
-        raise InvalidInput(what, values, f"{size} numbers, {meaning}")
-    return array
-
-
-def _lanes(what: str, values: ArrayLike, size: int) -> Array:
-    array = np.ascontiguousarray(values, dtype=float)
-    if array.ndim != 2 or array.shape[1] != size:
-        raise InvalidInput(f"shape of {what}", array.shape, f"(B, {size}), one row per lane")
-    return array
-
-
-def _check_links(table: Array, n_links: int) -> None:
-    links = table[..., 0]
-    if not np.all((links >= 0) & (links < n_links) & (links == np.floor(links))):
-        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {n_links - 1}")

@@ -6,13 +6,13 @@ world force + body force turned with the link + spring k (anchor - x), and a mom
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_floats, as_integer
 
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
 """Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
@@ -66,8 +66,10 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
     """Rows of LOAD_COLUMNS for the loads, (rows, 11).
 
     Raises:
-        InvalidInput: an unknown load, a link that does not exist, a wrong number of weights or coordinates.
+        InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
+    if isinstance(loads, Load) or not isinstance(loads, Iterable):
+        raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
     rows = [row for load in loads for row in _rows(load, n_links)]
     return np.array(rows, dtype=float).reshape(len(rows), len(LOAD_COLUMNS))
 
@@ -86,18 +88,18 @@ def _rows(load: Load, n_links: int) -> list[list[float]]:
 
 
 def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
+    allowed = f"{n_links} weights [N] (and points), one per link, the base included"
+    weights = as_floats("Gravity weights", load.weights, allowed)
     points = [(0.0, 0.0)] * n_links if load.points is None else list(load.points)
-    if len(load.weights) != n_links or len(points) != n_links:
-        raise InvalidInput(
-            "Gravity weights", load.weights, f"{n_links} weights [N] (and points), one per link, the base included"
-        )
+    if weights.shape != (n_links,) or len(points) != n_links:
+        raise InvalidInput("Gravity weights", load.weights, allowed)
     dx, dy = _pair("Gravity direction", load.direction)
     norm = float(np.hypot(dx, dy))
     if norm == 0:
         raise InvalidInput("Gravity direction", load.direction, "a direction other than (0, 0)")
     return [
         _row(link, n_links, point=point, world=(weight * dx / norm, weight * dy / norm))
-        for link, (weight, point) in enumerate(zip(load.weights, points, strict=True))
+        for link, (weight, point) in enumerate(zip(weights, points, strict=True))
     ]
 
 
@@ -117,8 +119,8 @@ def _row(
         *_pair("load point", point),
         *_pair("load force", world),
         *_pair("load force", body),
-        float(moment),
-        float(spring),
+        _number("load moment", moment),
+        _number("spring stiffness", spring),
         *_pair("spring anchor", anchor),
     ]
 
@@ -129,9 +131,18 @@ def link_index(link: int, n_links: int) -> int:
     Raises:
         InvalidInput: a link that does not exist.
     """
-    if int(link) != link or not -n_links <= link < n_links:
-        raise InvalidInput("link", link, f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}")
-    return int(link) % n_links
+    allowed = f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}"
+    index = as_integer("link", link, allowed)
+    if not -n_links <= index < n_links:
+        raise InvalidInput("link", link, allowed)
+    return index % n_links
+
+
+def _number(what: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(what, value, "a number") from None
 
 
 def _pair(what: str, values: Pair) -> Pair:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_integer
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.rolling_chain import Link, RollingChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS, Tendon
@@ -57,7 +57,8 @@ def uniform(
         tendon_offset: holes at the surface points s = ±tendon_offset [mm].
         stiffness: of each tendon [N/mm].
     """
-    _check_uniform(n, height=height, radius=radius, half_width=half_width, tendon_offset=tendon_offset)
+    n = _count("n", n, 2, "links, the base included")
+    _check_lengths(height=height, radius=radius, half_width=half_width, tendon_offset=tendon_offset)
     link = _round_link(height, radius, half_width)
     tendons = [Tendon.on_surfaces(s, stiffness=stiffness) for s in (-tendon_offset, tendon_offset)]
     return RollingChain([link] * n, tendons, "uniform")
@@ -84,10 +85,9 @@ def two_segment(
         half_width: surfaces run over s in [-half_width, half_width] [mm].
         stiffness: of each tendon [N/mm].
     """
-    for name, count in (("n_proximal", n_proximal), ("n_distal", n_distal)):
-        if count < 1:
-            raise InvalidInput(name, count, "1 or more moving links")
-    _check_uniform(2, height=height, radius=radius, half_width=half_width, tendon_offset=0.75 * half_width)
+    n_proximal = _count("n_proximal", n_proximal, 1, "moving links")
+    n_distal = _count("n_distal", n_distal, 1, "moving links")
+    _check_lengths(height=height, radius=radius, half_width=half_width)
     link = _round_link(height, radius, half_width)
     outer, inner = 0.75 * half_width, 0.5 * half_width
     tendons = [Tendon.on_surfaces(s, n_proximal, stiffness) for s in (-outer, outer)]
@@ -120,9 +120,14 @@ def _round_link(height: float, radius: float, half_width: float) -> Link:
     return Link(parent, child)
 
 
-def _check_uniform(n: int, **lengths: float) -> None:
-    if n < 2:
-        raise InvalidInput("n", n, "2 or more links, the base included")
+def _count(name: str, value: int, least: int, what: str) -> int:
+    count = as_integer(name, value, f"{least} or more {what}")
+    if count < least:
+        raise InvalidInput(name, value, f"{least} or more {what}")
+    return count
+
+
+def _check_lengths(**lengths: float) -> None:
     for name, value in lengths.items():
         if not 0 < value < float("inf"):
             raise InvalidInput(name, value, "a positive length [mm]")

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.errors import InvalidInput, MechanismError, as_floats
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Profile:
         if not breaks[0] <= 0 <= breaks[-1]:
             raise MechanismError(
                 "profile limits",
-                (breaks[0], breaks[-1]),
+                (float(breaks[0]), float(breaks[-1])),
                 "limits that contain s = 0",
                 "Shift s so that 0 is on the surface.",
             )
@@ -60,24 +60,26 @@ class Profile:
     @classmethod
     def constant(cls, u: float, limits: tuple[float, float] = (-15.0, 15.0)) -> Profile:
         """A circular arc (u < 0: convex child surface) or a straight line (u = 0)."""
-        return cls(np.asarray(limits, float), np.array([[u]], float))
+        return cls(_limits(limits), _finite("curvature", u, 0)[None, None])
 
     @classmethod
     def polynomial(cls, coefficients: ArrayLike, limits: tuple[float, float] = (-15.0, 15.0)) -> Profile:
         """u(s) = c[0] + c[1] s + c[2] s² + ... on the limits."""
-        ascending = np.polynomial.Polynomial(_finite("polynomial coefficients", coefficients, 1))
-        shifted = ascending(np.polynomial.Polynomial([limits[0], 1.0])).coef
-        return cls(np.asarray(limits, float), np.atleast_2d(shifted))
+        breaks, ascending = _limits(limits), _finite("polynomial coefficients", coefficients, 1)
+        if ascending.size == 0:
+            raise MechanismError("polynomial coefficients", coefficients, "at least one number")
+        shifted = np.polynomial.Polynomial(ascending)(np.polynomial.Polynomial([breaks[0], 1.0])).coef
+        return cls(breaks, np.atleast_2d(shifted))
 
     @classmethod
     def piecewise_constant(cls, breaks: ArrayLike, values: ArrayLike) -> Profile:
         """u = values[i] between breaks[i] and breaks[i + 1]."""
-        return cls(np.asarray(breaks, float), _finite("piecewise-constant values", values, 1)[:, None])
+        return cls(_finite("profile breaks", breaks, 1), _finite("piecewise-constant values", values, 1)[:, None])
 
     @classmethod
     def piecewise_polynomial(cls, breaks: ArrayLike, coefficients: ArrayLike) -> Profile:
         """Ascending coefficients of (s - breaks[i]) for each piece; the class's own form."""
-        return cls(np.asarray(breaks, float), np.asarray(coefficients, float))
+        return cls(_finite("profile breaks", breaks, 1), _finite("profile coefficients", coefficients, 2))
 
     @classmethod
     def spline(cls, knots: ArrayLike, values: ArrayLike) -> Profile:
@@ -92,6 +94,10 @@ class Profile:
         """Straight lines between sampled curvatures (s, u)."""
         s, u = _knots(s, u)
         return cls(s, np.stack([u[:-1], np.diff(u) / np.diff(s)], axis=1))
+
+    def __repr__(self) -> str:
+        pieces, order = self.coefficients.shape
+        return f"<Profile: degree {order - 1}, pieces: {pieces}, s from {self.breaks[0]:g} to {self.breaks[-1]:g} mm>"
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -134,7 +140,7 @@ class Surface:
         start: position at s = 0, (x, y) [mm].
         angle: tangent angle at s = 0 [rad]. The surface frame has x along the tangent and y along the normal.
     Raises:
-        MechanismError: non-finite start or angle.
+        MechanismError: no Profile; a start or an angle that is not finite.
     """
 
     profile: Profile
@@ -142,6 +148,8 @@ class Surface:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.profile, Profile):
+            raise MechanismError("surface profile", self.profile, "a Profile, such as Profile.constant(-0.05)")
         start = _finite("surface start", self.start, 1)
         if start.shape != (2,):
             raise MechanismError("surface start", self.start, "(x, y) [mm]")
@@ -204,14 +212,17 @@ class Surface:
 
 def _finite(what: str, values: ArrayLike, ndim: int) -> Array:
     """A float copy of values; MechanismError unless all are finite numbers of that many dimensions."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise MechanismError(what, values, "numbers") from None
-    if array.ndim != ndim:
-        raise MechanismError(what, values, f"an array of {ndim} dimension(s)")
-    if not np.all(np.isfinite(array)):
-        raise MechanismError(what, array, "finite numbers")
+    allowed = ("a finite number", "a list of finite numbers", "rows of finite numbers, all of one length")[ndim]
+    array = as_floats(what, values, allowed, MechanismError)
+    if array.ndim != ndim or not np.all(np.isfinite(array)):
+        raise MechanismError(what, values, allowed)
+    return array
+
+
+def _limits(limits: ArrayLike) -> Array:
+    array = _finite("profile limits", limits, 1)
+    if array.shape != (2,) or not array[0] < array[1]:
+        raise MechanismError("profile limits", limits, "(first, last) arc length with first < last [mm]")
     return array
 
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_floats
 from rollingjoint.load import Load
 from rollingjoint.published_equations import Problem, State
 from rollingjoint.rolling_chain import RollingChain
@@ -193,7 +193,7 @@ def _solution(state: State, iterations: int, gradient: float, converged: bool) -
 
 def _finite_inputs(name: str, values: ArrayLike, m: int) -> tuple[Array, bool]:
     """The values as floats with 0 in place of what is not finite, and whether all were finite."""
-    array = np.array(values, float)
+    array = as_floats(name, values, f"{m} numbers, one per tendon")
     if array.shape != (m,):
         raise InvalidInput(name, values, f"{m} numbers, one per tendon")
     finite = np.isfinite(array)

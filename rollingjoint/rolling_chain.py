@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint import joint_table
 from rollingjoint._kernels.arrays import PHI, Chain
 from rollingjoint._kernels.forward import arc_lengths_of, joint_angles_of, poses_of
-from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.errors import InvalidInput, MechanismError, as_floats
 from rollingjoint.profile import Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
 
@@ -50,8 +51,8 @@ class RollingChain:
     name: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "links", tuple(self.links))
-        object.__setattr__(self, "tendons", tuple(self.tendons))
+        object.__setattr__(self, "links", _members("links", self.links, Link))
+        object.__setattr__(self, "tendons", _members("tendons", self.tendons, Tendon))
         if len(self.links) < 2:
             raise MechanismError("number of links", len(self.links), "2 or more, the fixed base included")
         if not self.tendons:
@@ -59,6 +60,9 @@ class RollingChain:
         for i, (proximal, distal) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
             joint_table.check_rolling(i, proximal.child, distal.parent)
         self._check_holes()
+
+    def __repr__(self) -> str:
+        return f"<RollingChain {self.name!r}: {self.n_links} links, {self.n_tendons} tendons, {self.length:g} mm>"
 
     @property
     def n_links(self) -> int:
@@ -83,23 +87,23 @@ class RollingChain:
     @cached_property
     def stiffnesses(self) -> Array:
         """Tendon stiffnesses, (m,) [N/mm]."""
-        return np.array([tendon.stiffness for tendon in self.tendons])
+        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
 
     @cached_property
     def joint_limits(self) -> Array:
         """Arc length range that both surfaces of a joint share, (n - 1, 2) [mm]."""
         pairs = zip(self.links[:-1], self.links[1:], strict=True)
-        return np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs])
+        return _constant(np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs]))
 
     @cached_property
     def neutral_angles(self) -> Array:
         """Joint angles at s = 0, (n - 1,) [rad]."""
-        return self.joint_angles(np.zeros(self.n_joints))
+        return _constant(self.joint_angles(np.zeros(self.n_joints)))
 
     @cached_property
     def neutral_lengths(self) -> Array:
         """Tendon lengths at s = 0, (m,) [mm]."""
-        return self.tendon_lengths(self.neutral_angles)
+        return _constant(self.tendon_lengths(self.neutral_angles))
 
     @cached_property
     def arrays(self) -> Chain:
@@ -129,11 +133,13 @@ class RollingChain:
     def hole_points(self) -> tuple[Array, ...]:
         """For every tendon the holes of the links it passes, (links, 2 for parent and child, 2) in link frames [mm]."""
         return tuple(
-            np.array(
-                [
-                    [_locate(parent, link.parent), _locate(child, link.child)]
-                    for link, (parent, child) in zip(self.links, tendon.link_holes(self.n_links), strict=False)
-                ]
+            _constant(
+                np.array(
+                    [
+                        [_locate(parent, link.parent), _locate(child, link.child)]
+                        for link, (parent, child) in zip(self.links, tendon.link_holes(self.n_links), strict=False)
+                    ]
+                )
             )
             for tendon in self.tendons
         )
@@ -185,9 +191,10 @@ class RollingChain:
         ]
 
     def _per_joint(self, what: str, values: ArrayLike) -> Array:
-        array = np.asarray(values, float)
+        allowed = f"{self.n_joints} numbers in the last axis, one per joint"
+        array = as_floats(what, values, allowed)
         if array.ndim == 0 or array.shape[-1] != self.n_joints:
-            raise InvalidInput(what, values, f"{self.n_joints} values in the last axis, one per joint")
+            raise InvalidInput(what, values, allowed)
         return array
 
     def _check_holes(self) -> None:
@@ -196,6 +203,24 @@ class RollingChain:
             for i in range(len(holes) - 1):
                 below, above = self.links[i].child, self.links[i + 1].parent
                 joint_table.check_gap(i, j, below, above, holes[i, 1], holes[i + 1, 0])
+
+
+def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
+    """The values as a tuple; MechanismError unless it is a list of that kind."""
+    allowed = f"a list of {kind.__name__} objects"
+    if not isinstance(values, Iterable):
+        raise MechanismError(what, values, allowed)
+    members = tuple(values)
+    for i, member in enumerate(members):
+        if not isinstance(member, kind):
+            raise MechanismError(f"{what}[{i}]", member, f"a {kind.__name__}")
+    return members
+
+
+def _constant(array: Array) -> Array:
+    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
+    array.setflags(write=False)
+    return array
 
 
 def _locate(hole: Hole, surface: Surface) -> Array:

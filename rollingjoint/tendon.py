@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rollingjoint.errors import MechanismError
+from rollingjoint.errors import MechanismError, as_floats, as_integer
 
 DEFAULT_STIFFNESS = 5.0
 """Tendon stiffness [N/mm]: E A / L of a 0.28 mm polyethylene braid (E about 20 GPa along the braid, A = 0.062 mm²)
@@ -35,7 +35,8 @@ class Tendon:
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
     Raises:
-        MechanismError: a hole that is neither a point nor OnSurface; a stiffness that is not positive.
+        MechanismError: a hole that is neither a point nor OnSurface; an end that is no whole number; a stiffness that
+            is not positive.
     """
 
     holes: Sequence[tuple[Hole, Hole]]
@@ -51,11 +52,12 @@ class Tendon:
             raise MechanismError("tendon holes", self.holes, "(parent hole, child hole) for every link") from None
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
-        if not (np.isfinite(self.stiffness) and self.stiffness > 0):
+        stiffness = as_floats("tendon stiffness", self.stiffness, "a positive number [N/mm]", MechanismError)
+        if stiffness.ndim > 0 or not 0 < stiffness < np.inf:
             raise MechanismError("tendon stiffness", self.stiffness, "a positive number [N/mm]")
         object.__setattr__(self, "holes", holes)
-        object.__setattr__(self, "end", int(self.end))
-        object.__setattr__(self, "stiffness", float(self.stiffness))
+        object.__setattr__(self, "end", as_integer("tendon end", self.end, "the number of a link", MechanismError))
+        object.__setattr__(self, "stiffness", float(stiffness))
 
     @classmethod
     def on_surfaces(cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS) -> Tendon:

@@ -5,8 +5,8 @@ import pytest
 import rj_gym  # noqa: F401  (registers its ids)
 from agents.baselines import DoNothing, OpenLoop, nearest_tensions
 from agents.rollout import error_table, run_episode, run_episodes
-from rollingjoint.equilibrium import solve_tensions
 from rollingjoint.presets import preset
+from rollingjoint.solve import solve_tensions
 
 ENV = "rj_gym/RollingJoint-v0"
 

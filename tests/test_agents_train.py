@@ -188,6 +188,13 @@ def test_a_second_signal_interrupts_at_once():
             os.kill(os.getpid(), signal.SIGINT)
 
 
+def test_an_environment_without_a_tip_error_is_refused_before_training(tmp_path, capsys):
+    own = ["--set", "env.id=Pendulum-v1", "--set", "env.file=null", "--set", "env.settings={}"]
+    assert tiny_train(tmp_path / "run", *own) == 2
+    assert "error_mm" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
 def test_training_that_breaks_off_says_so_in_one_line_and_keeps_the_traceback(interrupting, tmp_path, capsys):
     path = tmp_path / "run"
     assert tiny_train(path, *interrupting, "env.settings={number: 0}") == 2

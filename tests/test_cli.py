@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from rollingjoint.cli import main
-from rollingjoint.equilibrium import Status, solve_lengths, solve_tensions
+from rollingjoint.equilibrium import Status
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
 from rollingjoint.presets import PRESETS, five_link
+from rollingjoint.solve import solve_lengths, solve_tensions
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -201,7 +202,9 @@ def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
             ["--tension-limits", "only beside --lengths"],
         ),
         ("solve five_link --lengths 1 1 --method fast", ["'fast'", "'elastic'"]),
-        ("solve five_link --tensions 1 1 --friction -1", ["--friction = -1.0", ">= 0"]),
+        ("solve five_link --tensions 1 1 --friction -1", ["--friction = -1.0", "from 0 to 100"]),
+        ("solve five_link --tensions 1 1 --friction 1e308 --json", ["--friction = 1e+308"]),
+        ("solve five_link --tensions 1 1 --gravity-direction 1 0", ["--gravity-direction", "--gravity beside it"]),
         ("solve five_link --tensions 1 1 --plot no/such.png", ["no/such.png", "existing folder"]),
         ("solve five_link --tensions 1 1 --plot bend.doc", ["bend.doc", ".png"]),
         ("plot five_link", ["--out"]),

@@ -250,6 +250,11 @@ def test_slack_commands_give_the_admissible_pose_nearest_the_start():
             assert np.linalg.norm(other - chain.neutral_angles) > distance - 1e-4
 
 
+def test_forces_too_small_to_hold_a_pose_count_as_slack():
+    assert solve_tensions(five_link(), (2e-20, 1e-20)).status is Status.INDETERMINATE
+    assert solve_tensions(five_link(), (2e-12, 1e-12)).status is Status.INDETERMINATE
+
+
 @pytest.mark.parametrize("bad", [(np.nan, 1), (np.inf, 1), (-1, 1), (1e300, 1)])
 def test_numbers_that_cannot_be_solved_are_a_status(bad):
     chain = five_link()
@@ -315,12 +320,22 @@ def test_starts_are_joint_angles_or_equilibria():
     "call",
     [
         lambda c: solve_tensions(c, (1, 2, 3)),
+        lambda c: solve_tensions("five_link", (1, 1)),
         lambda c: solve_tensions(c, "ab"),
         lambda c: solve_tensions(c, (1, 1), start=[0.0]),
         lambda c: solve_tensions(c, (1, 1), [WorldForce(5, (1, 0))]),
         lambda c: solve_tensions(c, (1, 1), [Gravity([1.0])]),
         lambda c: solve_tensions(c, (1, 1), [Gravity([1.0] * 5, direction=(0, 0))]),
         lambda c: solve_tensions(c, (1, 1), ["push"]),
+        lambda c: solve_tensions(c, (1, 1), None),
+        lambda c: solve_tensions(c, (1, 1), WorldForce(-1, (1, 0))),
+        lambda c: solve_tensions(c, (1, 1), [WorldForce("tip", (1, 0))]),
+        lambda c: solve_tensions(c, (1, 1), [WorldForce(np.nan, (1, 0))]),
+        lambda c: solve_tensions(c, (1, 1), [WorldForce(-1, (1, 0), (0, 5))]),
+        lambda c: solve_tensions(c, (1, 1), [Spring(-1, None, (0, 5))]),
+        lambda c: solve_tensions(c, (1, 1), [Gravity(0.1)]),
+        lambda c: solve_tensions_batch(c, "ab"),
+        lambda c: solve_tensions_batch(c, [(1, 1), (1,)]),
         lambda c: solve_lengths(c, (90, 100), method="fast"),
         lambda c: solve_lengths(c, (90, 100), tension_limits=(0, 1, 2)),
         lambda c: solve_lengths_batch(c, (90, 100)),
@@ -332,6 +347,20 @@ def test_starts_are_joint_angles_or_equilibria():
 def test_wrong_shapes_and_types_raise_before_anything_runs(call):
     with pytest.raises(InvalidInput):
         call(five_link())
+
+
+def test_equilibria_print_as_one_short_line():
+    chain = five_link()
+    one, many = solve_tensions(chain, (6, 3)), solve_tensions_batch(chain, [(6, 3), (6, 3), (np.nan, 3)])
+    assert repr(one) == "<Equilibrium of 'five_link': CONVERGED, tip at (-47.591, 58.645) mm>"
+    assert repr(many) == "<Equilibrium of 'five_link', 3 lanes: 2 CONVERGED, 1 INVALID_INPUT>"
+
+
+def test_a_batch_starts_from_a_batch_of_equilibria():
+    first = solve_tensions_batch(five_link(), [(6, 3), (3, 6)])
+    again = solve_tensions_batch(five_link(), [(6, 3), (3, 6)], starts=first)
+    assert again.iterations.max() <= 1
+    assert again.poses == pytest.approx(first.poses, abs=1e-9)
 
 
 def test_require_raises_for_an_unusable_result():

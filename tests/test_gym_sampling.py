@@ -8,7 +8,7 @@ import pytest
 from rj_gym import TrackingConfig
 from rj_gym.tracking.sampling import Fixed, draw_uniforms, load_forces, sample_episodes, target_paths, uniform_shapes
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.equilibrium import solve_lengths, solve_tensions
+from rollingjoint.solve import solve_lengths, solve_tensions
 
 EVERYTHING = {
     "start": "random",

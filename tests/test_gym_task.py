@@ -6,8 +6,9 @@ import pytest
 import rj_gym.tracking.task as task_module
 from rj_gym import TrackingConfig, observation_entries
 from rj_gym.tracking.task import TrackingTask
-from rollingjoint.equilibrium import Status, solve_lengths
+from rollingjoint.equilibrium import Status
 from rollingjoint.load import WorldForce
+from rollingjoint.solve import solve_lengths
 
 
 def started(lanes=3, **settings):

@@ -19,12 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from rollingjoint._draw import PALETTE, arrow_scale, contact_forces_world
-from rollingjoint.equilibrium import Equilibrium, Status, solve_lengths, solve_tensions, solve_tensions_batch
+from rollingjoint.equilibrium import Equilibrium, Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Spring, WorldForce
 from rollingjoint.outline import link_outline, surface_points, to_world
 from rollingjoint.plot import plot_family, plot_mechanism, save_figure
 from rollingjoint.presets import PRESETS, five_link, preset, two_segment
+from rollingjoint.solve import solve_lengths, solve_tensions, solve_tensions_batch
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from rollingjoint import (
+    InvalidInput,
     Link,
     MechanismError,
     OnSurface,
@@ -103,6 +104,9 @@ def test_five_link_is_a_hundred_millimetres_long():
         ([LINK, LINK], [Tendon.on_surfaces(5, end=0)], "a moving link"),
         ([LINK, LINK], [Tendon([(OnSurface(3), (9.0, 20.0))])], "holes cross"),
         ([LINK] * 3, [Tendon([(OnSurface(3), OnSurface(3))] * 2)], "links 0 to 2"),
+        (LINK, TENDONS, "a list of Link objects"),
+        ([LINK, None], TENDONS, r"links\[1\] = None"),
+        ([LINK, LINK], TENDONS[0], "a list of Tendon objects"),
     ],
 )
 def test_mechanisms_that_cannot_work_are_refused_with_the_reason(links, tendons, words):
@@ -118,11 +122,31 @@ def test_mechanisms_that_cannot_work_are_refused_with_the_reason(links, tendons,
         lambda: Tendon([((0, np.nan), (0, 0))]),
         lambda: Tendon.on_surfaces(np.inf),
         lambda: Tendon.on_surfaces(1.0, stiffness=0.0),
+        lambda: Tendon.on_surfaces(1.0, stiffness="stiff"),
+        lambda: Tendon.on_surfaces(1.0, end=1.5),
+        lambda: Tendon.on_surfaces(1.0, end="tip"),
     ],
 )
 def test_tendons_that_cannot_work_are_refused(build):
     with pytest.raises(MechanismError):
         build()
+
+
+@pytest.mark.parametrize("build", [lambda: uniform(2.5), lambda: uniform("five"), lambda: two_segment(n_distal=0.5)])
+def test_presets_refuse_a_number_of_links_that_is_not_whole(build):
+    with pytest.raises(InvalidInput, match="or more"):
+        build()
+
+
+@pytest.mark.parametrize("name", ["neutral_lengths", "neutral_angles", "stiffnesses", "joint_limits"])
+def test_what_a_mechanism_computes_once_cannot_be_changed_by_its_reader(name):
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(five_link(), name)[...] += 1.0
+
+
+def test_a_mechanism_prints_as_one_short_line():
+    assert repr(five_link()) == "<RollingChain 'five_link': 5 links, 2 tendons, 100 mm>"
+    assert len(repr(five_link().links[1])) < 300
 
 
 def test_replacing_tendons_checks_them_anew():

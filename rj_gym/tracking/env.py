@@ -18,7 +18,7 @@ from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import Episodes
 from rj_gym.tracking.spaces import batch_observation, observation_space
 from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_floats
 
 
 class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -182,10 +182,7 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """The action as a batch of one, (1, m)."""
         m = self.task.mechanism.n_tendons
         allowed = f"{m} finite numbers in [-1, 1], one per tendon"
-        try:
-            values = np.array(action, dtype=float)
-        except (TypeError, ValueError):
-            raise InvalidInput("action", action, allowed) from None
+        values = as_floats("action", action, allowed)
         if values.shape != (m,) or not np.isfinite(values).all():
             raise InvalidInput("action", action, allowed)
         return values[None]

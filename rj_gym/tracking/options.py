@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.config import TrackingConfig
 from rj_gym.tracking.sampling import Fixed
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_floats
 from rollingjoint.load import link_index
 from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.rolling_chain import RollingChain
@@ -87,10 +87,7 @@ def _tensions(value: object, config: TrackingConfig, n_tendons: int) -> Array:
 
 
 def _floats(what: str, value: object) -> Array:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(what, value, "numbers") from None
+    array = as_floats(what, value, "numbers")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(what, value, "finite numbers")
     return array

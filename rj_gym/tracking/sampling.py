@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.tracking.solve import solve_each
-from rollingjoint.equilibrium import solve_tensions_batch
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 from rollingjoint.rolling_chain import Link, RollingChain
+from rollingjoint.solve import solve_tensions_batch
 
 Array = NDArray[np.float64]
 

@@ -23,9 +23,10 @@ from rj_gym.tracking.sampling import (
     uniform_shapes,
 )
 from rj_gym.tracking.solve import Solved, force_table, solve_each
-from rollingjoint.equilibrium import Status, solve_lengths_batch, solve_tensions_batch
+from rollingjoint.equilibrium import Status
 from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solve import solve_lengths_batch, solve_tensions_batch
 
 Array = NDArray[np.float64]
 

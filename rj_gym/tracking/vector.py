@@ -21,7 +21,7 @@ from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed
 from rj_gym.tracking.spaces import batch_observation, observation_space
 from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, as_floats
 
 Mask = NDArray[np.bool_]
 Lanes = TypeVar("Lanes", State, Episodes)
@@ -222,12 +222,10 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.float64]:
         shape = (self.num_envs, self.task.mechanism.n_tendons)
-        try:
-            values = np.array(actions, dtype=float)
-        except (TypeError, ValueError):
-            raise InvalidInput("actions", actions, f"finite numbers in [-1, 1] of shape {shape}") from None
+        allowed = f"finite numbers in [-1, 1] of shape {shape}"
+        values = as_floats("actions", actions, allowed)
         if values.shape != shape or not np.isfinite(values).all():
-            raise InvalidInput("actions", actions, f"finite numbers in [-1, 1] of shape {shape}")
+            raise InvalidInput("actions", actions, allowed)
         return values
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from rollingjoint._jit import kernel
@@ -28,7 +27,6 @@ class Results(NamedTuple):
     rates: np.ndarray  # (B, J, m) d length / d joint angle
     elastic: np.ndarray  # (B, m) d tension / d length
     contact_forces: np.ndarray  # (B, J, 2)
-    stiffness: np.ndarray  # (B, J, J)
     residual: np.ndarray  # (B,)
     iterations: np.ndarray  # (B,)
     status: np.ndarray  # (B,)
@@ -46,7 +44,6 @@ def new_results(n_lanes: int, n_joints: int, n_tendons: int) -> Results:
         np.empty((n_lanes, n_joints, n_tendons)),
         np.empty((n_lanes, n_tendons)),
         np.empty((n_lanes, n_joints, 2)),
-        np.empty((n_lanes, n_joints, n_joints)),
         np.empty(n_lanes),
         np.empty(n_lanes, np.int64),
         np.empty(n_lanes, np.int64),
@@ -77,13 +74,12 @@ def valid(law, loads, start):
 
 
 @kernel
-def solve_invalid(chain, n_tendons, start, s, state, H):
+def solve_invalid(chain, n_tendons, start, s, state):
     """The start pose (s = 0 where it is not a number), no tension and no load."""
     for i in range(start.size):
         s[i] = arc_length(chain, i, start[i]) if abs(start[i]) <= LARGEST_INPUT else 0.0
     zero = np.zeros(n_tendons)
     evaluate(chain, TendonLaw(zero, np.ones(n_tendons), zero, zero), np.zeros((0, 11)), s, state)
-    stiffness(chain, state, H)
     return INVALID_INPUT, 0, np.inf
 
 
@@ -105,25 +101,28 @@ def store(chain, state, outcome, results, lane):
 def solve_lane(chain, law, loads, start, results, lane):
     """Solve one lane into the results."""
     state = new_state(start.size, law.command.size)
-    s, H = results.arc_lengths[lane], results.stiffness[lane]
+    s = results.arc_lengths[lane]
     if valid(law, loads, start):
-        outcome = solve(chain, law, loads, start, s, state, H)
+        outcome = solve(chain, law, loads, start, s, state)
     else:
-        outcome = solve_invalid(chain, law.command.size, start, s, state, H)
+        outcome = solve_invalid(chain, law.command.size, start, s, state)
     store(chain, state, outcome, results, lane)
 
 
+@kernel(nogil=True)
+def solve_lanes(chain, laws, loads, starts, results, first, last):
+    """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
+    for lane in range(first, last):
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        solve_lane(chain, law, loads[lane], starts[lane], results, lane)
+
+
 @kernel
-def solve_lanes(chain, laws, loads, starts, results):
-    """Solve every lane; all inputs and the arrays of laws carry a leading lane axis."""
-    for lane in range(starts.shape[0]):
-        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        solve_lane(chain, law, loads[lane], starts[lane], results, lane)
-
-
-@kernel(parallel=True)
-def solve_lanes_threaded(chain, laws, loads, starts, results):
-    """As solve_lanes, on all threads; starting them pays from about a hundred lanes."""
-    for lane in numba.prange(starts.shape[0]):
-        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        solve_lane(chain, law, loads[lane], starts[lane], results, lane)
+def stiffness_of(chain, tensions, elastic, loads, s, H):
+    """Fill H, (B, J, J), at arc lengths s under tensions and their rates d tension / d length, (B, m) both."""
+    state = new_state(s.shape[1], tensions.shape[1])
+    for lane in range(s.shape[0]):
+        fixed = TendonLaw(state.length, np.ones(state.length.size), tensions[lane], tensions[lane])
+        evaluate(chain, fixed, loads[lane], s[lane], state)
+        state.elastic[:] = elastic[lane]
+        stiffness(chain, state, H[lane])

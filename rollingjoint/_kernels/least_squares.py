@@ -11,7 +11,9 @@ import numpy as np
 from rollingjoint._jit import kernel
 from rollingjoint._kernels.arrays import ANGLE, NOT_CONVERGED, TendonLaw, new_state
 from rollingjoint._kernels.batch import solve_invalid, store, valid
+from rollingjoint._kernels.chain import stiffness
 from rollingjoint._kernels.linear import cholesky, cholesky_solve, lu_step
+from rollingjoint._kernels.long_chain import DENSE_JOINTS, factor, fill_generators, new_sweep, substitute
 from rollingjoint._kernels.newton import limit_angles, solve
 
 _LARGEST_TENSION = 1000.0  # N, where none is given
@@ -21,17 +23,28 @@ _GOAL = 1e-11  # mm that the next step would still change the lengths by
 
 
 @kernel
-def _length_rates(chain, state, H, J):
-    """Fill J = dl/dtau; joints at a surface limit do not move."""
+def _length_rates(chain, state, conservative, springs, J):
+    """Fill J = dl/dtau, joints at a surface limit held; False where H is singular."""
     n, m = state.residual.size, state.length.size
     free = np.ones(n, np.bool_)
     for i in range(n):
         highest, lowest = limit_angles(chain, i)
         free[i] = lowest + 1e-13 < state.joint[i, ANGLE] < highest - 1e-13
+    long = conservative and n > DENSE_JOINTS
+    sweep = new_sweep(n if long else 0, m, springs)
+    H = np.empty((0, 0)) if long else np.empty((n, n))
+    if long:
+        fill_generators(chain, state, 0.0, sweep)
+        if factor(sweep, free, 0.0) < 0.0:
+            return False
+    else:
+        stiffness(chain, state, H)
     J[:] = 0.0
     column = np.empty(n)
     for j in range(m):
-        if not lu_step(H, free, state.gap[:, j, 1], column):
+        if long:
+            substitute(sweep, free, state.gap[:, j, 1], column)
+        elif not lu_step(H, free, state.gap[:, j, 1], column):
             return False
         for k in range(m):
             for i in range(n):
@@ -57,22 +70,23 @@ def _step(J, miss, tension, low, high, damping, step):
 
 
 @kernel
-def _iterate(chain, law, loads, tension, s, state, H):
+def _iterate(chain, law, loads, tension, s, state):
     """Improve the tensions in place; returns (status, iterations, residual)."""
     m = tension.size
     J, step, miss, trial = np.empty((m, m)), np.empty(m), np.empty(m), tension.copy()
     phi, fixed = state.joint[:, ANGLE].copy(), np.ones(m)
     cost, damping, count, finished = np.inf, 1e-5, 0, False
+    conservative, springs = not np.any(loads[:, 5:7] != 0.0), np.any(loads[:, 8] != 0.0)
     for _ in range(_MAX_ITERATIONS):
         at_trial = TendonLaw(np.zeros(m), fixed, trial, trial)
-        status, iterations, residual = solve(chain, at_trial, loads, phi, s, state, H)
+        status, iterations, residual = solve(chain, at_trial, loads, phi, s, state)
         count += iterations
         new_cost = 0.5 * np.sum((state.length - law.command) ** 2)
         better = cost == np.inf or (status < NOT_CONVERGED and new_cost < cost)
         if better:
             cost, damping = new_cost, max(0.1 * damping, 1e-12)
             tension[:], miss[:], phi[:] = trial, state.length - law.command, state.joint[:, ANGLE]
-            finished = finished or not _length_rates(chain, state, H, J)
+            finished = finished or not _length_rates(chain, state, conservative, springs, J)
         else:
             damping *= 10.0
         if finished:
@@ -87,12 +101,12 @@ def _iterate(chain, law, loads, tension, s, state, H):
 
 
 @kernel
-def _first_tensions(chain, law, loads, start, s, state, H):
+def _first_tensions(chain, law, loads, start, s, state):
     """Tensions of nearly inextensible tendons with the desired lengths; without a load only their ratio matters."""
     phi = start
-    for stiffness in (1.0, 30.0, 1000.0):
-        stiff = TendonLaw(law.command, np.full(law.low.size, stiffness), law.low, law.high)
-        solve(chain, stiff, loads, phi, s, state, H)
+    for k in (1.0, 30.0, 1000.0):
+        stiff = TendonLaw(law.command, np.full(law.low.size, k), law.low, law.high)
+        solve(chain, stiff, loads, phi, s, state)
         phi = state.joint[:, ANGLE].copy()
     tension = state.tension.copy()
     if np.max(tension) < _SMALLEST_TENSION:
@@ -106,11 +120,11 @@ def _first_tensions(chain, law, loads, start, s, state, H):
 def solve_least_squares(chain, law, loads, start, results):
     """Solve one lane into results; law.command holds the desired lengths."""
     n, m = start.size, law.command.size
-    state, s, H = new_state(n, m), results.arc_lengths[0], results.stiffness[0]
+    state, s = new_state(n, m), results.arc_lengths[0]
     if not valid(law, loads, start):
-        outcome = solve_invalid(chain, m, start, s, state, H)
+        outcome = solve_invalid(chain, m, start, s, state)
     else:
         bounded = TendonLaw(law.command, law.stiffness, law.low, np.minimum(law.high, _LARGEST_TENSION))
-        tension = _first_tensions(chain, bounded, loads, start, s, state, H)
-        outcome = _iterate(chain, bounded, loads, tension, s, state, H)
+        tension = _first_tensions(chain, bounded, loads, start, s, state)
+        outcome = _iterate(chain, bounded, loads, tension, s, state)
     store(chain, state, outcome, results, 0)

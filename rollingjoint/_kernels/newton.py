@@ -28,11 +28,14 @@ from rollingjoint._kernels.linear import (
     largest,
     lu_step,
 )
+from rollingjoint._kernels.long_chain import DENSE_JOINTS, factor, fill_generators, long_step, new_sweep
 
 RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
 _RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
 _RESIDUAL_FLOOR = 1e-12
+_STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _RELATIVE_GOAL = 1e-11
+_NEGLIGIBLE = 1e-8  # N·mm: with nothing but smaller moments, nothing holds the pose
 _MAX_ITERATIONS = 200
 _MAX_STEP = 0.5  # rad in any joint
 _MAX_HALVINGS = 40
@@ -91,10 +94,12 @@ def _proximal_residual(state, prox, anchor, out):
 
 
 @kernel
-def _newton_step(chain, state, H, conservative, damping, free, residual, L, step):
+def _newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step):
     """Step on the free joints; joints at a limit that it would push outwards are held as well."""
     for _ in range(free.size + 1):
-        if conservative:
+        if sweep.diagonal.size > 0:
+            long_step(sweep, free, residual, step)
+        elif conservative:
             descent_step(H, free, residual, L, step)
         elif damping > 0.0 or not lu_step(H, free, residual, step):
             damped_step(H, free, residual, damping, L, step)
@@ -171,11 +176,16 @@ def _escape_direction(H, free, step):
 
 
 @kernel
-def classify(H, free, conservative, L):
+def classify(H, sweep, free, conservative, L):
     """Kind of a stationary point: CONVERGED (stable), INDETERMINATE (H singular) or UNSTABLE.
 
     Unstable: H has an eigenvalue of negative real part.
     """
+    if sweep.diagonal.size > 0:
+        if factor(sweep, free, 0.0) > 1e-10:
+            return CONVERGED
+        size = np.max(np.abs(sweep.diagonal))
+        return INDETERMINATE if size == 0.0 or factor(sweep, free, 1e-9 * size) > 0.0 else UNSTABLE
     symmetric = H if conservative else 0.5 * (H + H.T)
     if cholesky(symmetric, free, 0.0, L) > 1e-10:
         return CONVERGED
@@ -194,24 +204,30 @@ def classify(H, free, conservative, L):
 
 
 @kernel
-def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
+def minimise(chain, law, loads, conservative, prox, anchor, s, state, H, sweep):
     """Iterate from s to equilibrium in place; returns (status, iterations, largest free |r|)."""
     n = s.size
     free = np.ones(n, np.bool_)
-    residual, step, L, work = np.empty(n), np.empty(n), np.empty((n, n)), np.empty((3, n))
+    residual, step, L, work = np.empty(n), np.empty(n), np.empty_like(H), np.empty((3, n))
+    long = sweep.diagonal.size > 0
     energy, magnitude, scale = evaluate(chain, law, loads, s, state)
     energy += _proximal_energy(state, prox, anchor)
     worst = _mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
     for iteration in range(_MAX_ITERATIONS):
         goal = max(_RESIDUAL_FLOOR, min(_RESIDUAL_GOAL, _RELATIVE_GOAL * scale))
-        stiffness(chain, state, H)
-        for i in range(n):
-            H[i, i] += prox
-        if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, 1e-8 * scale)):
-            kind = classify(H, free, conservative, L)
-            if kind != UNSTABLE or not conservative or escapes == _MAX_ESCAPES:
-                if kind == CONVERGED and not np.all(free):
+        if long:
+            fill_generators(chain, state, prox, sweep)
+        else:
+            stiffness(chain, state, H)
+            for i in range(n):
+                H[i, i] += prox
+        if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
+            kind = classify(H, sweep, free, conservative, L)
+            if kind != UNSTABLE or not conservative or long or escapes == _MAX_ESCAPES:
+                if scale < _NEGLIGIBLE:
+                    kind = INDETERMINATE
+                elif kind == CONVERGED and not np.all(free):
                     kind = AT_LIMIT
                 return kind, iteration, worst
             escapes += 1
@@ -220,7 +236,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
             return NOT_CONVERGED, iteration, worst
         else:
             _proximal_residual(state, prox, anchor, residual)
-            _newton_step(chain, state, H, conservative, damping, free, residual, L, step)
+            _newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
         moved, energy, magnitude, scale, worst = _line_search(
             chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst, work
         )
@@ -234,7 +250,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H):
 
 
 @kernel
-def _relax(chain, law, loads, s, state, H):
+def _relax(chain, law, loads, s, state, H, sweep):
     """From s, follow the overdamped motion dphi/dt = -r with implicit steps of growing length; returns the steps taken.
 
     Follower forces have no potential to descend; this motion still leads from the start to a stable equilibrium where
@@ -255,7 +271,7 @@ def _relax(chain, law, loads, s, state, H):
             rate *= 2.0
         for i in range(n):
             H[i, i] += rate
-        _newton_step(chain, state, H, False, 0.0, free, state.residual, L, step)
+        _newton_step(chain, state, H, sweep, False, 0.0, free, state.residual, L, step)
         _move(chain, state.joint[:, ANGLE].copy(), step, 1.0, s)
     return _MAX_ITERATIONS
 
@@ -267,19 +283,22 @@ def _begin(chain, start, s):
 
 
 @kernel
-def solve(chain, law, loads, start, s, state, H):
-    """Equilibrium from joint angles `start`; fills s, state and H; returns (status, iterations, largest free |r|).
+def solve(chain, law, loads, start, s, state):
+    """Equilibrium from joint angles `start`; fills s and state; returns (status, iterations, largest free |r|).
 
     Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
     falls to 0: it ends at the admissible pose nearest the start.
     """
     conservative = not np.any(loads[:, 5:7] != 0.0)
     last = len(_PROXIMAL_PATH) - 1
+    n = start.size if conservative and start.size > DENSE_JOINTS else 0
+    sweep = new_sweep(n, law.low.size, np.any(loads[:, 8] != 0.0))
+    H = np.empty((start.size - n, start.size - n))
     count, phase, size = 0, 0, 0.0
     _begin(chain, start, s)
     while True:
         prox = size * _PROXIMAL_PATH[phase]
-        status, iterations, worst = minimise(chain, law, loads, conservative, prox, start, s, state, H)
+        status, iterations, worst = minimise(chain, law, loads, conservative, prox, start, s, state, H, sweep)
         count += iterations
         if phase == last:
             break
@@ -292,7 +311,7 @@ def solve(chain, law, loads, start, s, state, H):
             phase = 1
         elif status >= UNSTABLE and not conservative:
             _begin(chain, start, s)
-            count += _relax(chain, law, loads, s, state, H)
+            count += _relax(chain, law, loads, s, state, H, sweep)
             phase = last
         else:
             break

@@ -1,0 +1,83 @@
+"""Solve time against the number of links, and where the O(n) Newton step overtakes the dense one.
+
+    python benchmarks/long_chains.py
+
+Uniform chains under a tip force that falls with n, tensions given, cold start; the best of several runs in one process.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
+from rollingjoint._kernels.arrays import TendonLaw, new_state
+from rollingjoint._kernels.chain import evaluate, stiffness
+from rollingjoint._kernels.linear import descent_step
+from rollingjoint._kernels.long_chain import fill_generators, long_step, new_sweep
+from rollingjoint.load import load_table
+
+LINKS = (3, 5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)
+
+
+def solved(n: int) -> tuple[Equilibrium, float]:
+    """An equilibrium of n links and the seconds that one solve takes."""
+    chain, loads = uniform(n), [WorldForce(-1, (0.5 / n, 0.0))]
+    result = solve_tensions(chain, (5.0, 4.9), loads)
+    return result, best(lambda: solve_tensions(chain, (5.0, 4.9), loads))
+
+
+def steps(n: int) -> tuple[float, float]:
+    """Seconds of one dense and one O(n) Newton step, assembly included."""
+    chain = uniform(n)
+    law = TendonLaw(chain.neutral_lengths - 1.0, chain.stiffnesses, np.zeros(2), np.full(2, 20.0))
+    state, H, sweep = new_state(n - 1, 2), np.empty((n - 1, n - 1)), new_sweep(n - 1, 2, False)
+    loads = load_table([WorldForce(-1, (0.5 / n, 0.0))], n)
+    evaluate(chain.arrays, law, loads, np.full(n - 1, 0.3), state)
+    free, L, step = np.ones(n - 1, bool), np.empty((n - 1, n - 1)), np.empty(n - 1)
+
+    def dense() -> None:
+        stiffness(chain.arrays, state, H)
+        descent_step(H, free, state.residual, L, step)
+
+    def sweeping() -> None:
+        fill_generators(chain.arrays, state, 0.0, sweep)
+        long_step(sweep, free, state.residual, step)
+
+    return best(dense), best(sweeping)
+
+
+def best(function: Callable[[], object], runs: int = 15) -> float:
+    """Seconds of the fastest of several runs, each long enough to be timed."""
+    function()
+    begin = time.perf_counter()
+    function()
+    count = max(1, int(2e-3 / (time.perf_counter() - begin)))
+    fastest = np.inf
+    for _ in range(runs):
+        begin = time.perf_counter()
+        for _ in range(count):
+            function()
+        fastest = min(fastest, (time.perf_counter() - begin) / count)
+    return fastest
+
+
+def main() -> None:
+    print("| links | status | iterations | solve [µs] | per link and iteration [µs] | dense / O(n) Newton step |")
+    print("|--:|---|--:|--:|--:|--:|")
+    times = []
+    for n in LINKS:
+        result, seconds = solved(n)
+        dense, sweeping = steps(n) if n <= 500 else (np.nan, np.nan)
+        ratio = f"{dense / sweeping:.2f}" if n <= 500 else ""
+        per = 1e6 * seconds / n / max(result.iterations, 1)
+        print(f"| {n} | {result.status.name} | {result.iterations} | {1e6 * seconds:.0f} | {per:.2f} | {ratio} |")
+        times.append((n, seconds / max(result.iterations, 1)))
+    long = np.log([row for row in times if row[0] >= 100])
+    print(f"\nExponent of time per iteration over n, 100 to 2000 links: {np.polyfit(*long.T, 1)[0]:.2f}")
+
+
+if __name__ == "__main__":
+    main()
