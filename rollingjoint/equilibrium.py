@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
@@ -164,7 +164,8 @@ _FAR = 1e15  # eigenvalue given to joints that are held
 
 
 def pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
-    """The equilibria in the results of the kernels, with their leading axis."""
+    """The equilibria in the results of the kernels, or the one in a single lane of them."""
+    one = np.ndim(results.status) == 0
     return Equilibrium(
         mechanism=mechanism,
         loads=table,
@@ -178,15 +179,12 @@ def pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium
         tendon_rates=results.rates,
         tendon_stiffness=results.elastic,
         contact_forces=results.contact_forces,
-        residual=results.residual,
-        iterations=results.iterations,
-        status=results.status,
+        residual=float(results.residual) if one else results.residual,
+        iterations=int(results.iterations) if one else results.iterations,
+        status=Status(int(results.status)) if one else results.status,
     )
 
 
 def pack_one(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
     """The single lane of results, without its leading axis."""
-    lane = pack(mechanism, table, Results(*(array[0] for array in results)))
-    return replace(
-        lane, residual=float(lane.residual), iterations=int(lane.iterations), status=Status(int(lane.status))
-    )
+    return pack(mechanism, table, Results(*(array[0] for array in results)))

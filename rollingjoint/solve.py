@@ -123,7 +123,7 @@ def solve_lengths_batch(
     """
     command = _lanes("lengths", lengths, _checked(mechanism).n_tendons)
     low, high = _tension_limits(tension_limits, mechanism.n_tendons)
-    shared = (np.tile(values, (len(command), 1)) for values in (mechanism.stiffnesses, low, high))
+    shared = (_every_lane(values, len(command)) for values in (mechanism.stiffnesses, low, high))
     return _solve_many(mechanism, TendonLaw(command, *shared), loads, starts)
 
 
@@ -148,9 +148,9 @@ def _solve_many(mechanism: RollingChain, laws: TendonLaw, loads: Sequence[Load] 
         table = as_floats("load table", loads, "numbers")
         _check_links(table, mechanism.n_links)
     else:
-        table = np.tile(load_table(loads, mechanism.n_links), (n_lanes, 1, 1))
+        table = _every_lane(load_table(loads, mechanism.n_links), n_lanes)
     if starts is None:
-        phi = np.tile(mechanism.neutral_angles, (n_lanes, 1))
+        phi = _every_lane(mechanism.neutral_angles, n_lanes)
     else:
         phi = _lanes("starts", starts.joint_angles if isinstance(starts, Equilibrium) else starts, n_joints)
         if len(phi) != n_lanes:
@@ -161,6 +161,10 @@ def _solve_many(mechanism: RollingChain, laws: TendonLaw, loads: Sequence[Load] 
     return pack(mechanism, table, results)
 
 
+def _every_lane(values: Array, n_lanes: int) -> Array:
+    return np.repeat(values[None], n_lanes, axis=0)
+
+
 def _start(mechanism: RollingChain, start: Start) -> Array:
     if start is None:
         return mechanism.neutral_angles.copy()
@@ -169,11 +173,14 @@ def _start(mechanism: RollingChain, start: Start) -> Array:
 
 
 def _tension_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[Array, Array]:
+    allowed = f"(lowest, highest), numbers or {n_tendons} values each"
     try:
-        low, high = (np.array(np.broadcast_to(np.asarray(side, float), n_tendons)) for side in limits)
+        low, high = (as_floats("tension_limits", side, allowed) for side in limits)
     except (TypeError, ValueError):
-        raise InvalidInput("tension_limits", limits, f"(lowest, highest), numbers or {n_tendons} values each") from None
-    return low, high
+        raise InvalidInput("tension_limits", limits, allowed) from None
+    if {low.shape, high.shape} - {(), (n_tendons,)}:
+        raise InvalidInput("tension_limits", limits, allowed)
+    return np.full(n_tendons, low), np.full(n_tendons, high)
 
 
 def _vector(what: str, values: ArrayLike, size: int, meaning: str) -> Array:
