@@ -8,11 +8,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 from collections.abc import Sequence
 from importlib import metadata
 from typing import NoReturn
 
 from rollingjoint import report
+from rollingjoint._jit import cache_directory
 from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
@@ -71,6 +73,16 @@ def _mechanisms(args: argparse.Namespace) -> int:
     width = max(len(name) for name in PRESETS)
     for name, build in PRESETS.items():
         print(f"{name:<{width}}  {report.mechanism_line(build())}")
+    return OK
+
+
+def _warmup(args: argparse.Namespace) -> int:
+    begin = time.perf_counter()
+    mechanism = PRESETS["five_link"]()
+    solve_tensions(mechanism, [1.0, 1.0]).stiffness.sum()
+    solve_lengths(mechanism, mechanism.neutral_lengths, method="least_squares")
+    mechanism.arc_lengths(mechanism.neutral_angles)
+    print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
     return OK
 
 
@@ -195,6 +207,7 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix says the format")
     plot.set_defaults(run=_plot)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
+    commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
     check = commands.add_parser("check", help="validate mechanism files")
     check.add_argument("file", nargs="+", metavar="FILE", help="YAML file")
     check.set_defaults(run=_check)

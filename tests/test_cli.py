@@ -232,6 +232,13 @@ def test_check_goes_on_after_a_wrong_file(workplace: Path, capsys: pytest.Captur
     assert "configs/mechanism/five_link.yaml: ok: 5 links" in output.out
 
 
+def test_warmup_says_where_the_kernels_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("warmup") == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("kernels ready after ")
+    assert any(Path(printed.split("kept in ")[1].strip()).glob("batch.solve_lanes-*.nbc"))
+
+
 def test_mechanisms_gives_one_line_per_preset(capsys: pytest.CaptureFixture[str]) -> None:
     assert rj("mechanisms") == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(PRESETS)
