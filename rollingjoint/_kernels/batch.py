@@ -10,7 +10,7 @@ from rollingjoint._jit import kernel
 from rollingjoint._kernels.arrays import ANGLE, INVALID_INPUT, TendonLaw, new_state
 from rollingjoint._kernels.chain import contact_forces, evaluate, stiffness
 from rollingjoint._kernels.joint import arc_length
-from rollingjoint._kernels.newton import solve
+from rollingjoint._kernels.solve import solve
 
 LARGEST_INPUT = 1e12  # beyond it (or NaN) an input cannot be resolved
 

@@ -14,7 +14,8 @@ from rollingjoint._kernels.batch import solve_invalid, store, valid
 from rollingjoint._kernels.chain import stiffness
 from rollingjoint._kernels.linear import cholesky, cholesky_solve, lu_step
 from rollingjoint._kernels.long_chain import DENSE_JOINTS, factor, fill_generators, new_sweep, substitute
-from rollingjoint._kernels.newton import limit_angles, solve
+from rollingjoint._kernels.newton import limit_angles
+from rollingjoint._kernels.solve import solve
 
 _LARGEST_TENSION = 1000.0  # N, where none is given
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio

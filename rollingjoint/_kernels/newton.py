@@ -28,19 +28,18 @@ from rollingjoint._kernels.linear import (
     largest,
     lu_step,
 )
-from rollingjoint._kernels.long_chain import DENSE_JOINTS, factor, fill_generators, long_step, new_sweep
+from rollingjoint._kernels.long_chain import factor, fill_generators, long_step
 
 RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
-_RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
+RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
 _RESIDUAL_FLOOR = 1e-12
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _RELATIVE_GOAL = 1e-11
 _NEGLIGIBLE = 1e-8  # N·mm: with nothing but smaller moments, nothing holds the pose
-_MAX_ITERATIONS = 200
+MAX_ITERATIONS = 200
 _MAX_STEP = 0.5  # rad in any joint
 _MAX_HALVINGS = 40
 _MAX_ESCAPES = 8
-_PROXIMAL_PATH = (0.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)  # weights of the way back to the start, over k g'²
 _ROUNDING = 1e-14  # of the magnitude of the energy terms
 
 
@@ -51,7 +50,7 @@ def limit_angles(chain, i):
 
 
 @kernel
-def _mark_free(chain, state, prox, anchor, free):
+def mark_free(chain, state, prox, anchor, free):
     """Mark joints that are not held by a surface limit; returns the largest free |r|. The proximal term is included."""
     worst = 0.0
     for i in range(free.size):
@@ -94,7 +93,7 @@ def _proximal_residual(state, prox, anchor, out):
 
 
 @kernel
-def _newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step):
+def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step):
     """Step on the free joints; joints at a limit that it would push outwards are held as well."""
     for _ in range(free.size + 1):
         if sweep.diagonal.size > 0:
@@ -113,7 +112,7 @@ def _newton_step(chain, state, H, sweep, conservative, damping, free, residual, 
 
 
 @kernel
-def _move(chain, phi, step, t, s):
+def move(chain, phi, step, t, s):
     """Arc lengths at joint angles phi + t step, clipped to the surface limits."""
     for i in range(s.size):
         if step[i] != 0.0:
@@ -141,10 +140,10 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, s, 
         if restored:
             s[:] = s_old
         else:
-            _move(chain, phi, step, t, s)
+            move(chain, phi, step, t, s)
         new_energy, new_magnitude, scale = evaluate(chain, law, loads, s, state)
         new_energy += _proximal_energy(state, prox, anchor)
-        new_worst = _mark_free(chain, state, prox, anchor, free)
+        new_worst = mark_free(chain, state, prox, anchor, free)
         if conservative:
             slope = 0.0
             for i in range(n):
@@ -212,10 +211,10 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H, sweep):
     long = sweep.diagonal.size > 0
     energy, magnitude, scale = evaluate(chain, law, loads, s, state)
     energy += _proximal_energy(state, prox, anchor)
-    worst = _mark_free(chain, state, prox, anchor, free)
+    worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
-    for iteration in range(_MAX_ITERATIONS):
-        goal = max(_RESIDUAL_FLOOR, min(_RESIDUAL_GOAL, _RELATIVE_GOAL * scale))
+    for iteration in range(MAX_ITERATIONS):
+        goal = max(_RESIDUAL_FLOOR, min(RESIDUAL_GOAL, _RELATIVE_GOAL * scale))
         if long:
             fill_generators(chain, state, prox, sweep)
         else:
@@ -236,7 +235,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H, sweep):
             return NOT_CONVERGED, iteration, worst
         else:
             _proximal_residual(state, prox, anchor, residual)
-            _newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
+            newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
         moved, energy, magnitude, scale, worst = _line_search(
             chain, law, loads, prox, anchor, conservative, step, state, s, free, energy, magnitude, worst, work
         )
@@ -246,73 +245,4 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H, sweep):
             stalled = True
         else:
             damping = max(10.0 * damping, 1e-6)
-    return NOT_CONVERGED, _MAX_ITERATIONS, worst
-
-
-@kernel
-def _relax(chain, law, loads, s, state, H, sweep):
-    """From s, follow the overdamped motion dphi/dt = -r with implicit steps of growing length; returns the steps taken.
-
-    Follower forces have no potential to descend; this motion still leads from the start to a stable equilibrium where
-    there is one.
-    """
-    n = s.size
-    free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
-    rate, worst = -1.0, 0.0
-    for count in range(_MAX_ITERATIONS):
-        evaluate(chain, law, loads, s, state)
-        new_worst = _mark_free(chain, state, 0.0, state.residual, free)
-        if new_worst <= _RESIDUAL_GOAL:
-            return count
-        stiffness(chain, state, H)
-        rate = 0.1 * largest(H, free) if count == 0 else rate * min(2.0, max(0.3, new_worst / worst))
-        worst = new_worst
-        while cholesky(0.5 * (H + H.T), free, rate, L) <= 1e-10 and rate > 0.0:
-            rate *= 2.0
-        for i in range(n):
-            H[i, i] += rate
-        _newton_step(chain, state, H, sweep, False, 0.0, free, state.residual, L, step)
-        _move(chain, state.joint[:, ANGLE].copy(), step, 1.0, s)
-    return _MAX_ITERATIONS
-
-
-@kernel
-def _begin(chain, start, s):
-    for i in range(s.size):
-        s[i] = arc_length(chain, i, start[i])
-
-
-@kernel
-def solve(chain, law, loads, start, s, state):
-    """Equilibrium from joint angles `start`; fills s and state; returns (status, iterations, largest free |r|).
-
-    Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
-    falls to 0: it ends at the admissible pose nearest the start.
-    """
-    conservative = not np.any(loads[:, 5:7] != 0.0)
-    last = len(_PROXIMAL_PATH) - 1
-    n = start.size if conservative and start.size > DENSE_JOINTS else 0
-    sweep = new_sweep(n, law.low.size, np.any(loads[:, 8] != 0.0))
-    H = np.empty((start.size - n, start.size - n))
-    count, phase, size = 0, 0, 0.0
-    _begin(chain, start, s)
-    while True:
-        prox = size * _PROXIMAL_PATH[phase]
-        status, iterations, worst = minimise(chain, law, loads, conservative, prox, start, s, state, H, sweep)
-        count += iterations
-        if phase == last:
-            break
-        if phase > 0:
-            phase += 1
-        elif status == INDETERMINATE and np.max(np.abs(state.joint[:, ANGLE] - start)) > 1e-12:
-            for j in range(law.stiffness.size):
-                size = max(size, law.stiffness[j] * np.max(state.gap[:, j, 1] ** 2))
-            _begin(chain, start, s)
-            phase = 1
-        elif status >= UNSTABLE and not conservative:
-            _begin(chain, start, s)
-            count += _relax(chain, law, loads, s, state, H, sweep)
-            phase = last
-        else:
-            break
-    return status, count, worst
+    return NOT_CONVERGED, MAX_ITERATIONS, worst
