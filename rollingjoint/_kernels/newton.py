@@ -35,7 +35,7 @@ RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
 _RESIDUAL_FLOOR = 1e-12
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _RELATIVE_GOAL = 1e-11
-_NEGLIGIBLE = 1e-8  # N·mm: with nothing but smaller moments, nothing holds the pose
+_NEGLIGIBLE = 1e-8  # N·mm/rad: with no stiffness above it, nothing holds the pose
 MAX_ITERATIONS = 200
 _MAX_STEP = 0.5  # rad in any joint
 _MAX_HALVINGS = 40
@@ -180,17 +180,17 @@ def classify(H, sweep, free, conservative, L):
 
     Unstable: H has an eigenvalue of negative real part.
     """
-    if sweep.diagonal.size > 0:
+    long = sweep.diagonal.size > 0
+    size = np.max(np.abs(sweep.diagonal)) if long else largest(H, free)
+    if size < _NEGLIGIBLE and np.any(free):
+        return INDETERMINATE
+    if long:
         if factor(sweep, free, 0.0) > 1e-10:
             return CONVERGED
-        size = np.max(np.abs(sweep.diagonal))
-        return INDETERMINATE if size == 0.0 or factor(sweep, free, 1e-9 * size) > 0.0 else UNSTABLE
+        return INDETERMINATE if factor(sweep, free, 1e-9 * size) > 0.0 else UNSTABLE
     symmetric = H if conservative else 0.5 * (H + H.T)
     if cholesky(symmetric, free, 0.0, L) > 1e-10:
         return CONVERGED
-    size = largest(H, free)
-    if size == 0.0:
-        return INDETERMINATE
     index = np.flatnonzero(free)
     reduced = np.empty((index.size, index.size), np.complex128)
     for i in range(index.size):
@@ -224,9 +224,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, s, state, H, sweep):
         if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
             kind = classify(H, sweep, free, conservative, L)
             if kind != UNSTABLE or not conservative or long or escapes == _MAX_ESCAPES:
-                if scale < _NEGLIGIBLE:
-                    kind = INDETERMINATE
-                elif kind == CONVERGED and not np.all(free):
+                if kind == CONVERGED and not np.all(free):
                     kind = AT_LIMIT
                 return kind, iteration, worst
             escapes += 1
