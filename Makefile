@@ -6,12 +6,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-all lint clean
+.PHONY: help setup demo test test-slow lint clean
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make demo      train a small controller, evaluate it, write a report (about five minutes)"
-	@echo "make test      run the tests; make test-all runs the slow ones too"
+	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
+	@echo "make test      run the tests; make test-slow runs the ones left out"
 	@echo "make lint      style, types and import layers"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
@@ -44,9 +44,9 @@ test: setup
 	@echo "==> Running the tests"
 	@$(BIN)/python -m pytest -n 2
 
-test-all: setup
-	@echo "==> Running all tests, slow ones too"
-	@$(BIN)/python -m pytest -n 2 -m ""
+test-slow: setup
+	@echo "==> Running the slow tests"
+	@$(BIN)/python -m pytest -n 2 -m slow
 
 lint: setup
 	@echo "==> Style"
