@@ -54,13 +54,16 @@ def evaluate(chain, law, loads, s, state):
 @kernel
 def evaluate_kinematics(chain, s, state):
     """Fill what does not depend on tendon law and loads: joints, gaps, lengths, poses."""
-    state.length[:] = chain.channels
+    joint, gap, length, tendon_joints = state.joint, state.gap, state.length, chain.tendon_joints
+    child_holes, parent_holes, channels = chain.child_holes, chain.parent_holes, chain.channels
+    for j in range(length.size):
+        length[j] = channels[j]
     for i in range(s.size):
-        evaluate_joint(chain, i, s[i], state.joint)
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                evaluate_gap(chain, i, j, state.joint, state.gap)
-                state.length[j] += state.gap[i, j, 0]
+        evaluate_joint(chain, i, s[i], joint)
+        for j in range(length.size):
+            if i < tendon_joints[j]:
+                evaluate_gap(child_holes, parent_holes, i, j, joint, gap)
+                length[j] += gap[i, j, 0]
     _evaluate_poses(state)
 
 
@@ -153,18 +156,19 @@ def _evaluate_residual(chain, state):
 
     Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
     """
-    scale, sums = 0.0, state.sums
+    scale, sums, contact, gap = 0.0, state.sums, state.contact, state.gap
+    tension, tendon_joints, out = state.tension, chain.tendon_joints, state.residual
     for i in range(sums.shape[0]):
-        cx, cy = state.contact[i, 0], state.contact[i, 1]
+        cx, cy = contact[i, 0], contact[i, 1]
         moment = sums[i, MOMENT] + sums[i, X_CROSS_F] - (cx * sums[i, FY] - cy * sums[i, FX])
         size = abs(moment)
         residual = -moment
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                torque = state.tension[j] * state.gap[i, j, 1]
+        for j in range(tension.size):
+            if i < tendon_joints[j]:
+                torque = tension[j] * gap[i, j, 1]
                 residual += torque
-                size += max(abs(torque), state.tension[j])
-        state.residual[i] = residual
+                size += max(abs(torque), tension[j])
+        out[i] = residual
         scale = max(scale, size)
     return scale
 
@@ -172,7 +176,8 @@ def _evaluate_residual(chain, state):
 @kernel
 def stiffness(chain, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    n_joints, sums, contact = state.joint.shape[0], state.sums, state.contact
+    n_joints, sums, contact, joint = state.joint.shape[0], state.sums, state.contact, state.joint
+    gap, elastic, tension, tendon_joints = state.gap, state.elastic, state.tension, chain.tendon_joints
     for i in range(n_joints):
         for m in range(n_joints):
             b = max(i, m)
@@ -181,15 +186,15 @@ def stiffness(chain, state, H):
             value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
             value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
             value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
-            for j in range(chain.tendon_joints.size):
-                if b < chain.tendon_joints[j]:
-                    value += state.elastic[j] * state.gap[i, j, 1] * state.gap[m, j, 1]
+            for j in range(elastic.size):
+                if b < tendon_joints[j]:
+                    value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
             H[i, m] = value
         along = contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
-        H[i, i] += along / state.joint[i, KAPPA]
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                H[i, i] += state.tension[j] * state.gap[i, j, 2]
+        H[i, i] += along / joint[i, KAPPA]
+        for j in range(elastic.size):
+            if i < tendon_joints[j]:
+                H[i, i] += tension[j] * gap[i, j, 2]
 
 
 @kernel
@@ -200,7 +205,7 @@ def contact_forces(chain, state, forces, lane):
         fx, fy = -state.sums[i, FX], -state.sums[i, FY]
         for j in range(chain.tendon_joints.size):
             if i < chain.tendon_joints[j]:
-                vx, vy, _ = gap_direction(chain, i, j, state.joint)
+                vx, vy, _ = gap_direction(chain.child_holes, chain.parent_holes, i, j, state.joint)
                 fx += state.tension[j] * (cos * vx - sin * vy)
                 fy += state.tension[j] * (sin * vx + cos * vy)
         ex, ey = state.contact[i, 2], state.contact[i, 3]
