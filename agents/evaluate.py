@@ -122,9 +122,10 @@ def _write(report: Report, controllers: dict[str, Controller], evaluation: Evalu
         "animation.gif": gif,
     }
     captions = {
-        "Tip error after every step: median and the band from 10 to 90 % of the episodes.": "error_over_time.png",
-        "Tip error at the end of every episode; box: quartiles, whiskers: 5 to 95 %.": "error_distribution.png",
-        f"The episode of seed {seed}, in which open loop ends with its median error.": "animation.gif",
+        "error_over_time.png": "Tip error after every step: median and the band from 10 to 90 % of the episodes.",
+        "error_distribution.png": "Tip error at the end of every episode; box: quartiles, whiskers: 5 to 95 %; errors "
+        "below 0.01 mm are drawn there.",
+        "animation.gif": f"The episode of seed {seed}, in which open loop ends with its median error.",
     }
     for name, content in pictures.items():
         write_bytes(folder / name, content)

@@ -70,12 +70,18 @@ def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 520) -> b
         _side_by_side([_titled(some[min(step, len(some) - 1)], name, width) for name, some in frames.items()])
         for step in range(count)
     ]
-    palette = pictures[count // 2].quantize(128)
+    palette = _palette(pictures[:: max(1, count // 5)])
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     stream = io.BytesIO()
     durations = [120] * (count - 1) + [2000]
     pictures[0].save(stream, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
     return stream.getvalue()
+
+
+def _palette(pictures: Sequence[Image.Image]) -> Image.Image:
+    """256 colours for all the pictures: each colour counts once, or a thin arrow would take that of a large area."""
+    pixels = np.concatenate([np.asarray(picture).reshape(-1, 3) for picture in pictures])
+    return Image.fromarray(np.unique(pixels, axis=0)[None]).quantize(256)
 
 
 def _titled(frame: np.ndarray, name: str, width: int) -> Image.Image:

@@ -93,7 +93,7 @@ class Report:
 
         Args:
             notes: what each controller is, by name.
-            pictures: file name by caption.
+            pictures: caption by file name.
         """
         head, *rows = (" | ".join(row) for row in self.table())
         aligned = "|".join([":--", *["--:"] * (len(self.table()[0]) - 1)])
@@ -107,6 +107,6 @@ class Report:
             "\n".join([f"| {head} |", f"|{aligned}|", *(f"| {row} |" for row in rows)]),
             "\n".join(f"- **{name}**: {note}" for name, note in notes.items()),
             f"Episodes that the environment ended early: {', '.join(early) or 'none'}.",
-            *(f"![{caption}]({file})\n\n{caption}" for caption, file in pictures.items()),
+            *(f"![{caption}]({file})\n\n{caption}" for file, caption in pictures.items()),
         ]
         return "\n\n".join(parts) + "\n"

@@ -15,7 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint import BodyWrench, Equilibrium, RollingChain, Status, solve_lengths, solve_tensions
+from rollingjoint import (
+    BodyWrench,
+    Equilibrium,
+    RollingChain,
+    Status,
+    solve_lengths,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.solve import Start
 
@@ -44,12 +52,14 @@ def table(study: Iterator[Case]) -> str:
     """Counts by input, load and start, one column per status, and the worst converged residual, as Markdown."""
     counts: Counter[tuple[str, str, str, Status]] = Counter()
     iterations: dict[tuple[str, str, str], list[int]] = {}
-    worst = 0.0
+    worst, restarted = 0.0, []
     for given, load, start, result in study:
         counts[given, load, start, result.status] += 1
         iterations.setdefault((given, load, start), []).append(result.iterations)
         if result.status is Status.CONVERGED:
             worst = max(worst, result.residual)
+        if result.status in (Status.UNSTABLE, Status.NOT_CONVERGED) and given == "tensions":
+            restarted.append(f"{start} {result.status.name}, {result.mechanism.n_links} links: {restarts(result)}")
     names = " | ".join(status.name.lower().replace("_", " ") for status in Status)
     lines = [f"| given | load | start | {names} | iterations: median, 99 %, most |", "|---" * (4 + len(Status)) + "|"]
     for key in sorted(iterations):
@@ -58,7 +68,19 @@ def table(study: Iterator[Case]) -> str:
         spread = f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}, {max(steps)}"
         lines.append(f"| {' | '.join([*key, *row, spread])} |")
     total = sum(counts.values())
-    return "\n".join([*lines, "", f"{total} solves; largest residual of a converged one: {worst:.1e} N·mm."])
+    lines += ["", f"{total} solves; largest residual of a converged one: {worst:.1e} N·mm."]
+    return "\n".join([*lines, *restarted])
+
+
+def restarts(failed: Equilibrium, count: int = 400) -> str:
+    """How many random starts end in a stable equilibrium under the same tensions and loads, in words."""
+    low, high = failed.mechanism.joint_limits.T
+    s = np.random.default_rng(0).uniform(low, high, (count, len(low)))
+    starts = failed.mechanism.joint_angles(s)
+    tensions, loads = np.tile(failed.tensions, (count, 1)), np.tile(failed.loads, (count, 1, 1))
+    again = solve_tensions_batch(failed.mechanism, tensions, loads, starts)
+    at_limit = int(np.sum(again.status == Status.AT_LIMIT))
+    return f"{int(np.sum(again.ok))} of {count} random starts end in an equilibrium, {at_limit} at a surface limit"
 
 
 def _cold_and_warm(

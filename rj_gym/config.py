@@ -150,11 +150,6 @@ class RandomizationConfig(_Settings):
         """Whether measured poses differ from the true ones."""
         return self.position_noise_mm > 0 or self.angle_noise_rad > 0
 
-    @property
-    def link_tolerance(self) -> bool:
-        """Whether contact surfaces are displaced on their links."""
-        return self.link_tolerance_mm > 0 or self.link_tolerance_rad > 0
-
 
 @dataclass(frozen=True)
 class TrackingConfig(_Settings):

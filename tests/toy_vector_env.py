@@ -1,4 +1,7 @@
-"""A small vector environment that keeps the contract, and one subclass for each way of breaking it."""
+"""A small vector environment that keeps the contract, and one subclass for each way of breaking it.
+
+Long on purpose: it is one list, and a fault is best read beside the method that it spoils.
+"""
 
 import warnings
 
