@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.errors import as_integer
 
 _LANES_WORTH_A_THREAD = 64
 
@@ -27,11 +27,7 @@ def set_threads(count: int) -> None:
         InvalidInput: a count below 1.
     """
     global _threads
-    allowed = "a whole number, 1 or more"
-    number = as_integer("threads", count, allowed)
-    if number < 1:
-        raise InvalidInput("threads", count, allowed)
-    _threads = number
+    _threads = as_integer("threads", count, "a whole number, 1 or more", low=1)
 
 
 def run_lanes(work: Callable[[int, int], object], n_lanes: int) -> None:

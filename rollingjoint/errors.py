@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -51,13 +53,15 @@ def as_floats(
         raise error(what, values, allowed) from None
 
 
-def as_integer(what: str, value: object, allowed: str, error: type[InvalidInput] = InvalidInput) -> int:
-    """The value as an int; `error` unless it is a whole number, such as 2 or 2.0."""
+def as_integer(
+    what: str, value: object, allowed: str, error: type[InvalidInput] = InvalidInput, low: float = -math.inf
+) -> int:
+    """The value as an int; `error` unless it is a whole number, such as 2 or 2.0, of at least `low`."""
     try:
         number = int(value)  # type: ignore[call-overload]
     except (TypeError, ValueError, OverflowError):
         raise error(what, value, allowed) from None
-    if number != value:
+    if number != value or number < low:
         raise error(what, value, allowed)
     return int(number)
 

@@ -57,7 +57,7 @@ def uniform(
         tendon_offset: holes at the surface points s = ±tendon_offset [mm].
         stiffness: of each tendon [N/mm].
     """
-    n = _count("n", n, 2, "links, the base included")
+    n = as_integer("n", n, "2 or more links, the base included", low=2)
     _check_lengths(height=height, radius=radius, half_width=half_width, tendon_offset=tendon_offset)
     link = _round_link(height, radius, half_width)
     tendons = [Tendon.on_surfaces(s, stiffness=stiffness) for s in (-tendon_offset, tendon_offset)]
@@ -85,8 +85,8 @@ def two_segment(
         half_width: surfaces run over s in [-half_width, half_width] [mm].
         stiffness: of each tendon [N/mm].
     """
-    n_proximal = _count("n_proximal", n_proximal, 1, "moving links")
-    n_distal = _count("n_distal", n_distal, 1, "moving links")
+    n_proximal = as_integer("n_proximal", n_proximal, "1 or more moving links", low=1)
+    n_distal = as_integer("n_distal", n_distal, "1 or more moving links", low=1)
     _check_lengths(height=height, radius=radius, half_width=half_width)
     link = _round_link(height, radius, half_width)
     outer, inner = 0.75 * half_width, 0.5 * half_width
@@ -118,13 +118,6 @@ def _round_link(height: float, radius: float, half_width: float) -> Link:
     parent = Surface(Profile.constant(1.0 / radius, limits), (0.0, -0.5 * height))
     child = Surface(Profile.constant(-1.0 / radius, limits), (0.0, 0.5 * height))
     return Link(parent, child)
-
-
-def _count(name: str, value: int, least: int, what: str) -> int:
-    count = as_integer(name, value, f"{least} or more {what}")
-    if count < least:
-        raise InvalidInput(name, value, f"{least} or more {what}")
-    return count
 
 
 def _check_lengths(**lengths: float) -> None:

@@ -129,6 +129,8 @@ def test_invalid_actions_change_nothing(actions):
     "call",
     [
         lambda: rj_gym.RollingJointVectorEnv(0),
+        lambda: rj_gym.RollingJointVectorEnv("many"),
+        lambda: rj_gym.RollingJointVectorEnv(2, autoreset_mode="never"),
         lambda: rj_gym.RollingJointVectorEnv(2, render_mode="human"),
         lambda: rj_gym.RollingJointVectorEnv(2).reset(seed=[1, 2, 3]),
         lambda: rj_gym.RollingJointVectorEnv(2).reset(options={"reset_mask": np.array([True, False])}),

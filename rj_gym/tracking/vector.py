@@ -21,7 +21,7 @@ from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed
 from rj_gym.tracking.spaces import batch_observation, observation_space
 from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.errors import InvalidInput, as_floats, as_integer
 
 Mask = NDArray[np.bool_]
 Lanes = TypeVar("Lanes", State, Episodes)
@@ -56,17 +56,15 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
     ) -> None:
-        if int(num_envs) != num_envs or num_envs < 1:
-            raise InvalidInput("num_envs", num_envs, "a whole number of lanes, 1 or more")
+        self.num_envs = as_integer("num_envs", num_envs, "a whole number of lanes, 1 or more", low=1)
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         if not isinstance(config, TrackingConfig):
             config = TrackingConfig.from_dict(config or {})
         self.task = TrackingTask(config.updated(overrides))
-        self.num_envs = int(num_envs)
         self.render_mode = render_mode
         self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
         self.single_observation_space = observation_space(self.task, self.goal)
@@ -247,6 +245,14 @@ class RollingJointGoalVectorEnv(RollingJointVectorEnv):
             success = state.errors <= self.config.reward.goal_tolerance_mm
             infos |= masked_info({"is_success": success}, ~fresh)
         return infos
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        allowed = f"an AutoresetMode or one of {', '.join(repr(known.value) for known in AutoresetMode)}"
+        raise InvalidInput("autoreset_mode", mode, allowed) from None
 
 
 def _wound_back(state: State, mask: Mask) -> State:
