@@ -10,10 +10,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numba
 import numpy as np
 
 from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
-from rollingjoint._kernels.arrays import TendonLaw, new_state
+from rollingjoint._jit import standalone
+from rollingjoint._kernels.arrays import TendonLaw, design, new_state
 from rollingjoint._kernels.chain import evaluate, stiffness
 from rollingjoint._kernels.linear import descent_step
 from rollingjoint._kernels.long_chain import fill_generators, long_step, new_sweep
@@ -29,24 +31,39 @@ def solved(n: int) -> tuple[Equilibrium, float]:
     return result, best(lambda: solve_tensions(chain, (5.0, 4.9), loads))
 
 
+@numba.njit(error_model="numpy")
+def dense_steps(count, chain, state, H, free, L, step):  # type: ignore[no-untyped-def]
+    for _ in range(count):
+        stiffness(chain, state, H)
+        descent_step(H, free, state.residual, L, step)
+
+
+@numba.njit(error_model="numpy")
+def sweeping_steps(count, chain, state, sweep, free, step):  # type: ignore[no-untyped-def]
+    for _ in range(count):
+        fill_generators(chain, state, 0.0, sweep)
+        long_step(sweep, free, state.residual, step)
+
+
+@numba.njit(error_model="numpy")
+def evaluated(chain, law, loads, state):  # type: ignore[no-untyped-def]
+    one = design(chain, 0)
+    evaluate(one, law, loads, state)
+    return one
+
+
 def steps(n: int) -> tuple[float, float]:
     """Seconds of one dense and one O(n) Newton step, assembly included."""
     chain = uniform(n)
-    law = TendonLaw(chain.neutral_lengths - 1.0, chain.stiffnesses, np.zeros(2), np.full(2, 20.0))
-    state, H, sweep = new_state(n - 1, 2), np.empty((n - 1, n - 1)), new_sweep(n - 1, 2, False)
-    loads = load_table([WorldForce(-1, (0.5 / n, 0.0))], n)
-    evaluate(chain.arrays, law, loads, np.full(n - 1, 0.3), state)
+    law = TendonLaw(chain.neutral_lengths - 1.0, chain.stiffnesses.copy(), np.zeros(2), np.full(2, 20.0))
+    state, H, sweep = standalone(new_state)(n - 1, 2), np.empty((n - 1, n - 1)), standalone(new_sweep)(n - 1, 2, False)
+    state.angle[:] = chain.joint_angles(np.full(n - 1, 0.3))
+    one = evaluated(chain.arrays, law, load_table([WorldForce(-1, (0.5 / n, 0.0))], n), state)
     free, L, step = np.ones(n - 1, bool), np.empty((n - 1, n - 1)), np.empty(n - 1)
-
-    def dense() -> None:
-        stiffness(chain.arrays, state, H)
-        descent_step(H, free, state.residual, L, step)
-
-    def sweeping() -> None:
-        fill_generators(chain.arrays, state, 0.0, sweep)
-        long_step(sweep, free, state.residual, step)
-
-    return best(dense), best(sweeping)
+    count = 1 + 20000 // n**2
+    dense = best(lambda: dense_steps(count, one, state, H, free, L, step))
+    sweeping = best(lambda: sweeping_steps(count, one, state, sweep, free, step))
+    return dense / count, sweeping / count
 
 
 def best(function: Callable[[], object], runs: int = 15) -> float:
@@ -70,8 +87,8 @@ def main() -> None:
     times = []
     for n in LINKS:
         result, seconds = solved(n)
-        dense, sweeping = steps(n) if n <= 500 else (np.nan, np.nan)
-        ratio = f"{dense / sweeping:.2f}" if n <= 500 else ""
+        dense, sweeping = steps(n) if n <= 100 else (np.nan, np.nan)
+        ratio = f"{dense / sweeping:.2f}" if n <= 100 else ""
         per = 1e6 * seconds / n / max(result.iterations, 1)
         print(f"| {n} | {result.status.name} | {result.iterations} | {1e6 * seconds:.0f} | {per:.2f} | {ratio} |")
         times.append((n, seconds / max(result.iterations, 1)))

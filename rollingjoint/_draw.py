@@ -79,10 +79,10 @@ def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | 
 def draw_contacts(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
     """Contact forces on the distal links at `scale` mm per N, and a ring where a surface ends."""
     forces = contact_forces_world(eq)
-    scale = _nice_scale(np.linalg.norm(forces, axis=1), eq.mechanism.length) if scale is None else scale
+    scale = _nice_scale(np.linalg.norm(forces, axis=1), eq.chain.length) if scale is None else scale
     label = f"contact force ({_scale_text(scale)})"
     for point, force in zip(eq.contact_points, forces, strict=True):
-        _arrow(ax, point, scale * force, eq.mechanism.length, _CONTACT_ARROW, label)
+        _arrow(ax, point, scale * force, eq.chain.length, _CONTACT_ARROW, label)
     ended = ~eq.free_joints
     if ended.any():
         style: dict[str, Any] = {"markersize": 11, "markeredgewidth": 1.8, "markerfacecolor": "none"}
@@ -94,7 +94,7 @@ def contact_forces_world(eq: Equilibrium) -> Array:
     """Contact force on the distal link of every joint, world frame, (n - 1, 2) [N]."""
     angles = [
         pose[2] + link.child.tangent_angle(s)
-        for link, pose, s in zip(eq.mechanism.links, eq.poses, eq.arc_lengths, strict=False)
+        for link, pose, s in zip(eq.chain.links, eq.poses, eq.arc_lengths, strict=False)
     ]
     return np.array([rotation(angle) @ force for angle, force in zip(angles, eq.contact_forces, strict=True)])
 
@@ -102,12 +102,12 @@ def contact_forces_world(eq: Equilibrium) -> Array:
 def draw_loads(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
     """Every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
     scale = arrow_scale([eq]) if scale is None else scale
-    size, label = 0.06 * eq.mechanism.length, f"external force ({_scale_text(scale)})"
+    size, label = 0.06 * eq.chain.length, f"external force ({_scale_text(scale)})"
     for link, px, py, fx, fy, bx, by, moment, stiffness, ax_, ay_ in eq.loads:
         pose = eq.poses[int(link)]
         point = to_world(pose, np.array([px, py]))
         force = np.array([fx, fy]) + rotation(pose[2]) @ np.array([bx, by])
-        _arrow(ax, point, scale * force, eq.mechanism.length, _LOAD_ARROW, label)
+        _arrow(ax, point, scale * force, eq.chain.length, _LOAD_ARROW, label)
         if moment:
             _moment(ax, point, np.sign(moment) * size, f"external moment {moment:.3g} N·mm")
         if stiffness:
@@ -118,7 +118,7 @@ def arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
     """mm of arrow per N for the largest force in any load table."""
     rows = np.concatenate([eq.loads for eq in equilibria])
     forces = np.linalg.norm(rows[:, 3:5], axis=1) + np.linalg.norm(rows[:, 5:7], axis=1)
-    return _nice_scale(forces, max(eq.mechanism.length for eq in equilibria))
+    return _nice_scale(forces, max(eq.chain.length for eq in equilibria))
 
 
 def _nice_scale(forces: Array, length: float) -> float:

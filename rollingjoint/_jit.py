@@ -19,15 +19,22 @@ from typing import Any
 
 import numba
 from numba.core import caching
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys  # type: ignore[attr-defined]
+from numba.core.typed_passes import AnnotateTypes
 
 _PACKAGE = Path(__file__).parent
+_LANGUAGE = ("_jit.py", "_simd.py", "_borrowed.py")  # what kernels are written in
 
 
 @functools.cache
 def _source_hash() -> str:
     """Hash of every source that kernels are compiled from."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in [_PACKAGE / "_jit.py", *sorted((_PACKAGE / "_kernels").glob("*.py"))]:
+    for path in [*(_PACKAGE / name for name in _LANGUAGE), *sorted((_PACKAGE / "_kernels").glob("*.py"))]:
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -54,21 +61,22 @@ def cache_directory() -> Path:
 def _announce() -> None:
     """Tell a person at a terminal, once, what the wait is for."""
     if sys.stderr.isatty():
-        print("rollingjoint: compiling kernels, about half a minute; they are kept for next time", file=sys.stderr)
+        print("rollingjoint: compiling kernels, some seconds; they are kept for next time", file=sys.stderr)
 
 
 class _KernelLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        self._name = Path(py_file).stem
+        self._file = Path(py_file)
 
     def get_cache_path(self) -> str:
         return str(cache_directory())
 
     def get_source_stamp(self) -> str:
-        return _source_hash()
+        """Of the package's kernels and of the kernel's own file, which may be in another package."""
+        return _source_hash() + hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
 
     def get_disambiguator(self) -> str:
-        return self._name
+        return self._file.stem
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _KernelLocator:
@@ -86,9 +94,13 @@ class _KernelCache(caching.FunctionCache):
     _impl_class = _KernelCacheImpl
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Compiled code from disk, or None when there is none that can be read."""
+        """Compiled code from disk, or None when there is none that can be read.
+
+        numba would first import everything that compiling may need, which takes longer than the rest of the start.
+        """
+        rtsys.initialize(target_context)
         with contextlib.suppress(*_UNREADABLE):
-            if (compiled := super().load_overload(sig, target_context)) is not None:
+            if (compiled := self._load_overload(sig, target_context)) is not None:
                 return compiled
         _announce()
         return None
@@ -112,3 +124,93 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     dispatcher = numba.njit(error_model="numpy", **options)(function)
     dispatcher._cache = _KernelCache(function)
     return dispatcher
+
+
+_machine_code: dict[Any, Callable[..., Any]] = {}
+
+
+def machine_code(dispatcher: Any, *examples: Any) -> Callable[..., Any]:
+    """A kernel without numba's look at the type of every argument, which costs as much as a short kernel.
+
+    Arguments must be contiguous and have the types of the examples in every call; nothing checks that.
+    """
+    code = _machine_code.get(dispatcher)
+    if code is None:
+        kinds = tuple(numba.typeof(example) for example in examples)
+        dispatcher.compile(kinds)
+        code = _machine_code[dispatcher] = dispatcher.overloads[kinds].entry_point
+    return code
+
+
+def direct(dispatcher: Any, *arguments: Any) -> Any:
+    """A call of `machine_code`."""
+    return machine_code(dispatcher, *arguments)(*arguments)
+
+
+class _NoEnvironments:
+    @staticmethod
+    def set_env(name: str, environment: Any) -> None:
+        """Leave nothing."""
+
+
+class _PartLibrary(JITCodeLibrary):
+    """Code of a part: it is optimised and turned into machine code once, inside the kernel that calls it."""
+
+    @property
+    def codegen(self) -> Any:
+        """Where numba leaves the Python environment of machine code; a part has none."""
+        return _NoEnvironments
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _UsePartLibrary(LoweringPass):
+    _name = "use_part_library"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        codegen = state.targetctx.codegen()
+        state.library = _PartLibrary(codegen, state.func_id.func_qualname)
+        return True
+
+
+class _PartCompiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_UsePartLibrary, AnnotateTypes)
+        passes.finalize()
+        return [passes]
+
+
+class _Part(CPUDispatcher):
+    def __call__(self, *args: Any) -> Any:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} is a part of kernels; standalone({name}) can be called from Python")
+
+
+def part(function: Callable[..., Any] | None = None, *, inline: bool = False) -> Any:
+    """Compile a function that only kernels call: it is kept inside them, not on disk, and Python cannot call it.
+
+    numba would optimise a function anew in every caller of a caller; parts wait for the kernel that holds them all.
+    `inline`: where the call itself would cost as much as the work.
+    """
+    if function is None:
+        return functools.partial(part, inline=inline)
+    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+    dispatcher: Any = numba.njit(error_model="numpy", forceinline=inline, **options)(function)
+    dispatcher.__class__ = _Part
+    return dispatcher
+
+
+@functools.cache
+def standalone(piece: Any) -> Any:
+    """A part compiled on its own, for tests and measurements from Python; not kept on disk."""
+    return numba.njit(error_model="numpy")(piece.py_func)

@@ -7,15 +7,17 @@ ran.
 from __future__ import annotations
 
 import functools
+import itertools
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-
-import numpy as np
+from queue import SimpleQueue
 
 from rollingjoint.errors import as_integer
 
 _LANES_WORTH_A_THREAD = 64
+
+_Job = tuple[Callable[[int, int], object], int, int, SimpleQueue[BaseException | None]]
 
 _threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -33,15 +35,39 @@ def set_threads(count: int) -> None:
 def run_lanes(work: Callable[[int, int], object], n_lanes: int) -> None:
     """Call work(first, last) on ranges that cover all lanes."""
     count = max(1, min(_threads, n_lanes // _LANES_WORTH_A_THREAD))
-    borders = np.linspace(0, n_lanes, count + 1).astype(int).tolist()
-    pool = _pool(os.getpid(), count) if count > 1 else None
-    waiting = [pool.submit(work, *borders[i : i + 2]) for i in range(count - 1)] if pool else []
-    work(*borders[-2:])
-    for future in waiting:
-        future.result()
+    if count == 1:
+        work(0, n_lanes)
+        return
+    borders = [n_lanes * i // count for i in range(count + 1)]
+    jobs, done = _jobs(os.getpid(), count - 1), SimpleQueue[BaseException | None]()
+    for first, last in itertools.pairwise(borders[:-1]):
+        jobs.put((work, first, last, done))
+    outcomes: list[BaseException | None] = []
+    try:
+        work(*borders[-2:])
+    finally:
+        outcomes = [done.get() for _ in range(count - 1)]
+    for error in outcomes:
+        if error is not None:
+            raise error
 
 
 @functools.cache
-def _pool(process: int, count: int) -> ThreadPoolExecutor:
-    """Threads of this process: a forked one must not wait for those of its parent."""
-    return ThreadPoolExecutor(count - 1, thread_name_prefix="rollingjoint")
+def _jobs(process: int, count: int) -> SimpleQueue[_Job]:
+    """Where threads of this process wait for work; a forked one must not wait for those of its parent."""
+    jobs: SimpleQueue[_Job] = SimpleQueue()
+    for _ in range(count):
+        threading.Thread(target=_labour, args=(jobs,), name="rollingjoint", daemon=True).start()
+    return jobs
+
+
+def _labour(jobs: SimpleQueue[_Job]) -> None:
+    while True:
+        work, first, last, done = jobs.get()
+        try:
+            work(first, last)
+        except BaseException as error:  # it belongs to the caller
+            done.put(error)
+        else:
+            done.put(None)
+        del work, done  # nothing of the caller is kept while this thread waits

@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint._kernels.batch import Results, stiffness_of
-from rollingjoint.errors import SolverError
+from rollingjoint._kernels.batch import stiffness_of
+from rollingjoint._kernels.forward import arc_lengths_of
+from rollingjoint.errors import InvalidInput, SolverError
+from rollingjoint.lanes import Chain, Results, TendonLaw, designs_of, new_results, solve_range
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -52,10 +54,9 @@ class Equilibrium:
     """One equilibrium, or many with a leading axis B on every array.
 
     Attributes:
-        mechanism: the chain that was solved.
+        mechanism: the chain that was solved, or a tuple of them, one per lane.
         loads: load table, (rows, 11), columns load.LOAD_COLUMNS.
         joint_angles: (n - 1,) relative angle of every joint [rad].
-        arc_lengths: (n - 1,) contact point on both surfaces [mm].
         poses: (n, 3) x, y, angle of every link in the base frame [mm, rad].
         contact_points, contact_tangents: (n - 1, 2) contact and unit tangent there, base frame [mm].
         tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
@@ -66,10 +67,9 @@ class Equilibrium:
         iterations: Newton steps. status: Status, or (B,) integers.
     """
 
-    mechanism: RollingChain
+    mechanism: RollingChain | tuple[RollingChain, ...]
     loads: Array
     joint_angles: Array
-    arc_lengths: Array
     poses: Array
     contact_points: Array
     contact_tangents: Array
@@ -83,13 +83,24 @@ class Equilibrium:
     status: Status | NDArray[np.int64]
 
     def __repr__(self) -> str:
-        name = self.mechanism.name
+        name = self.mechanism.name if isinstance(self.mechanism, RollingChain) else "several mechanisms"
         if np.ndim(self.status):
             codes, counts = np.unique(self.status, return_counts=True)
             found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
             return f"<Equilibrium of {name!r}, {len(self.poses)} lanes: {found or 'none'}>"
         x, y = self.tip
         return f"<Equilibrium of {name!r}: {Status(int(self.status)).name}, tip at ({x:.3f}, {y:.3f}) mm>"
+
+    @property
+    def chain(self) -> RollingChain:
+        """The mechanism of every lane.
+
+        Raises:
+            InvalidInput: lanes that have mechanisms of their own.
+        """
+        if isinstance(self.mechanism, RollingChain):
+            return self.mechanism
+        raise InvalidInput("equilibrium", self, "one mechanism", "Take that of a lane: equilibrium.mechanism[lane].")
 
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
@@ -103,28 +114,36 @@ class Equilibrium:
         return self.poses[..., -1, :2]
 
     @cached_property
+    def arc_lengths(self) -> Array:
+        """(n - 1,) contact point on both surfaces [mm]."""
+        return arc_lengths_of(*self._designs, self._lanes(self.joint_angles)).reshape(self.joint_angles.shape)
+
+    @cached_property
     def free_joints(self) -> NDArray[np.bool_]:
         """(n - 1,) False where the contact is at the end of a surface."""
-        low, high = self.mechanism.joint_limits.T
-        return (self.arc_lengths > low + 1e-9) & (self.arc_lengths < high - 1e-9)
+        chain, designs = self._designs
+        low, high = np.moveaxis(chain.joints[designs, :, :2], -1, 0).reshape(2, *self.joint_angles.shape)
+        return (self.joint_angles > low + 1e-12) & (self.joint_angles < high - 1e-12)
 
     @cached_property
     def stiffness(self) -> Array:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
-        n_joints = self.mechanism.n_joints
-        lanes = np.size(self.status)
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = np.where(known[..., None, None], self.loads, 0.0)
-        H = np.empty((*self.joint_angles.shape[:-1], n_joints, n_joints))
-        stiffness_of(
-            self.mechanism.arrays,
-            self.tensions.reshape(lanes, -1),
-            self.tendon_stiffness.reshape(lanes, -1),
-            loads.reshape(lanes, *loads.shape[-2:]),
-            self.arc_lengths.reshape(lanes, n_joints),
-            H.reshape(lanes, n_joints, n_joints),
-        )
-        return H
+        angles = self._lanes(self.joint_angles)
+        H = np.empty((*angles.shape, angles.shape[1]))
+        tendons = self._lanes(self.tensions), self._lanes(self.tendon_stiffness)
+        stiffness_of(*self._designs, *tendons, self._lanes(loads, axes=2), angles, H)
+        return H.reshape(*self.joint_angles.shape, angles.shape[1])
+
+    @cached_property
+    def _designs(self) -> tuple[Chain, NDArray[np.int64]]:
+        """The arrays of the mechanisms, and which of them each lane has."""
+        return designs_of(self.mechanism, np.size(self.status))
+
+    def _lanes(self, values: Array, axes: int = 1) -> Array:
+        """A copy with a leading axis of lanes, in the form that kernels are compiled for."""
+        return np.array(values, float, order="C").reshape(np.size(self.status), *values.shape[values.ndim - axes :])
 
     @cached_property
     def smallest_eigenvalue(self) -> float | Array:
@@ -161,30 +180,29 @@ class Equilibrium:
 
 
 _FAR = 1e15  # eigenvalue given to joints that are held
+_FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
-def pack(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
-    """The equilibria in the results of the kernels, or the one in a single lane of them."""
-    one = np.ndim(results.status) == 0
-    return Equilibrium(
-        mechanism=mechanism,
-        loads=table,
-        joint_angles=results.joint_angles,
-        arc_lengths=results.arc_lengths,
-        poses=results.poses,
-        contact_points=results.contacts[..., :2],
-        contact_tangents=results.contacts[..., 2:],
-        tensions=results.tensions,
-        lengths=results.lengths,
-        tendon_rates=results.rates,
-        tendon_stiffness=results.elastic,
-        contact_forces=results.contact_forces,
-        residual=float(results.residual) if one else results.residual,
-        iterations=int(results.iterations) if one else results.iterations,
-        status=Status(int(results.status)) if one else results.status,
-    )
+def pack(mechanism: RollingChain | tuple[RollingChain, ...], table: Array, results: Results) -> Equilibrium:
+    """The equilibria in the results of the kernels."""
+    angles, poses, contacts, tensions, lengths, rates, elastic, forces, residual, iterations, status = results
+    points, tangents = contacts[..., :2], contacts[..., 2:]
+    solved = (angles, poses, points, tangents, tensions, lengths, rates, elastic, forces, residual, iterations, status)
+    return Equilibrium(mechanism, table, *solved)
 
 
-def pack_one(mechanism: RollingChain, table: Array, results: Results) -> Equilibrium:
-    """The single lane of results, without its leading axis."""
-    return pack(mechanism, table, Results(*(array[0] for array in results)))
+def solve_lane(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
+    """The equilibrium of one mechanism; nothing is checked here.
+
+    Args:
+        mechanism: the chain.
+        law: tendon law, (m,) each.
+        table: load table, (rows, 11).
+        start: joint angles, (n - 1,) [rad].
+    """
+    results = new_results(1, len(start), len(law.command))
+    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
+    solve_range(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
+    *arrays, residual, iterations, status = results
+    numbers = residual.item(), iterations.item(), Status(status.item())
+    return pack(mechanism, table, Results._make([*[array[0] for array in arrays], *numbers]))

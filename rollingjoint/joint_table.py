@@ -1,11 +1,12 @@
-"""A joint's geometry over arc length: validity, and the polynomial table that kernels evaluate.
+"""A joint's geometry over its angle: validity, and the polynomial table that kernels evaluate.
 
-Cells are aligned with the curvature breakpoints of both surfaces and halved until degree-11 polynomials in each cell
+Cells are aligned with the curvature breakpoints of both surfaces and halved until polynomials of degree 7 in each cell
 reproduce the exact surfaces to 2e-12 mm.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import NamedTuple
 
@@ -13,14 +14,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from rollingjoint._kernels.arrays import N_COEFFICIENTS, PHI
+from rollingjoint._kernels.arrays import BUCKETS, N_COEFFICIENTS
 from rollingjoint.errors import MechanismError
-from rollingjoint.profile import Surface
+from rollingjoint.profile import Profile, Surface
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 2e-12  # mm and rad
-_SMALLEST_CELL = 1e-3  # mm
+_POLE_TOLERANCE = 1e-10  # of the contact's rate e / kappa, relative: only the stiffness depends on it
+_LARGEST_CELL = 4.0  # mm; what a first fit is tried on
+_SMALLEST_CELL = 1e-5  # mm
+_ANGLE_ROUNDING = 2e-15  # rad; over the relative curvature it is the rounding of a contact's place
 _NODES = np.cos(np.pi * (np.arange(N_COEFFICIENTS) + 0.5) / N_COEFFICIENTS)
 _PROBES = np.cos(np.pi * np.arange(N_COEFFICIENTS + 1) / N_COEFFICIENTS)
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_NODES, N_COEFFICIENTS - 1))
@@ -31,10 +35,11 @@ _PROBE_POWERS = np.vander(_PROBES, N_COEFFICIENTS, increasing=True)
 
 
 class JointTable(NamedTuple):
-    """Cells of one joint: borders (s and phi at both ends) and coefficients (cells, 12, 5) of phi and both points."""
+    """Cells of one joint in the order of its angle; columns as in _kernels.arrays.Chain."""
 
-    cells: Array
-    coefficients: Array
+    cells: Array  # (cells, 4)
+    coefficients: Array  # (cells, 8, 8)
+    arc_coefficients: Array  # (cells, 8)
 
 
 def common_range(child: Surface, parent: Surface) -> tuple[float, float]:
@@ -43,27 +48,66 @@ def common_range(child: Surface, parent: Surface) -> tuple[float, float]:
 
 
 def tabulate(child: Surface, parent: Surface) -> JointTable:
-    """The table of the joint where `parent` (distal link) rolls on `child` (proximal link)."""
-    borders = _borders(child, parent)
-    pending = list(itertools.pairwise(borders))
+    """The table of the joint where `parent` (distal link) rolls on `child` (proximal link).
+
+    Every tabulated function is linear in those of the same two profiles placed at the origins of their links, which are
+    kept: only new profiles cost a fit.
+
+    Raises:
+        MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch.
+    """
+    cells, coefficients, arcs = _tabulate_profiles(child.profile, parent.profile)
+    turn = child.angle - parent.angle
+    (cos, sin), (c, s) = _direction(turn), _direction(child.angle)
+    x, y = parent.start
+    placed = np.zeros((8, 8))
+    placed[0:2, 0:2] = [[cos, -sin], [sin, cos]]
+    for row in (2, 4, 6):
+        placed[row : row + 2, row : row + 2] = [[c, -s], [s, c]]
+    placed[4:6, 0:2] = [[sin * y - cos * x, cos * y + sin * x], [-sin * x - cos * y, sin * y - cos * x]]
+    moved = coefficients @ placed.T
+    moved[:, 0, 2:4] += child.start
+    moved[:, 0, 4:6] += child.start
+    return JointTable(cells + np.array([turn, turn, turn, 0.0]), moved, arcs)
+
+
+def _direction(angle: float) -> tuple[float, float]:
+    return float(np.cos(angle)), float(np.sin(angle))
+
+
+@functools.lru_cache(maxsize=256)
+def _tabulate_profiles(child_profile: Profile, parent_profile: Profile) -> JointTable:
+    """The table of two profiles that begin at the origins of their links, along the x axis."""
+    child, parent = (Surface(profile, (0.0, 0.0), 0.0) for profile in (child_profile, parent_profile))
+    pending = [
+        (lo, hi)
+        for low, high in itertools.pairwise(_borders(child, parent))
+        for lo, hi in itertools.pairwise(np.linspace(low, high, 1 + int(np.ceil((high - low) / _LARGEST_CELL))))
+    ]
     done: list[tuple[float, float, Array]] = []
     while pending:
         low, high = (np.array(side) for side in zip(*pending, strict=True))
-        coefficients, error = _fit(child, parent, low, high)
+        coefficients, good = _fit(child, parent, low, high)
         pending = []
-        for lo, hi, cell, miss in zip(low, high, coefficients, error, strict=True):
-            if miss <= _TOLERANCE or hi - lo < _SMALLEST_CELL:
+        for lo, hi, cell, fits in zip(low, high, coefficients, good, strict=True):
+            if fits or hi - lo < _SMALLEST_CELL:
                 done.append((lo, hi, cell))
             else:
                 middle = 0.5 * (lo + hi)
                 pending += [(lo, middle), (middle, hi)]
-    done.sort(key=lambda cell: cell[0])
-    s = np.array([(lo, hi) for lo, hi, _ in done])
-    phi = child.tangent_angle(s) - parent.tangent_angle(s)
+    done.sort(key=lambda cell: -cell[0])  # the angle falls as s grows
+    high_s, low_s = np.array([(hi, lo) for lo, hi, _ in done]).T
+    low, high = _angle(child, parent, high_s), _angle(child, parent, low_s)
     coefficients = np.stack([cell for _, _, cell in done])
-    degree = max(surface.profile.coefficients.shape[1] for surface in (child, parent))
-    coefficients[:, degree + 1 :, PHI] = 0.0  # the angle is a polynomial of that degree; what the fit adds is rounding
-    return JointTable(np.concatenate([s, phi], axis=1), coefficients)
+    cells = np.stack([low, high, 0.5 * (low + high), 2.0 / (high - low)], axis=1)
+    return JointTable(cells, coefficients[..., :8], coefficients[..., 8])
+
+
+def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
+    """Equal buckets over a joint's angles: how many per radian, and the first cell of each, then the last cell."""
+    low, high = cells[0, 0], cells[-1, 1]
+    edges = low + (high - low) * (np.arange(BUCKETS + 1) - 1e-9) / BUCKETS  # a little low, for rounding in the lookup
+    return float(BUCKETS / (high - low)), np.searchsorted(cells[:-1, 1], edges, side="right")
 
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:
@@ -120,17 +164,59 @@ def _extremes(child: Surface, parent: Surface, low: float, high: float) -> Array
     return np.concatenate([[low], np.sort(stationary[(stationary > low) & (stationary < high)]), [high]])
 
 
-def _fit(child: Surface, parent: Surface, low: Array, high: Array) -> tuple[Array, Array]:
-    """Polynomials through Chebyshev nodes of every cell, (cells, 12, 5), and their largest error, (cells,)."""
-    series = np.einsum("kn,cnq->ckq", _TO_CHEBYSHEV, _functions(child, parent, low, high, _NODES))
-    coefficients = np.einsum("kn,cnq->ckq", _TO_POWERS, series)  # two steps: the high terms are small only in the first
-    exact = _functions(child, parent, low, high, _PROBES)
-    return coefficients, np.abs(np.einsum("pk,ckq->cpq", _PROBE_POWERS, coefficients) - exact).max(axis=(1, 2))
+def _fit(child: Surface, parent: Surface, low: Array, high: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Polynomials through Chebyshev nodes of every cell, (cells, 8, 9), and whether they are near enough, (cells,)."""
+    values = _functions(child, parent, low, high, np.concatenate([_NODES, _PROBES]))
+    at_nodes, exact = values[:, : len(_NODES)], values[:, len(_NODES) :]
+    coefficients = _TO_POWERS @ (_TO_CHEBYSHEV @ at_nodes)  # two steps: the high terms are small only in the first
+    error = np.abs(_PROBE_POWERS @ coefficients - exact)
+    pole = np.abs(exact[..., 6:8]).max(axis=(1, 2))
+    shape = np.delete(error, (6, 7), axis=-1).max(axis=(1, 2))
+    place = shape <= _TOLERANCE + _ANGLE_ROUNDING * pole
+    return coefficients, place & (error[..., 6:8].max(axis=(1, 2)) <= _POLE_TOLERANCE * (1 + pole))
 
 
 def _functions(child: Surface, parent: Surface, low: Array, high: Array, u: Array) -> Array:
-    """phi, child point and parent point at cell coordinates u, (cells, len(u), 5)."""
-    s = 0.5 * ((low + high)[:, None] + (high - low)[:, None] * u)
-    s = np.clip(s, low[:, None], high[:, None])
-    phi = child.tangent_angle(s) - parent.tangent_angle(s)
-    return np.concatenate([phi[..., None], child.point(s), parent.point(s)], axis=-1)
+    """The tabulated functions at cell coordinates u of the angle, (cells, len(u), 9).
+
+    cos and sin of the angle; contact point and origin of the distal link in the proximal link's frame; rate of the
+    contact point; arc length.
+    """
+    top, bottom = _angle(child, parent, low)[:, None], _angle(child, parent, high)[:, None]
+    if not np.all(bottom < top):
+        worst = int(np.argmax(bottom - top))
+        raise MechanismError(
+            f"relative curvature between s = {low[worst]:.4g} and {high[worst]:.4g} mm",
+            float((child.curvature(low[worst : worst + 1]) - parent.curvature(low[worst : worst + 1]))[0]),
+            "clearly below 0: here the joint angle does not resolve where the surfaces touch",
+            "Make the child surface more convex (u more negative), or narrow the limits.",
+        )
+    phi = 0.5 * (bottom + top) + 0.5 * (top - bottom) * u
+    s = _arc_length(child, parent, phi, low[:, None], high[:, None])
+    cos, sin = np.cos(phi), np.sin(phi)
+    contact, arm = child.point(s), parent.point(s)
+    origin_x = contact[..., 0] - (cos * arm[..., 0] - sin * arm[..., 1])
+    origin_y = contact[..., 1] - (sin * arm[..., 0] + cos * arm[..., 1])
+    theta, kappa = child.tangent_angle(s), child.curvature(s) - parent.curvature(s)
+    rate = [np.cos(theta) / kappa, np.sin(theta) / kappa]
+    return np.stack([cos, sin, contact[..., 0], contact[..., 1], origin_x, origin_y, *rate, s], axis=-1)
+
+
+def _angle(child: Surface, parent: Surface, s: Array) -> Array:
+    return child.tangent_angle(s) - parent.tangent_angle(s)
+
+
+def _arc_length(child: Surface, parent: Surface, phi: Array, low: Array, high: Array) -> Array:
+    """s where the joint angle is phi, between low and high: Newton's method within a shrinking bracket."""
+    last = np.nextafter(high, low)  # a curvature break at the upper border belongs to the next cell
+    low, high = np.broadcast_to(low, phi.shape).copy(), np.broadcast_to(high, phi.shape).copy()
+    s = 0.5 * (low + high)
+    for _ in range(60):
+        error = _angle(child, parent, s) - phi
+        found = np.abs(error) <= _ANGLE_ROUNDING * (1 + np.abs(phi))
+        if found.all():
+            break
+        low, high = np.where(error > 0, s, low), np.where(error > 0, high, s)
+        newton = np.clip(s - error / (child.curvature(s) - parent.curvature(s)), low, high)
+        s = np.where(found | (newton != s), newton, 0.5 * (low + high))
+    return np.minimum(s, last)

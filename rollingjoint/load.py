@@ -68,7 +68,7 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
     Raises:
         InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
-    if isinstance(loads, Load) or not isinstance(loads, Iterable):
+    if not isinstance(loads, list | tuple) and (isinstance(loads, Load) or not isinstance(loads, Iterable)):
         raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
     rows = [row for load in loads for row in _rows(load, n_links)]
     return np.array(rows, dtype=float).reshape(len(rows), len(LOAD_COLUMNS))
@@ -77,11 +77,11 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
 def _rows(load: Load, n_links: int) -> list[list[float]]:
     match load:
         case WorldForce():
-            return [_row(load.link, n_links, point=load.point, world=load.force, moment=load.moment)]
+            return [_row(load, n_links, world=_pair("load force", load.force), moment=load.moment)]
         case BodyWrench():
-            return [_row(load.link, n_links, point=load.point, body=load.force, moment=load.moment)]
+            return [_row(load, n_links, body=_pair("load force", load.force), moment=load.moment)]
         case Spring():
-            return [_row(load.link, n_links, point=load.point, spring=load.stiffness, anchor=load.anchor)]
+            return [_row(load, n_links, spring=load.stiffness, anchor=_pair("spring anchor", load.anchor))]
         case Gravity():
             return _gravity_rows(load, n_links)
     raise InvalidInput("load", load, "WorldForce, BodyWrench, Spring or Gravity")
@@ -97,32 +97,26 @@ def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
     norm = float(np.hypot(dx, dy))
     if norm == 0:
         raise InvalidInput("Gravity direction", load.direction, "a direction other than (0, 0)")
+    forces = [(weight * dx / norm, weight * dy / norm) for weight in weights]
+    acting = zip(forces, points, strict=True)
     return [
-        _row(link, n_links, point=point, world=(weight * dx / norm, weight * dy / norm))
-        for link, (weight, point) in enumerate(zip(weights, points, strict=True))
+        _row(WorldForce(link, force, point=point), n_links, world=force) for link, (force, point) in enumerate(acting)
     ]
 
 
 def _row(
-    link: int,
+    load: WorldForce | BodyWrench | Spring,
     n_links: int,
     *,
-    point: Pair,
     world: Pair = (0.0, 0.0),
     body: Pair = (0.0, 0.0),
     moment: float = 0.0,
     spring: float = 0.0,
     anchor: Pair = (0.0, 0.0),
 ) -> list[float]:
-    return [
-        link_index(link, n_links),
-        *_pair("load point", point),
-        *_pair("load force", world),
-        *_pair("load force", body),
-        _number("load moment", moment),
-        _number("spring stiffness", spring),
-        *_pair("spring anchor", anchor),
-    ]
+    point = _pair("load point", load.point)
+    numbers = _number("load moment", moment), _number("spring stiffness", spring)
+    return [link_index(load.link, n_links), *point, *world, *body, *numbers, *anchor]
 
 
 def link_index(link: int, n_links: int) -> int:
@@ -131,6 +125,8 @@ def link_index(link: int, n_links: int) -> int:
     Raises:
         InvalidInput: a link that does not exist.
     """
+    if type(link) is int and -n_links <= link < n_links:
+        return link % n_links
     allowed = f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}"
     index = as_integer("link", link, allowed)
     if not -n_links <= index < n_links:

@@ -63,7 +63,7 @@ def plot_mechanism(
         InvalidInput: a batch of equilibria.
     """
     equilibrium = mechanism if isinstance(mechanism, Equilibrium) else None
-    chain = mechanism.mechanism if isinstance(mechanism, Equilibrium) else mechanism
+    chain = mechanism.chain if isinstance(mechanism, Equilibrium) else mechanism
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     if poses.ndim != 2:
         raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve lanes one by one.")
@@ -112,7 +112,7 @@ def plot_family(
     scale = arrow_scale(equilibria)
     drawn: list[RollingChain] = []
     for eq, label, color in zip(equilibria, labels, colors, strict=True):
-        chain = eq.mechanism
+        chain = eq.chain
         draw_links(ax, chain, eq.poses, color, label, base=False)
         if not any(chain is other for other in drawn):
             draw_link(ax, chain.links[0], eq.poses[0], LINK_COLOR, BASE_ALPHA)

@@ -32,7 +32,7 @@ def title(mechanism: RollingChain | Equilibrium) -> str:
     """Name of the mechanism, and the status if it is not simply converged."""
     if isinstance(mechanism, RollingChain):
         return mechanism.name
-    name, status = mechanism.mechanism.name, Status(int(mechanism.status))
+    name, status = mechanism.chain.name, Status(int(mechanism.status))
     return name if status == Status.CONVERGED else f"{name}: {status.name}"
 
 
@@ -41,7 +41,7 @@ def as_table(eq: Equilibrium, friction: float = 0.3) -> str:
     degrees = 180.0 / math.pi
     links = [(i, x, y, angle, angle * degrees) for i, (x, y, angle) in enumerate(eq.poses)]
     joints = zip(
-        range(eq.mechanism.n_joints),
+        range(eq.chain.n_joints),
         eq.arc_lengths,
         eq.joint_angles,
         eq.contact_forces[:, 1],
@@ -49,7 +49,7 @@ def as_table(eq: Equilibrium, friction: float = 0.3) -> str:
         eq.slip_margins(friction),
         strict=True,
     )
-    tendons = zip(range(eq.mechanism.n_tendons), eq.tensions, eq.lengths, strict=True)
+    tendons = zip(range(eq.chain.n_tendons), eq.tensions, eq.lengths, strict=True)
     blocks = (
         _columns(("link", "x [mm]", "y [mm]", "angle [rad]", "angle [deg]"), links, (4, 4, 6, 3)),
         _columns(
@@ -71,7 +71,7 @@ def as_dict(eq: Equilibrium, friction: float = 0.3) -> dict[str, Any]:
     """The same as plain dicts, lists and numbers."""
     slip, status = eq.slip_margins(friction), Status(int(eq.status))
     return {
-        "mechanism": eq.mechanism.name,
+        "mechanism": eq.chain.name,
         "status": status.name,
         "message": status.message,
         "usable": bool(eq.ok),
@@ -93,11 +93,11 @@ def as_dict(eq: Equilibrium, friction: float = 0.3) -> dict[str, Any]:
                 "tangential_N": float(eq.contact_forces[i, 0]),
                 "slip_margin_N": float(slip[i]),
             }
-            for i in range(eq.mechanism.n_joints)
+            for i in range(eq.chain.n_joints)
         ],
         "tendons": [
             {"tendon": j, "tension_N": float(eq.tensions[j]), "length_mm": float(eq.lengths[j])}
-            for j in range(eq.mechanism.n_tendons)
+            for j in range(eq.chain.n_tendons)
         ],
     }
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint import joint_table
-from rollingjoint._kernels.arrays import PHI, Chain
-from rollingjoint._kernels.forward import arc_lengths_of, joint_angles_of, poses_of
+from rollingjoint._kernels.arrays import BUCKETS, Chain, aligned
+from rollingjoint._kernels.forward import arc_lengths_of, poses_of
 from rollingjoint.errors import InvalidInput, MechanismError, as_floats
 from rollingjoint.profile import Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
@@ -107,27 +107,25 @@ class RollingChain:
 
     @cached_property
     def arrays(self) -> Chain:
-        """Tables for the kernels."""
+        """Tables for the kernels, a stack of one design."""
         pairs = zip(self.links[:-1], self.links[1:], strict=True)
         tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
         n_joints, n_tendons = self.n_joints, self.n_tendons
-        child, parent = np.zeros((n_joints, n_tendons, 2)), np.zeros((n_joints, n_tendons, 2))
-        joints, channels = np.zeros(n_tendons, np.int64), np.zeros(n_tendons)
-        for j, holes in enumerate(self.hole_points):
-            joints[j] = len(holes) - 1
-            child[: joints[j], j], parent[: joints[j], j] = holes[:-1, 1], holes[1:, 0]
-            channels[j] = np.linalg.norm(holes[:, 1] - holes[:, 0], axis=1).sum()
-        coefficients = np.concatenate([table.coefficients for table in tables])
-        return Chain(
-            np.cumsum([0] + [len(table.cells) for table in tables]),
-            np.concatenate([table.cells for table in tables]),
-            coefficients,
-            1 + int(np.flatnonzero(coefficients[:, :, PHI].any(axis=0)).max()),
-            child,
-            parent,
-            joints,
-            channels,
-        )
+        joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKETS + 1), np.int64)
+        before = 0
+        for i, table in enumerate(tables):
+            per_radian, first = joint_table.buckets(table.cells)
+            joints[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
+            buckets[i] = before + first
+            before += len(table.cells)
+        holes, channels = np.zeros((n_joints, n_tendons, 4)), np.zeros(n_tendons)
+        crossed = np.zeros(n_tendons, np.int64)
+        for j, points in enumerate(self.hole_points):
+            crossed[j] = len(points) - 1
+            holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
+            channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
+        cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
+        return Chain(joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed)
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:
@@ -158,12 +156,17 @@ class RollingChain:
         low, high = self.joint_limits.T
         if not np.all((s >= low - 1e-12) & (s <= high + 1e-12)):
             raise InvalidInput("arc lengths", s, f"values between {low} and {high} mm, the surface limits")
-        return joint_angles_of(self.arrays, s.reshape(-1, self.n_joints)).reshape(s.shape)
+        pairs = zip(self.links[:-1], self.links[1:], np.moveaxis(s, -1, 0), strict=True)
+        return np.stack(
+            [below.child.tangent_angle(at) - above.parent.tangent_angle(at) for below, above, at in pairs], -1
+        )
 
     def arc_lengths(self, joint_angles: ArrayLike) -> Array:
         """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
         phi = self._per_joint("joint angles", joint_angles)
-        return arc_lengths_of(self.arrays, phi.reshape(-1, self.n_joints)).reshape(phi.shape)
+        return arc_lengths_of(self.arrays, np.zeros(phi.size, np.int64), phi.reshape(-1, self.n_joints)).reshape(
+            phi.shape
+        )
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""

@@ -65,7 +65,7 @@ def dposes_dload(equilibrium: Equilibrium, link: int, point: tuple[float, float]
         SolverError: when the equilibrium is not stable.
         InvalidInput: a link that does not exist.
     """
-    link = link_index(link, equilibrium.mechanism.n_links)
+    link = link_index(link, equilibrium.poses.shape[-2])
     pose = equilibrium.poses[..., link, :]
     cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     where = pose[..., :2] + np.stack([cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]], axis=-1)
@@ -87,13 +87,22 @@ def _dangles_dlengths(equilibrium: Equilibrium) -> Array:
     )
 
 
-def _respond(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array:
-    """Change of the joint angles under joint torques (n - 1, k), joints at a limit held."""
-    free = equilibrium.require().free_joints
+def joint_response(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array:
+    """Change of the joint angles under joint torques, (n - 1, k) both [rad, N·mm], joints at a limit held.
+
+    Raises:
+        numpy.linalg.LinAlgError: the stiffness of the free joints is singular.
+    """
+    free = equilibrium.free_joints
     both = free[..., :, None] & free[..., None, :]
     held = np.where(both, stiffness, 0.0) + np.eye(free.shape[-1]) * ~free[..., None, :]
+    return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)
+
+
+def _respond(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array:
+    """joint_response of a stable equilibrium."""
     try:
-        return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)
+        return joint_response(equilibrium.require(), stiffness, torque)
     except np.linalg.LinAlgError:
         raise InvalidInput(
             "equilibrium",
@@ -106,7 +115,7 @@ def _respond(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array
 def _dposes(equilibrium: Equilibrium, dangles: Array) -> Array:
     """Chain d joint angles (n - 1, k) to d link poses (n, 3, k)."""
     arm = equilibrium.poses[..., :, None, :2] - equilibrium.contact_points[..., None, :, :]
-    n = equilibrium.mechanism.n_links
+    n = equilibrium.poses.shape[-2]
     moves = np.tri(n, n - 1, -1)  # joint i moves link k > i
     jacobian = np.stack([-arm[..., 1] * moves, arm[..., 0] * moves, np.broadcast_to(moves, arm.shape[:-1])], axis=-2)
     return jacobian @ dangles[..., None, :, :]

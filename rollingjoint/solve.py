@@ -1,24 +1,25 @@
-"""The solvers: equilibria under given tendon tensions or given tendon lengths, one or many."""
+"""The solvers: equilibria under given tendon tensions or given tendon lengths, one or many, and what may enter them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint._kernels.arrays import TendonLaw
-from rollingjoint._kernels.batch import new_results, solve_lanes
-from rollingjoint._kernels.least_squares import solve_least_squares
 from rollingjoint._threads import run_lanes
-from rollingjoint.equilibrium import Equilibrium, pack, pack_one
+from rollingjoint.equilibrium import Equilibrium, pack, solve_lane
 from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.lanes import Chain, TendonLaw, designs_of, distinct, new_results, solve_range
+from rollingjoint.least_squares import solve_least_squares
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
 
 Start = ArrayLike | Equilibrium | None
+Mechanisms = RollingChain | Sequence[RollingChain]
 
 
 def solve_tensions(
@@ -39,7 +40,7 @@ def solve_tensions(
     """
     tau = _vector("tensions", tensions, _checked(mechanism).n_tendons, "one per tendon")
     law = TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau)
-    return _solve_one(mechanism, law, load_table(loads, mechanism.n_links), _start(mechanism, start))
+    return solve_lane(mechanism, law, load_table(loads, mechanism.n_links), _start(mechanism, start))
 
 
 def solve_lengths(
@@ -70,39 +71,36 @@ def solve_lengths(
     """
     command = _vector("lengths", lengths, _checked(mechanism).n_tendons, "one per tendon")
     low, high = _tension_limits(tension_limits, mechanism.n_tendons)
-    law = TendonLaw(command, mechanism.stiffnesses.copy(), low, high)
     table, phi = load_table(loads, mechanism.n_links), _start(mechanism, start)
     if method == "elastic":
-        return _solve_one(mechanism, law, table, phi)
+        return solve_lane(mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi)
     if method == "least_squares":
-        results = new_results(1, mechanism.n_joints, mechanism.n_tendons)
-        solve_least_squares(mechanism.arrays, law, table, phi, results)
-        return pack_one(mechanism, table, results)
+        return solve_least_squares(mechanism, command, low, high, table, phi)
     raise InvalidInput("method", method, '"elastic" or "least_squares"')
 
 
 def solve_tensions_batch(
-    mechanism: RollingChain, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: Start = None
+    mechanism: Mechanisms, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: Start = None
 ) -> Equilibrium:
     """Equilibria under given tensions, lane by lane.
 
     Args:
-        mechanism: the chain.
+        mechanism: the chain, or one per lane, each with as many links, tendons and crossed joints as the others.
         tensions: (B, m) [N].
         loads: loads shared by all lanes, or a table (B, rows, 11) with columns load.LOAD_COLUMNS.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0.
     Returns:
-        Equilibrium whose arrays have a leading axis B.
+        Equilibrium whose arrays have a leading axis B; each lane is the single solve to the last bit.
     Raises:
-        InvalidInput: wrong shapes or types.
+        InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
     """
-    tau = _lanes("tensions", tensions, _checked(mechanism).n_tendons)
-    laws = TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau)
-    return _solve_many(mechanism, laws, loads, starts)
+    batch = _Batch.of(mechanism, "tensions", tensions)
+    tau = batch.inputs
+    return batch.solve(TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau), loads, starts)
 
 
 def solve_lengths_batch(
-    mechanism: RollingChain,
+    mechanism: Mechanisms,
     lengths: ArrayLike,
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
@@ -111,20 +109,21 @@ def solve_lengths_batch(
     """Equilibria under given lengths (elastic tendons), lane by lane.
 
     Args:
-        mechanism: the chain.
+        mechanism: the chain, or one per lane, each with as many links, tendons and crossed joints as the others.
         lengths: (B, m) unstretched lengths [mm].
         loads: loads shared by all lanes, or a table (B, rows, 11) with columns load.LOAD_COLUMNS.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0.
         tension_limits: lowest and highest tension, numbers or (m,) [N].
     Returns:
-        Equilibrium whose arrays have a leading axis B.
+        Equilibrium whose arrays have a leading axis B; each lane is the single solve to the last bit.
     Raises:
-        InvalidInput: wrong shapes or types.
+        InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
     """
-    command = _lanes("lengths", lengths, _checked(mechanism).n_tendons)
-    low, high = _tension_limits(tension_limits, mechanism.n_tendons)
-    shared = (_every_lane(values, len(command)) for values in (mechanism.stiffnesses, low, high))
-    return _solve_many(mechanism, TendonLaw(command, *shared), loads, starts)
+    batch = _Batch.of(mechanism, "lengths", lengths)
+    limits = _tension_limits(tension_limits, batch.inputs.shape[1])
+    low, high = (_every_lane(side, len(batch.inputs)) for side in limits)
+    stiffnesses = batch.per_lane([chain.stiffnesses for chain in batch.chains])
+    return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts)
 
 
 def _checked(mechanism: RollingChain) -> RollingChain:
@@ -133,32 +132,68 @@ def _checked(mechanism: RollingChain) -> RollingChain:
     return mechanism
 
 
-def _solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, phi: Array) -> Equilibrium:
-    results = new_results(1, mechanism.n_joints, mechanism.n_tendons)
-    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    solve_lanes(mechanism.arrays, laws, table[None], phi[None], results, 0, 1)
-    return pack_one(mechanism, table, results)
+@dataclass(frozen=True)
+class _Batch:
+    """Lanes that are solved in one call: the inputs of each, (B, m), and its mechanism."""
+
+    mechanism: RollingChain | tuple[RollingChain, ...]
+    chains: tuple[RollingChain, ...]  # the different ones
+    arrays: Chain
+    designs: NDArray[np.int64]
+    inputs: Array
+
+    @classmethod
+    def of(cls, mechanism: Mechanisms, what: str, inputs: ArrayLike) -> _Batch:
+        """The batch, checked."""
+        every = mechanism if isinstance(mechanism, RollingChain) else _mechanisms(mechanism)
+        chains = distinct(every)
+        array = _lanes(what, inputs, chains[0].n_tendons)
+        return cls(every, chains, *designs_of(every, len(array)), array)
+
+    def per_lane(self, values: Sequence[Array]) -> Array:
+        """What each different mechanism has, for every lane, (B, ...)."""
+        return np.take(values, self.designs, axis=0)
+
+    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start) -> Equilibrium:
+        n_lanes, chain = len(self.inputs), self.chains[0]
+        table, phi = _tables(loads, n_lanes, chain.n_links), self._starts(starts)
+        results = new_results(n_lanes, chain.n_joints, chain.n_tendons)
+
+        def work(first: int, last: int) -> None:
+            solve_range(self.arrays, self.designs, laws, table, phi, results, first, last)
+
+        run_lanes(work, n_lanes)
+        return pack(self.mechanism, table, results)
+
+    def _starts(self, starts: Start) -> Array:
+        if starts is None:
+            return self.per_lane([chain.neutral_angles for chain in self.chains])
+        angles = starts.joint_angles if isinstance(starts, Equilibrium) else starts
+        phi = _lanes("starts", angles, self.chains[0].n_joints)
+        if len(phi) != len(self.inputs):
+            raise InvalidInput("number of starts", len(phi), f"{len(self.inputs)}, one per lane")
+        return phi
 
 
-def _solve_many(mechanism: RollingChain, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start) -> Equilibrium:
-    n_lanes, n_joints = len(laws.command), mechanism.n_joints
-    if isinstance(loads, np.ndarray):
-        if loads.ndim != 3 or loads.shape[0] != n_lanes or loads.shape[2] != len(LOAD_COLUMNS):
-            raise InvalidInput("shape of the load table", loads.shape, f"({n_lanes}, rows, {len(LOAD_COLUMNS)})")
-        table = as_floats("load table", loads, "numbers")
-        _check_links(table, mechanism.n_links)
-    else:
-        table = _every_lane(load_table(loads, mechanism.n_links), n_lanes)
-    if starts is None:
-        phi = _every_lane(mechanism.neutral_angles, n_lanes)
-    else:
-        phi = _lanes("starts", starts.joint_angles if isinstance(starts, Equilibrium) else starts, n_joints)
-        if len(phi) != n_lanes:
-            raise InvalidInput("number of starts", len(phi), f"{n_lanes}, one per lane")
-    results = new_results(n_lanes, n_joints, mechanism.n_tendons)
-    arrays = mechanism.arrays
-    run_lanes(lambda first, last: solve_lanes(arrays, laws, table, phi, results, first, last), n_lanes)
-    return pack(mechanism, table, results)
+def _mechanisms(mechanisms: Iterable[RollingChain]) -> tuple[RollingChain, ...]:
+    allowed = "a RollingChain, or a list of at least one"
+    chains = tuple(mechanisms) if isinstance(mechanisms, Iterable) else ()
+    if not chains or not all(isinstance(chain, RollingChain) for chain in chains):
+        raise InvalidInput("mechanism", mechanisms, allowed, "rollingjoint.preset(name) makes a named one.")
+    return chains
+
+
+def _tables(loads: Sequence[Load] | Array, n_lanes: int, n_links: int) -> Array:
+    """Load tables of all lanes, (B, rows, 11)."""
+    if not isinstance(loads, np.ndarray):
+        return _every_lane(load_table(loads, n_links), n_lanes)
+    if loads.ndim != 3 or loads.shape[0] != n_lanes or loads.shape[2] != len(LOAD_COLUMNS):
+        raise InvalidInput("shape of the load table", loads.shape, f"({n_lanes}, rows, {len(LOAD_COLUMNS)})")
+    tables = as_floats("load table", loads, "numbers")
+    links = tables[..., 0]
+    if not np.all((links >= 0) & (links < n_links) & (links == np.floor(links))):
+        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {n_links - 1}")
+    return tables
 
 
 def _every_lane(values: Array, n_lanes: int) -> Array:
@@ -172,15 +207,19 @@ def _start(mechanism: RollingChain, start: Start) -> Array:
     return _vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
 
 
-def _tension_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[Array, Array]:
+def _tension_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
+    """Lowest and highest tension of every tendon, (2, m)."""
     allowed = f"(lowest, highest), numbers or {n_tendons} values each"
+    both = np.empty((2, n_tendons))
     try:
-        low, high = (as_floats("tension_limits", side, allowed) for side in limits)
+        for side, values in zip(both, limits, strict=True):
+            array = as_floats("tension_limits", values, allowed)
+            if array.shape not in ((), (n_tendons,)):
+                raise InvalidInput("tension_limits", limits, allowed)
+            side[:] = array
     except (TypeError, ValueError):
         raise InvalidInput("tension_limits", limits, allowed) from None
-    if {low.shape, high.shape} - {(), (n_tendons,)}:
-        raise InvalidInput("tension_limits", limits, allowed)
-    return np.full(n_tendons, low), np.full(n_tendons, high)
+    return both
 
 
 def _vector(what: str, values: ArrayLike, size: int, meaning: str) -> Array:
@@ -195,9 +234,3 @@ def _lanes(what: str, values: ArrayLike, size: int) -> Array:
     if array.ndim != 2 or array.shape[1] != size:
         raise InvalidInput(f"shape of {what}", array.shape, f"(B, {size}), one row per lane")
     return array
-
-
-def _check_links(table: Array, n_links: int) -> None:
-    links = table[..., 0]
-    if not np.all((links >= 0) & (links < n_links) & (links == np.floor(links))):
-        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {n_links - 1}")

@@ -24,6 +24,10 @@ from rollingjoint import (
     solve_tensions_batch,
     two_segment,
 )
+from rollingjoint._jit import standalone
+from rollingjoint._kernels import arrays
+from rollingjoint._kernels.arrays import TendonLaw
+from rollingjoint._kernels.chain import evaluate
 
 # Exact surfaces, converged runs of the published algorithm on refined grids: docs/theory.md, section 6.
 REFERENCE = [
@@ -194,11 +198,10 @@ def test_stiffness_is_the_derivative_of_the_residual():
     result = solve_tensions(chain, (5, 4), loads)
 
     def residual(phi):
-        from rollingjoint._kernels.arrays import TendonLaw, new_state
-        from rollingjoint._kernels.chain import evaluate
-
-        state, tau = new_state(4, 2), np.array([5.0, 4.0])
-        evaluate(chain.arrays, TendonLaw(tau * 0, tau * 0 + 1, tau, tau), result.loads, chain.arc_lengths(phi), state)
+        state, tau = standalone(arrays.new_state)(4, 2), np.array([5.0, 4.0])
+        law, one = TendonLaw(tau * 0, tau * 0 + 1, tau, tau), standalone(arrays.design)(chain.arrays, 0)
+        state.angle[:] = phi
+        standalone(evaluate)(one, law, result.loads, state)
         return state.residual.copy()
 
     numeric = np.empty((4, 4))

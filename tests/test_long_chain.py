@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from rollingjoint import Gravity, Spring, Status, WorldForce, solve_lengths, solve_tensions, uniform
-from rollingjoint._kernels.arrays import TendonLaw, new_state
-from rollingjoint._kernels.chain import evaluate, stiffness
-from rollingjoint._kernels.long_chain import factor, fill_generators, new_sweep, substitute
+from rollingjoint._jit import standalone
+from rollingjoint._kernels import arrays, long_chain
+from rollingjoint._kernels import chain as chain_kernels
+from rollingjoint._kernels.arrays import TendonLaw
 from rollingjoint.load import load_table
 from rollingjoint.random_chain import random_chain, random_loads
+
+new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
+evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
+new_sweep, fill_generators = standalone(long_chain.new_sweep), standalone(long_chain.fill_generators)
+factor, substitute = standalone(long_chain.factor), standalone(long_chain.substitute)
 
 
 def test_the_sweep_solves_what_the_dense_matrix_says():
@@ -20,12 +26,12 @@ def test_the_sweep_solves_what_the_dense_matrix_says():
         loads = load_table(random_loads(rng, chain.n_links), chain.n_links)
         law = TendonLaw(chain.neutral_lengths - rng.uniform(-1, 2, m), chain.stiffnesses, np.zeros(m), np.full(m, 20.0))
         state, H = new_state(n, m), np.empty((n, n))
-        evaluate(
-            chain.arrays, law, loads, rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n), state
-        )
-        stiffness(chain.arrays, state, H)
+        one = one_design(chain.arrays, 0)
+        state.angle[:] = chain.joint_angles(rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
+        evaluate(one, law, loads, state)
+        stiffness(one, state, H)
         sweep = new_sweep(n, m, bool(np.any(loads[:, 8] != 0)))
-        fill_generators(chain.arrays, state, 0.3, sweep)
+        fill_generators(one, state, 0.3, sweep)
         free = rng.random(n) < 0.8
         dense = (H + 0.3 * np.eye(n))[np.ix_(free, free)]
         ratio = factor(sweep, free, 0.0)

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from rollingjoint import five_link, solve_lengths
-from rollingjoint._kernels.arrays import CX, CY, EX, EY, KAPPA, TendonLaw, new_state
-from rollingjoint._kernels.chain import evaluate, stiffness
+from rollingjoint._jit import standalone
+from rollingjoint._kernels import arrays
+from rollingjoint._kernels import chain as chain_kernels
+from rollingjoint._kernels.arrays import CX, CY, PX, PY, TendonLaw
 from rollingjoint.load import load_table
 from rollingjoint.random_chain import random_chain, random_loads
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # J of the page
 STEP = 1e-6
+
+new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
+evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
 
 
 def problem(seed):
@@ -42,7 +47,8 @@ SEEDS = [seed for seed in range(16) if is_smooth(seed)]
 def at(chain, law, loads, phi):
     """(energy, state) at joint angles phi."""
     state = new_state(chain.n_joints, chain.n_tendons)
-    energy, _, _ = evaluate(chain.arrays, law, loads, chain.arc_lengths(phi), state)
+    state.angle[:] = phi
+    energy, _, _ = evaluate(one_design(chain.arrays, 0), law, loads, state)
     return energy, state
 
 
@@ -60,7 +66,7 @@ def page_stiffness(chain, loads, state):
     """H of section 3, the loads taken one by one."""
     n = chain.n_joints
     H = np.zeros((n, n))
-    c, e, kappa = state.contact[:, :2], state.contact[:, 2:], state.joint[:, KAPPA]
+    c, rate = state.contact[:, :2], state.contact[:, 2:]  # rate: e_t / kappa
     for link, px, py, fx, fy, bx, by, _, k, ax, ay in loads:
         x, y, angle = state.pose[int(link), :3]
         point, body = np.array([x, y]) + turn(angle) @ (px, py), turn(angle) @ (bx, by)
@@ -70,7 +76,7 @@ def page_stiffness(chain, loads, state):
                 H[i, m] += (point - c[max(i, m)]) @ force - (point - c[i]) @ body
                 H[i, m] += k * (point - c[i]) @ (point - c[m])
         for i in range(int(link)):
-            H[i, i] += (QUARTER @ e[i]) @ force / kappa[i]
+            H[i, i] += (QUARTER @ rate[i]) @ force
     rates = state.gap[..., 1]
     return H + np.diag(state.gap[..., 2] @ state.tension) + rates * state.elastic @ rates.T
 
@@ -79,12 +85,12 @@ def page_stiffness(chain, loads, state):
 def test_gap_derivatives_are_the_formulas_and_the_differences(seed):
     chain, phi, loads, law = problem(seed)
     _, state = at(chain, law, loads, phi)
-    joint, gap, poses = state.joint[0], state.gap[0, 0], chain.poses(phi)
-    above = poses[1, :2] + turn(poses[1, 2]) @ chain.arrays.parent_holes[0, 0]
-    v, lever = above - chain.arrays.child_holes[0, 0], QUARTER @ (above - joint[[CX, CY]])
+    joint, gap, poses = state.joint[0], state.gap[0, 0, :3], chain.poses(phi)
+    above = poses[1, :2] + turn(poses[1, 2]) @ chain.arrays.holes[0, 0, 0, 2:]
+    v, lever = above - chain.arrays.holes[0, 0, 0, :2], QUARTER @ (above - joint[[CX, CY]])
     unit = v / np.linalg.norm(v)
     bend = (lever @ lever - (unit @ lever) ** 2) / np.linalg.norm(v)
-    bend += unit @ QUARTER @ (lever - joint[[EX, EY]] / joint[KAPPA])
+    bend += unit @ QUARTER @ (lever - joint[[PX, PY]])
     assert gap == pytest.approx([np.linalg.norm(v), unit @ lever, bend], rel=1e-8, abs=1e-8)
     slopes = difference(lambda p: at(chain, law, loads, p)[1].gap[0, 0], phi)[:, 0]
     assert gap[1:] == pytest.approx(slopes[:2], rel=1e-4, abs=1e-3)

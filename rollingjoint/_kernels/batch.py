@@ -1,128 +1,113 @@
-"""Entry points: one equilibrium, or many side by side. Lanes do not see each other."""
+"""The solver for all cases, lane by lane, and the outputs that it shares with the one of eight lanes (block.py)."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from rollingjoint._jit import kernel
-from rollingjoint._kernels.arrays import ANGLE, INVALID_INPUT, TendonLaw, new_state
+from rollingjoint._borrowed import borrow
+from rollingjoint._jit import kernel, part
+from rollingjoint._kernels.arrays import (
+    INVALID_INPUT,
+    TendonLaw,
+    borrow_chain,
+    borrow_law,
+    borrow_results,
+    borrow_state,
+    design,
+    new_state,
+)
 from rollingjoint._kernels.chain import contact_forces, evaluate, stiffness
-from rollingjoint._kernels.joint import arc_length
 from rollingjoint._kernels.solve import solve
-
-LARGEST_INPUT = 1e12  # beyond it (or NaN) an input cannot be resolved
-
-
-class Results(NamedTuple):
-    """Outputs of B lanes."""
-
-    joint_angles: np.ndarray  # (B, J)
-    arc_lengths: np.ndarray  # (B, J)
-    poses: np.ndarray  # (B, n, 3)
-    contacts: np.ndarray  # (B, J, 4) point and unit tangent, world frame
-    tensions: np.ndarray  # (B, m)
-    lengths: np.ndarray  # (B, m)
-    rates: np.ndarray  # (B, J, m) d length / d joint angle
-    elastic: np.ndarray  # (B, m) d tension / d length
-    contact_forces: np.ndarray  # (B, J, 2)
-    residual: np.ndarray  # (B,)
-    iterations: np.ndarray  # (B,)
-    status: np.ndarray  # (B,)
+from rollingjoint._kernels.tolerances import LARGEST_INPUT
 
 
-def new_results(n_lanes: int, n_joints: int, n_tendons: int) -> Results:
-    """Empty outputs."""
-    return Results(
-        np.empty((n_lanes, n_joints)),
-        np.empty((n_lanes, n_joints)),
-        np.empty((n_lanes, n_joints + 1, 3)),
-        np.empty((n_lanes, n_joints, 4)),
-        np.empty((n_lanes, n_tendons)),
-        np.empty((n_lanes, n_tendons)),
-        np.empty((n_lanes, n_joints, n_tendons)),
-        np.empty((n_lanes, n_tendons)),
-        np.empty((n_lanes, n_joints, 2)),
-        np.empty(n_lanes),
-        np.empty(n_lanes, np.int64),
-        np.empty(n_lanes, np.int64),
-    )
-
-
-@kernel
+@part
 def _resolvable(values):
-    for value in values.flat:
-        if not abs(value) <= LARGEST_INPUT:
+    for i in range(values.size):
+        if not abs(values[i]) <= LARGEST_INPUT:
             return False
     return True
 
 
-@kernel
+@part
 def valid(law, loads, start):
     """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon."""
-    if not (_resolvable(law.command) and _resolvable(loads) and _resolvable(start)):
+    if not (_resolvable(law.command) and _resolvable(start)):
         return False
+    for row in range(loads.shape[0]):
+        if not _resolvable(loads[row]) or loads[row, 8] < 0.0:
+            return False
     for j in range(law.low.size):
         low, high = law.low[j], law.high[j]
         if not (0.0 <= low <= LARGEST_INPUT and low <= high and law.stiffness[j] > 0.0):
             return False
-    for row in range(loads.shape[0]):
-        if loads[row, 8] < 0.0:
-            return False
     return True
 
 
-@kernel
-def solve_invalid(chain, n_tendons, start, s, state):
-    """The start pose (s = 0 where it is not a number), no tension and no load."""
+@part
+def solve_invalid(chain, n_tendons, start, state):
+    """The start pose (the middle of a joint where it is not a number), no tension and no load."""
     for i in range(start.size):
-        s[i] = arc_length(chain, i, start[i]) if abs(start[i]) <= LARGEST_INPUT else 0.0
+        lowest, highest = chain.joints[i, 0], chain.joints[i, 1]
+        known = abs(start[i]) <= LARGEST_INPUT
+        state.angle[i] = min(max(start[i], lowest), highest) if known else 0.5 * (lowest + highest)
     zero = np.zeros(n_tendons)
-    evaluate(chain, TendonLaw(zero, np.ones(n_tendons), zero, zero), np.zeros((0, 11)), s, state)
+    evaluate(chain, TendonLaw(zero, np.ones(n_tendons), zero, zero), np.zeros((0, 11)), state)
     return INVALID_INPUT, 0, np.inf
 
 
-@kernel
+@part
 def store(chain, state, outcome, results, lane):
     """Copy a solved state and its outcome (status, iterations, residual) into the results."""
-    contact_forces(chain, state, results.contact_forces, lane)
-    results.joint_angles[lane] = state.joint[:, ANGLE]
-    results.poses[lane] = state.pose[:, :3]
-    results.contacts[lane] = state.contact
-    results.tensions[lane] = state.tension
-    results.lengths[lane] = state.length
-    results.rates[lane] = state.gap[:, :, 1]
-    results.elastic[lane] = state.elastic
+    for i in range(state.angle.size):
+        along, across, ex, ey = contact_forces(chain.tendon_joints, state, i)
+        results.contact_forces[lane, i, 0], results.contact_forces[lane, i, 1] = along, across
+        results.contacts[lane, i, 0], results.contacts[lane, i, 1] = state.contact[i, 0], state.contact[i, 1]
+        results.contacts[lane, i, 2], results.contacts[lane, i, 3] = ex, ey
+        results.joint_angles[lane, i] = state.angle[i]
+        for j in range(state.tension.size):
+            results.rates[lane, i, j] = state.gap[i, j, 1]
+    for i in range(state.angle.size + 1):
+        for k in range(3):
+            results.poses[lane, i, k] = state.pose[i, k]
+    for j in range(state.tension.size):
+        results.tensions[lane, j], results.lengths[lane, j] = state.tension[j], state.length[j]
+        results.elastic[lane, j] = state.elastic[j]
     results.status[lane], results.iterations[lane], results.residual[lane] = outcome
 
 
-@kernel
-def solve_lane(chain, law, loads, start, results, lane):
-    """Solve one lane into the results."""
-    state = new_state(start.size, law.command.size)
-    s = results.arc_lengths[lane]
-    if valid(law, loads, start):
-        outcome = solve(chain, law, loads, start, s, state)
-    else:
-        outcome = solve_invalid(chain, law.command.size, start, s, state)
-    store(chain, state, outcome, results, lane)
-
-
 @kernel(nogil=True)
-def solve_lanes(chain, laws, loads, starts, results, first, last):
-    """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
-    for lane in range(first, last):
+def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
+    """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
+    _solve_each(chain, designs, laws, loads, starts, results, lanes, new_state(starts.shape[1], laws.command.shape[1]))
+
+
+@part
+def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
+    chain, laws, results, state = borrow_chain(chain), borrow_law(laws), borrow_results(results), borrow_state(state)
+    designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
+    n_tendons = chain.tendon_joints.size
+    for place in range(lanes.size):
+        lane = lanes[place]
+        one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        solve_lane(chain, law, loads[lane], starts[lane], results, lane)
+        if valid(law, loads[lane], starts[lane]):
+            outcome = solve(one, law, loads[lane], starts[lane], state)
+        else:
+            outcome = solve_invalid(one, n_tendons, starts[lane], state)
+        store(one, state, outcome, results, lane)
 
 
 @kernel
-def stiffness_of(chain, tensions, elastic, loads, s, H):
-    """Fill H, (B, J, J), at arc lengths s under tensions and their rates d tension / d length, (B, m) both."""
-    state = new_state(s.shape[1], tensions.shape[1])
-    for lane in range(s.shape[0]):
+def stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
+    """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
+    state = new_state(angles.shape[1], tensions.shape[1])
+    for lane in range(angles.shape[0]):
+        one = design(chain, designs[lane])
         fixed = TendonLaw(state.length, np.ones(state.length.size), tensions[lane], tensions[lane])
-        evaluate(chain, fixed, loads[lane], s[lane], state)
-        state.elastic[:] = elastic[lane]
-        stiffness(chain, state, H[lane])
+        for i in range(angles.shape[1]):
+            state.angle[i] = angles[lane, i]
+        evaluate(one, fixed, loads[lane], state)
+        for j in range(elastic.shape[1]):
+            state.elastic[j] = elastic[lane, j]
+        stiffness(one, state, H[lane])

@@ -1,32 +1,33 @@
 """The whole chain at one configuration: poses, tendon lengths and tensions, energy, residual, stiffness.
 
 Symbols as in docs/theory.md: r = U' - M (residual), H = dr/dphi (stiffness), c contact point, F external force.
+Kernels without loads serve floats and Lanes alike; `statics.py` of many lanes shares them.
 """
 
 from __future__ import annotations
 
-from rollingjoint._jit import kernel
+import math
+
+from rollingjoint._borrowed import borrow
+from rollingjoint._jit import part
 from rollingjoint._kernels.arrays import (
-    ANGLE,
     BX,
     BY,
     COS,
     CX,
     CY,
-    EX,
-    EY,
     FX,
     FY,
     GX,
     GY,
     K_XX,
-    KAPPA,
     KX,
     KY,
-    MOMENT,
+    PX,
+    PY,
     SIN,
     THETA,
-    X_CROSS_F,
+    TURN,
     X_DOT_B,
     X_DOT_F,
     C,
@@ -34,86 +35,82 @@ from rollingjoint._kernels.arrays import (
     S,
     X,
     Y,
+    borrow_chain,
+    borrow_law,
+    borrow_state,
 )
-from rollingjoint._kernels.joint import evaluate_gap, evaluate_joint, gap_direction
+from rollingjoint._kernels.joint import evaluate_gap, evaluate_joints
+from rollingjoint._simd import where
 
 
-@kernel
-def evaluate(chain, law, loads, s, state):
-    """Fill the state at arc lengths s; returns (potential energy, magnitude of its terms, force scale).
+@part
+def evaluate(chain, law, loads, state):
+    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
 
     Follower forces have no potential and are left out of the energy.
     """
-    evaluate_kinematics(chain, s, state)
-    energy, magnitude = _evaluate_tendons(law, state)
+    chain, law, loads, state = borrow_chain(chain), borrow_law(law), borrow(loads), borrow_state(state)
+    evaluate_joints(chain, state)
+    evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
+    energy, magnitude = evaluate_tendons(law, state)
     load_energy, load_magnitude = _evaluate_loads(loads, state)
-    scale = _evaluate_residual(chain, state)
+    scale = evaluate_residual(chain.tendon_joints, state)
     return energy + load_energy, magnitude + load_magnitude, scale
 
 
-@kernel
-def evaluate_kinematics(chain, s, state):
-    """Fill what does not depend on tendon law and loads: joints, gaps, lengths, poses."""
-    joint, gap, length, tendon_joints = state.joint, state.gap, state.length, chain.tendon_joints
-    child_holes, parent_holes, channels = chain.child_holes, chain.parent_holes, chain.channels
+@part(inline=True)
+def evaluate_poses(holes, channels, tendon_joints, state):
+    """Fill gaps, tendon lengths, poses and contacts from state.joint."""
+    pose, joint, contact, angle = state.pose, state.joint, state.contact, state.angle
+    gap, length = state.gap, state.length
     for j in range(length.size):
         length[j] = channels[j]
-    for i in range(s.size):
-        evaluate_joint(chain, i, s[i], joint)
+    zero = 0.0 * angle[0]
+    x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
+    pose[0, X], pose[0, Y], pose[0, THETA], pose[0, C], pose[0, S] = x, y, theta, cos, sin
+    for i in range(angle.size):
         for j in range(length.size):
             if i < tendon_joints[j]:
-                evaluate_gap(child_holes, parent_holes, i, j, joint, gap)
+                evaluate_gap(holes, i, j, joint, gap)
                 length[j] += gap[i, j, 0]
-    _evaluate_poses(state)
-
-
-@kernel
-def _evaluate_poses(state):
-    pose, joint, contact = state.pose, state.joint, state.contact
-    pose[0, X] = pose[0, Y] = pose[0, THETA] = pose[0, S] = 0.0
-    pose[0, C] = 1.0
-    for i in range(joint.shape[0]):
-        x, y, cos, sin = pose[i, X], pose[i, Y], pose[i, C], pose[i, S]
         contact[i, 0] = x + cos * joint[i, CX] - sin * joint[i, CY]
         contact[i, 1] = y + sin * joint[i, CX] + cos * joint[i, CY]
-        contact[i, 2] = cos * joint[i, EX] - sin * joint[i, EY]
-        contact[i, 3] = sin * joint[i, EX] + cos * joint[i, EY]
-        pose[i + 1, X] = x + cos * joint[i, GX] - sin * joint[i, GY]
-        pose[i + 1, Y] = y + sin * joint[i, GX] + cos * joint[i, GY]
-        pose[i + 1, THETA] = pose[i, THETA] + joint[i, ANGLE]
-        pose[i + 1, C] = cos * joint[i, COS] - sin * joint[i, SIN]
-        pose[i + 1, S] = sin * joint[i, COS] + cos * joint[i, SIN]
+        contact[i, 2] = cos * joint[i, PX] - sin * joint[i, PY]
+        contact[i, 3] = sin * joint[i, PX] + cos * joint[i, PY]
+        x, y = x + cos * joint[i, GX] - sin * joint[i, GY], y + sin * joint[i, GX] + cos * joint[i, GY]
+        cos, sin = cos * joint[i, COS] - sin * joint[i, SIN], sin * joint[i, COS] + cos * joint[i, SIN]
+        theta = theta + angle[i]
+        pose[i + 1, X], pose[i + 1, Y], pose[i + 1, THETA], pose[i + 1, C], pose[i + 1, S] = x, y, theta, cos, sin
 
 
-@kernel
-def _evaluate_tendons(law, state):
-    energy = magnitude = 0.0
+@part(inline=True)
+def evaluate_tendons(law, state):
+    """Fill tensions and their rates; returns (energy, magnitude of its terms)."""
+    zero = 0.0 * state.angle[0]
+    energy, magnitude = zero, zero
     for j in range(state.length.size):
-        length = state.length[j]
-        k, low, high = law.stiffness[j], law.low[j], law.high[j]
+        length, k, low, high = state.length[j], law.stiffness[j], law.low[j], law.high[j]
         stretch = length - law.command[j]
-        state.elastic[j] = 0.0
-        if k * stretch <= low:
-            state.tension[j] = low
-            term = low * stretch - 0.5 * low * low / k
-        elif k * stretch >= high:
-            state.tension[j] = high
-            term = high * stretch - 0.5 * high * high / k
-        else:
-            state.tension[j] = k * stretch
-            state.elastic[j] = k
-            term = 0.5 * k * stretch * stretch
-        energy += term
-        magnitude += abs(term) + abs(state.tension[j] * length)
+        pull = k * stretch
+        slack, yielding = pull <= low, pull >= high
+        tension = where(slack, low, where(yielding, high, pull))
+        # 1/2 k stretch² while elastic; beyond a limit the line that continues it
+        term = tension * stretch - 0.5 * tension * tension / k
+        state.tension[j] = tension
+        state.elastic[j] = where(slack, 0.0, where(yielding, 0.0, k))
+        energy = energy + term
+        magnitude = magnitude + abs(term) + abs(tension * length)
     return energy, magnitude
 
 
-@kernel
+@part(inline=True)
 def _evaluate_loads(loads, state):
     """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
     sums = state.sums
-    sums[:] = 0.0
     energy = magnitude = 0.0
+    for i in range(sums.shape[0]):
+        for column in range(sums.shape[1]):
+            sums[i, column] = 0.0
     for row in range(loads.shape[0]):
         link = int(loads[row, 0])
         cos, sin = state.pose[link, C], state.pose[link, S]
@@ -134,9 +131,8 @@ def _evaluate_loads(loads, state):
         i = link - 1
         sums[i, FX] += fx
         sums[i, FY] += fy
-        sums[i, X_CROSS_F] += x * fy - y * fx
+        sums[i, TURN] += x * fy - y * fx + moment
         sums[i, X_DOT_F] += x * fx + y * fy
-        sums[i, MOMENT] += moment
         sums[i, BX] += bx
         sums[i, BY] += by
         sums[i, X_DOT_B] += x * bx + y * by
@@ -150,34 +146,34 @@ def _evaluate_loads(loads, state):
     return energy, magnitude
 
 
-@kernel
-def _evaluate_residual(chain, state):
+@part(inline=True)
+def evaluate_residual(tendon_joints, state):
     """Fill r = sum of tension g' minus the moment of the loads about the contact.
 
     Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
     """
-    scale, sums, contact, gap = 0.0, state.sums, state.contact, state.gap
-    tension, tendon_joints, out = state.tension, chain.tendon_joints, state.residual
-    for i in range(sums.shape[0]):
+    sums, contact, gap, tension, out = state.sums, state.contact, state.gap, state.tension, state.residual
+    scale = 0.0 * state.angle[0]
+    for i in range(out.size):
         cx, cy = contact[i, 0], contact[i, 1]
-        moment = sums[i, MOMENT] + sums[i, X_CROSS_F] - (cx * sums[i, FY] - cy * sums[i, FX])
-        size = abs(moment)
-        residual = -moment
+        moment = sums[i, TURN] - (cx * sums[i, FY] - cy * sums[i, FX])
+        size, residual = abs(moment), -moment
         for j in range(tension.size):
             if i < tendon_joints[j]:
                 torque = tension[j] * gap[i, j, 1]
-                residual += torque
-                size += max(abs(torque), tension[j])
+                residual = residual + torque
+                size = size + where(abs(torque) > tension[j], abs(torque), tension[j])
         out[i] = residual
-        scale = max(scale, size)
+        scale = where(size > scale, size, scale)
     return scale
 
 
-@kernel
+@part
 def stiffness(chain, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    n_joints, sums, contact, joint = state.joint.shape[0], state.sums, state.contact, state.joint
-    gap, elastic, tension, tendon_joints = state.gap, state.elastic, state.tension, chain.tendon_joints
+    state, H, tendon_joints = borrow_state(state), borrow(H), borrow(chain.tendon_joints)
+    n_joints, sums, contact = state.angle.size, state.sums, state.contact
+    gap, elastic, tension = state.gap, state.elastic, state.tension
     for i in range(n_joints):
         for m in range(n_joints):
             b = max(i, m)
@@ -190,24 +186,23 @@ def stiffness(chain, state, H):
                 if b < tendon_joints[j]:
                     value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
             H[i, m] = value
-        along = contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
-        H[i, i] += along / joint[i, KAPPA]
+        H[i, i] += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         for j in range(elastic.size):
             if i < tendon_joints[j]:
                 H[i, i] += tension[j] * gap[i, j, 2]
 
 
-@kernel
-def contact_forces(chain, state, forces, lane):
-    """Fill forces[lane] on the distal link of every joint, (J, 2): along the tangent and along the normal."""
-    for i in range(state.joint.shape[0]):
-        cos, sin = state.pose[i, C], state.pose[i, S]
-        fx, fy = -state.sums[i, FX], -state.sums[i, FY]
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                vx, vy, _ = gap_direction(chain.child_holes, chain.parent_holes, i, j, state.joint)
-                fx += state.tension[j] * (cos * vx - sin * vy)
-                fy += state.tension[j] * (sin * vx + cos * vy)
-        ex, ey = state.contact[i, 2], state.contact[i, 3]
-        forces[lane, i, 0] = fx * ex + fy * ey
-        forces[lane, i, 1] = -fx * ey + fy * ex
+@part(inline=True)
+def contact_forces(tendon_joints, state, i):
+    """Contact force on the distal link of joint i along tangent and normal; the unit tangent in the world, x and y."""
+    cos, sin = state.pose[i, C], state.pose[i, S]
+    fx, fy = -state.sums[i, FX], -state.sums[i, FY]
+    for j in range(tendon_joints.size):
+        if i < tendon_joints[j]:
+            vx, vy = state.gap[i, j, 3], state.gap[i, j, 4]
+            fx = fx + state.tension[j] * (cos * vx - sin * vy)
+            fy = fy + state.tension[j] * (sin * vx + cos * vy)
+    rx, ry = state.contact[i, 2], state.contact[i, 3]  # against the tangent: the angle falls as s grows
+    per_length = -1.0 / math.sqrt(rx * rx + ry * ry)
+    ex, ey = rx * per_length, ry * per_length
+    return fx * ex + fy * ey, fy * ex - fx * ey, ex, ey

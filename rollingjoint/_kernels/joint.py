@@ -1,117 +1,97 @@
-"""One rolling joint: its table over arc length, the inverse s(phi), and the tendon gaps across it."""
+"""One rolling joint: its table over the joint angle, and the tendon gaps across it."""
 
 from __future__ import annotations
 
 import math
 
-from rollingjoint._jit import kernel
-from rollingjoint._kernels.arrays import (
-    ANGLE,
-    COS,
-    CX,
-    CY,
-    EX,
-    EY,
-    GX,
-    GY,
-    KAPPA,
-    N_COEFFICIENTS,
-    PHI,
-    SIN,
-    XC,
-    XP,
-    YC,
-    YP,
-)
+from rollingjoint._borrowed import borrow, of_width, table_rows
+from rollingjoint._jit import part
+from rollingjoint._kernels.arrays import BUCKETS, COS, CX, CY, GX, GY, N_COEFFICIENTS, PX, PY, SIN
+from rollingjoint._simd import any_lane, fused, where
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)
 
 
-@kernel
+@part(inline=True)
+def locate(joints, buckets, cells, i, phi):
+    """(cell of joint i at angle phi, coordinate in it)."""
+    place = (phi - joints[i, 0]) * joints[i, 2]
+    place = place if place > 0.0 else 0.0  # also where it is not a number
+    bucket = int(min(place, BUCKETS - 1.0))
+    cell, last = buckets[i, bucket], buckets[i, bucket + 1]
+    while last > cell + 1:
+        middle = (cell + last) // 2
+        if phi >= cells[middle, 0]:
+            cell = middle
+        else:
+            last = middle - 1
+    cell = last if phi >= cells[last, 0] else cell
+    return cell, (phi - cells[cell, 2]) * cells[cell, 3]
+
+
+@part(inline=True)
+def table_row(coefficients, cell, u):
+    """The eight columns of State.joint at coordinate u of a cell; coefficients: rows (cells, 8)."""
+    value = coefficients[cell, N_COEFFICIENTS - 1]
+    for k in range(N_COEFFICIENTS - 2, -1, -1):
+        value = fused(value, u, coefficients[cell, k])
+    return value
+
+
+@part
+def evaluate_joints(chain, state):
+    """Fill state.joint at state.angle; one configuration."""
+    joints, buckets, cells = chain.joints, chain.buckets, of_width(borrow(chain.cells), 4)
+    coefficients = of_width(table_rows(borrow(chain.coefficients)), N_COEFFICIENTS)
+    rows, angle = table_rows(borrow(state.joint)), state.angle
+    for i in range(angle.size):
+        cell, u = locate(joints, buckets, cells, i, angle[i])
+        rows[i] = table_row(coefficients, cell, u)
+
+
+@part(inline=True)
 def arc_length(chain, i, phi):
-    """s of joint i at relative angle phi, clipped to the surface limits (phi falls as s grows)."""
-    cells, coefficients, terms = chain.cells, chain.coefficients, chain.angle_terms
-    first, last = chain.cell_first[i], chain.cell_first[i + 1] - 1
-    cell = first
-    while cell < last and phi < cells[cell, 3]:
-        cell += 1
-    s_lo, s_hi = cells[cell, 0], cells[cell, 1]
-    phi_lo, phi_hi = cells[cell, 2], cells[cell, 3]
-    if phi >= phi_lo:
-        return s_lo
-    if phi <= phi_hi:
-        return s_hi
-    low, high = -1.0, 1.0  # bracket of the cell coordinate; phi is above target at low
-    u = 2.0 * (phi - phi_lo) / (phi_hi - phi_lo) - 1.0
-    for _ in range(60):
-        value, slope = 0.0, 0.0
-        for k in range(terms - 1, -1, -1):
-            slope = slope * u + value
-            value = value * u + coefficients[cell, k, PHI]
-        error = value - phi
-        if error > 0.0:
-            low = u
-        else:
-            high = u
-        step = error / slope
-        if low <= u - step <= high:
-            u -= step
-            if abs(step) < 1e-8:  # convergence is quadratic: the next step would be rounding
-                break
-        else:
-            u = 0.5 * (low + high)
-    return 0.5 * ((1.0 - u) * s_lo + (1.0 + u) * s_hi)
-
-
-@kernel
-def evaluate_joint(chain, i, s, joint):
-    """Fill row i of joint: angle, relative curvature, contact point and tangent in link i's frame, relative pose."""
-    cells, coefficients = chain.cells, chain.coefficients
-    first, last = chain.cell_first[i], chain.cell_first[i + 1] - 1
-    cell = first
-    while cell < last and s >= cells[cell, 1]:
-        cell += 1
-    s_lo, s_hi = cells[cell, 0], cells[cell, 1]
-    per_s = 2.0 / (s_hi - s_lo)
-    u = (s - s_lo) * per_s - 1.0
-    phi = xc = yc = xp = yp = dphi = dxc = dyc = 0.0
+    """s of joint i at angle phi, beyond the limits that of the limit."""
+    low, high = chain.joints[i, 0], chain.joints[i, 1]
+    cell, u = locate(chain.joints, chain.buckets, chain.cells, i, min(max(phi, low), high))
+    s = 0.0
     for k in range(N_COEFFICIENTS - 1, -1, -1):
-        dphi = dphi * u + phi
-        dxc = dxc * u + xc
-        dyc = dyc * u + yc
-        phi = phi * u + coefficients[cell, k, PHI]
-        xc = xc * u + coefficients[cell, k, XC]
-        yc = yc * u + coefficients[cell, k, YC]
-        xp = xp * u + coefficients[cell, k, XP]
-        yp = yp * u + coefficients[cell, k, YP]
-    cos, sin = math.cos(phi), math.sin(phi)
-    joint[i, ANGLE], joint[i, KAPPA] = phi, dphi * per_s
-    joint[i, CX], joint[i, CY] = xc, yc
-    joint[i, EX], joint[i, EY] = dxc * per_s, dyc * per_s
-    joint[i, COS], joint[i, SIN] = cos, sin
-    joint[i, GX], joint[i, GY] = xc - (cos * xp - sin * yp), yc - (sin * xp + cos * yp)
+        s = s * u + chain.arc_coefficients[cell, k]
+    return s
 
 
-@kernel
-def gap_direction(child_holes, parent_holes, i, j, joint):
-    """(unit vector of tendon j's segment across joint i in link i's frame, its length)."""
-    x, y = parent_holes[i, j, 0], parent_holes[i, j, 1]
-    vx = joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y - child_holes[i, j, 0]
-    vy = joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y - child_holes[i, j, 1]
+@part(inline=True)
+def normal(joint, i):
+    """Unit normal of the proximal surface at the contact, in the proximal link's frame."""
+    px, py = joint[i, PX], joint[i, PY]  # against the tangent: the angle falls as s grows
+    per_length = 1.0 / math.sqrt(px * px + py * py)
+    return py * per_length, -px * per_length
+
+
+@part(inline=True)
+def gap_direction(holes, i, j, joint):
+    """(unit vector of tendon j's segment across joint i in the proximal link's frame, its length)."""
+    x, y = holes[i, j, 2], holes[i, j, 3]
+    vx = joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y - holes[i, j, 0]
+    vy = joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y - holes[i, j, 1]
     length = math.sqrt(vx * vx + vy * vy)
-    if length > _CLOSED_GAP:
-        return vx / length, vy / length, length
-    return -joint[i, EY], joint[i, EX], length
+    closed = length <= _CLOSED_GAP
+    per_length = 1.0 / where(closed, 1.0, length)
+    vx, vy = vx * per_length, vy * per_length
+    if any_lane(closed):
+        nx, ny = normal(joint, i)
+        vx, vy = where(closed, nx, vx), where(closed, ny, vy)
+    return vx, vy, length, where(closed, 0.0, per_length)
 
 
-@kernel
-def evaluate_gap(child_holes, parent_holes, i, j, joint, gap):
-    """Fill gap[i, j]: length of the straight tendon segment and its first two derivatives in phi."""
-    vx, vy, length = gap_direction(child_holes, parent_holes, i, j, joint)
-    jrx = -(child_holes[i, j, 1] + length * vy - joint[i, CY])
-    jry = child_holes[i, j, 0] + length * vx - joint[i, CX]
+@part(inline=True)
+def evaluate_gap(holes, i, j, joint, gap):
+    """Fill gap[i, j]: length of the straight tendon segment, its first two derivatives in the angle, its direction."""
+    vx, vy, length, per_length = gap_direction(holes, i, j, joint)
+    jrx = -(holes[i, j, 1] + length * vy - joint[i, CY])
+    jry = holes[i, j, 0] + length * vx - joint[i, CX]
     along = vx * jrx + vy * jry
-    turn = (jrx * jrx + jry * jry - along * along) / length if length > _CLOSED_GAP else 0.0
-    to_pole = 1.0 / joint[i, KAPPA]
+    turn = (jrx * jrx + jry * jry - along * along) * per_length
     gap[i, j, 0], gap[i, j, 1] = length, along
-    gap[i, j, 2] = turn - vx * (jry - joint[i, EY] * to_pole) + vy * (jrx - joint[i, EX] * to_pole)
+    gap[i, j, 2] = turn - vx * (jry - joint[i, PY]) + vy * (jrx - joint[i, PX])
+    gap[i, j, 3], gap[i, j, 4] = vx, vy

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from rollingjoint._jit import kernel
+from rollingjoint._jit import part
 
 
-@kernel
+@part
 def largest(H, free):
     """Largest |H| over the free rows and columns."""
     value = 0.0
@@ -21,9 +21,12 @@ def largest(H, free):
     return value
 
 
-@kernel
+@part
 def cholesky(H, free, shift, L):
-    """Lower factor of H + shift I on the free joints into L; returns the smallest pivot over the largest |H|, or -1."""
+    """Lower factor of the symmetric part of H + shift I on the free joints into L.
+
+    Returns the smallest pivot over the largest |H|, or -1.
+    """
     n = free.size
     floor = 1e-13 * (largest(H, free) + shift)
     smallest = math.inf
@@ -33,7 +36,7 @@ def cholesky(H, free, shift, L):
         for m in range(i + 1):
             if not free[m]:
                 continue
-            value = H[i, m] if m < i else H[i, i] + shift
+            value = 0.5 * (H[i, m] + H[m, i]) if m < i else H[i, i] + shift
             for k in range(m):
                 if free[k]:
                     value -= L[i, k] * L[m, k]
@@ -47,7 +50,7 @@ def cholesky(H, free, shift, L):
     return smallest * 1e-13 / floor if floor > 0.0 else 1.0
 
 
-@kernel
+@part
 def cholesky_solve(L, free, residual, out):
     """Solve L Lᵀ out = -r on the free joints; zero elsewhere."""
     n = free.size
@@ -68,10 +71,39 @@ def cholesky_solve(L, free, residual, out):
             out[i] = value / L[i, i]
 
 
-@kernel
+@part
+def indices(free):
+    """Indices of the free joints."""
+    count = 0
+    for i in range(free.size):
+        count += free[i]
+    index = np.empty(count, np.int64)
+    count = 0
+    for i in range(free.size):
+        if free[i]:
+            index[count] = i
+            count += 1
+    return index
+
+
+@part
+def smallest_real_part(H, free):
+    """Smallest real part of the eigenvalues of H over the free joints."""
+    index = indices(free)
+    reduced = np.empty((index.size, index.size), np.complex128)
+    for i in range(index.size):
+        for m in range(index.size):
+            reduced[i, m] = H[index[i], index[m]]
+    smallest = math.inf
+    for value in np.linalg.eigvals(reduced):
+        smallest = min(smallest, value.real)
+    return smallest
+
+
+@part
 def eigen(H, free):
     """(indices, eigenvalues, eigenvectors) of a symmetric H over the free joints."""
-    index = np.flatnonzero(free)
+    index = indices(free)
     reduced = np.empty((index.size, index.size))
     for i in range(index.size):
         for m in range(index.size):
@@ -80,7 +112,7 @@ def eigen(H, free):
     return index, values, vectors
 
 
-@kernel
+@part
 def descent_step(H, free, residual, L, out):
     """Newton step H out = -r on the free joints where H is positive definite, else with |eigenvalues| in its place.
 
@@ -91,8 +123,11 @@ def descent_step(H, free, residual, L, out):
         cholesky_solve(L, free, residual, out)
         return
     index, values, vectors = eigen(H, free)
-    floor = max(1e-10 * np.max(np.abs(values)), 1e-300)
-    out[:] = 0.0
+    floor = 1e-300
+    for value in values:
+        floor = max(floor, 1e-10 * abs(value))
+    for i in range(out.size):
+        out[i] = 0.0
     for q in range(index.size):
         along = 0.0
         for i in range(index.size):
@@ -102,7 +137,7 @@ def descent_step(H, free, residual, L, out):
             out[index[i]] += along * vectors[i, q]
 
 
-@kernel
+@part
 def damped_step(H, free, residual, damping, L, out):
     """Levenberg-Marquardt step for an unsymmetric H: (HᵀH + damping I) out = -Hᵀ r on the free joints."""
     n = free.size
@@ -121,16 +156,17 @@ def damped_step(H, free, residual, damping, L, out):
     while cholesky(normal, free, damping * size, L) < 0.0:
         damping = max(10.0 * damping, 1e-14)
         if damping > 1e3:
-            out[:] = 0.0
+            for i in range(n):
+                out[i] = 0.0
             return
     cholesky_solve(L, free, rhs, out)
 
 
-@kernel
+@part
 def lu_step(H, free, residual, out):
     """Newton step H out = -r on the free joints by elimination with pivoting; False when H is singular."""
     n = free.size
-    index = np.flatnonzero(free)
+    index = indices(free)
     count = index.size
     A = np.empty((count, count + 1))
     for i in range(count):

@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint._jit import kernel
-from rollingjoint._kernels.arrays import FX, FY, K_XX, KAPPA, KX, KY, X_DOT_F, K
+from rollingjoint._borrowed import borrow
+from rollingjoint._jit import part
+from rollingjoint._kernels.arrays import FX, FY, K_XX, KX, KY, X_DOT_F, K
 
-DENSE_JOINTS = 15  # up to here the dense factorisation is faster (measured: benchmarks/long_chains.py)
+DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
 
 
 class Sweep(NamedTuple):
@@ -27,7 +28,7 @@ class Sweep(NamedTuple):
     pivots: np.ndarray  # (J,)
 
 
-@kernel
+@part
 def new_sweep(n_joints, n_tendons, springs):
     """An empty Sweep."""
     q = n_tendons + (3 if springs else 1)
@@ -35,7 +36,13 @@ def new_sweep(n_joints, n_tendons, springs):
     return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
 
 
-@kernel
+@part
+def borrow_sweep(sweep):
+    """The sweep without reference counts."""
+    return Sweep(borrow(sweep.diagonal), borrow(sweep.U), borrow(sweep.V), borrow(sweep.W), borrow(sweep.pivots))
+
+
+@part
 def fill_generators(chain, state, prox, sweep):
     """Fill diagonal, U and V from the state; prox is added to the diagonal."""
     n_joints, q = sweep.U.shape
@@ -52,7 +59,7 @@ def fill_generators(chain, state, prox, sweep):
             sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
             sweep.V[i, 1], sweep.V[i, 2] = cx, cy
             diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
-        diagonal += (contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]) / state.joint[i, KAPPA]
+        diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         for j in range(n_tendons):
             rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
             sweep.U[i, first + j], sweep.V[i, first + j] = state.elastic[j] * rate, rate
@@ -61,7 +68,7 @@ def fill_generators(chain, state, prox, sweep):
         sweep.diagonal[i] = diagonal
 
 
-@kernel
+@part
 def factor(sweep, free, shift):
     """Factor H + shift I on the free joints; returns the smallest pivot over the largest diagonal entry, or -1."""
     n_joints, q = sweep.U.shape
@@ -92,7 +99,7 @@ def factor(sweep, free, shift):
     return smallest / size if size > 0.0 else 1.0
 
 
-@kernel
+@part
 def substitute(sweep, free, residual, out):
     """Solve H out = -r with the factors; zero where a joint is held."""
     n_joints, q = sweep.U.shape
@@ -106,7 +113,8 @@ def substitute(sweep, free, residual, out):
             for a in range(q):
                 carry[a] += sweep.W[i, a] * value
             out[i] = value
-    carry[:] = 0.0
+    for a in range(q):
+        carry[a] = 0.0
     for i in range(n_joints - 1, -1, -1):
         if free[i]:
             value = out[i] / sweep.pivots[i]
@@ -117,11 +125,13 @@ def substitute(sweep, free, residual, out):
             out[i] = value
 
 
-@kernel
+@part
 def long_step(sweep, free, residual, out):
     """Newton step H out = -r on the free joints, with the first shift that makes H positive definite."""
     if factor(sweep, free, 0.0) <= 1e-10:
-        size = np.max(np.abs(sweep.diagonal))
+        size = 0.0
+        for i in range(sweep.diagonal.size):
+            size = max(size, abs(sweep.diagonal[i]))
         shift = 1e-6 * size if size > 0.0 else 1.0
         while factor(sweep, free, shift) <= 1e-10:
             shift *= 4.0

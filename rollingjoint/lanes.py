@@ -1,0 +1,144 @@
+"""Equilibria of many lanes into arrays that the caller keeps: what the solvers and the environments share.
+
+Nothing is checked here; `rollingjoint.solve` is the front door.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint._borrowed import pin
+from rollingjoint._jit import direct, machine_code
+from rollingjoint._kernels.arrays import Chain, Results, TendonLaw, aligned, new_results
+from rollingjoint._kernels.batch import solve_lanes
+from rollingjoint._kernels.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
+from rollingjoint.errors import InvalidInput
+from rollingjoint.rolling_chain import RollingChain
+
+Array = NDArray[np.float64]
+
+__all__ = [
+    "Chain",
+    "PinnedRange",
+    "Results",
+    "TendonLaw",
+    "designs_of",
+    "distinct",
+    "new_results",
+    "solve_range",
+    "stack",
+]
+
+
+def stack(mechanisms: Sequence[RollingChain]) -> Chain:
+    """The arrays of several mechanisms as one stack; lanes choose theirs by its index.
+
+    Raises:
+        InvalidInput: mechanisms whose numbers of links, of tendons or of joints that a tendon crosses differ.
+    """
+    if len(mechanisms) == 1:
+        return mechanisms[0].arrays
+    parts = [mechanism.arrays for mechanism in mechanisms]
+    for mechanism, part in zip(mechanisms, parts, strict=True):
+        alike = part.holes.shape == parts[0].holes.shape and np.array_equal(part.tendon_joints, parts[0].tendon_joints)
+        if not alike:
+            raise InvalidInput(
+                "mechanism", mechanism, "as many links and tendons, crossing as many joints, as the first"
+            )
+    before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
+    joined = Chain(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
+    return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
+
+
+def distinct(mechanism: RollingChain | Sequence[RollingChain]) -> tuple[RollingChain, ...]:
+    """The different ones of the mechanisms, in the order in which they come first."""
+    return (mechanism,) if isinstance(mechanism, RollingChain) else tuple(dict.fromkeys(mechanism))
+
+
+def designs_of(mechanism: RollingChain | Sequence[RollingChain], n_lanes: int) -> tuple[Chain, NDArray[np.int64]]:
+    """The arrays of the distinct mechanisms as one stack, and which of them each lane has, (B,).
+
+    Raises:
+        InvalidInput: more or fewer than one mechanism per lane, or what `stack` refuses.
+    """
+    if isinstance(mechanism, RollingChain):
+        return mechanism.arrays, np.zeros(n_lanes, np.int64)
+    if len(mechanism) != n_lanes:
+        raise InvalidInput("number of mechanisms", len(mechanism), f"{n_lanes}, one per lane")
+    different = distinct(mechanism)
+    places = {each: place for place, each in enumerate(different)}
+    return stack(different), np.array([places[each] for each in mechanism], np.int64)
+
+
+def solve_range(
+    chain: Chain,
+    designs: NDArray[np.int64],
+    laws: TendonLaw,
+    loads: Array,
+    starts: Array,
+    results: Results,
+    first: int,
+    last: int,
+) -> None:
+    """Solve lanes first to last - 1 into the results; Python's lock is released meanwhile.
+
+    Args:
+        chain: from `stack`.
+        designs: which of the stacked mechanisms each lane has, (B,).
+        laws: tendon laws, (B, m) each.
+        loads: load tables, (B, rows, 11).
+        starts: joint angles to start from, (B, J) [rad].
+        results: from `new_results(B, J, m)`.
+    All arrays must be contiguous.
+    """
+    everything = starts.shape[1] > MOST_JOINTS
+    if everything or direct(solve_side_by_side, chain, designs, laws, loads, starts, results, first, last):
+        _solve_the_rest(chain, designs, laws, loads, starts, results, first, last, everything)
+
+
+class PinnedRange:
+    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
+
+    Args: as for `solve_range`.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        designs: NDArray[np.int64],
+        laws: TendonLaw,
+        loads: Array,
+        starts: Array,
+        results: Results,
+    ) -> None:
+        self._arrays = chain, designs, laws, loads, starts, results
+        addresses = pin(*chain, designs, *laws, loads, starts, *results)
+        self._solve = partial(machine_code(solve_pinned, addresses, 0, 0), addresses)
+        self._long = starts.shape[1] > MOST_JOINTS
+
+    def __call__(self, first: int, last: int) -> None:
+        """Solve lanes first to last - 1."""
+        if self._long or self._solve(first, last):
+            _solve_the_rest(*self._arrays, first, last, self._long)
+
+
+def _solve_the_rest(
+    chain: Chain,
+    designs: NDArray[np.int64],
+    laws: TendonLaw,
+    loads: Array,
+    starts: Array,
+    results: Results,
+    first: int,
+    last: int,
+    everything: bool,
+) -> None:
+    """Solve lanes that are still to be solved."""
+    left = np.arange(first, last)
+    if not everything:
+        left = left[results.status[first:last] == PENDING]
+    direct(solve_lanes, chain, designs, laws, loads, starts, results, left)
