@@ -150,6 +150,11 @@ class RandomizationConfig(_Settings):
         """Whether measured poses differ from the true ones."""
         return self.position_noise_mm > 0 or self.angle_noise_rad > 0
 
+    @property
+    def varies_mechanism(self) -> bool:
+        """Whether episodes have mechanisms of their own."""
+        return self.stiffness_spread > 0 or self.link_tolerance_mm > 0 or self.link_tolerance_rad > 0
+
 
 @dataclass(frozen=True)
 class TrackingConfig(_Settings):

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from rj_gym.tracking.info import lane_info
+from rj_gym.tracking.info import every_lane
 from rj_gym.tracking.vector import RollingJointVectorEnv
 from rollingjoint.errors import InvalidInput
 
@@ -40,7 +40,7 @@ class SB3VecEnv(VecEnv):
         if any(other != self._options[0] for other in self._options):
             raise InvalidInput("options", self._options, "the same options for every lane")
         observations, infos = self.env.reset(seed=self._seeds, options=options)
-        self.reset_infos = [_without_masks(infos, lane) for lane in range(self.num_envs)]
+        self.reset_infos = every_lane(infos, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -54,11 +54,14 @@ class SB3VecEnv(VecEnv):
         observations, rewards, terminated, truncated, vector_infos = self.env.step(self._actions)
         dones = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for lane in np.flatnonzero(dones):
-            info = _without_masks(vector_infos["final_info"], lane)
-            info["terminal_observation"] = vector_infos["final_obs"][lane]
-            info["TimeLimit.truncated"] = bool(truncated[lane] and not terminated[lane])
-            infos[lane] = info
+        if dones.any():
+            rows = np.flatnonzero(dones).tolist()
+            cut = (truncated & ~terminated)[dones].tolist()
+            finals = zip(rows, every_lane(vector_infos["final_info"], rows), cut, strict=True)
+            for lane, info, was_cut in finals:
+                info["terminal_observation"] = vector_infos["final_obs"][lane]
+                info["TimeLimit.truncated"] = was_cut
+                infos[lane] = info
         return observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -100,15 +103,3 @@ def make_sb3_env(env_id: str, num_envs: int, **arguments: Any) -> SB3VecEnv:
         env_id, num_envs, "vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP, **arguments
     )
     return SB3VecEnv(env)  # type: ignore[arg-type]
-
-
-def _without_masks(infos: dict[str, Any], lane: int | np.integer[Any]) -> dict[str, Any]:
-    return lane_info(_plain(infos), int(lane))
-
-
-def _plain(infos: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _plain(value) if isinstance(value, dict) else value
-        for key, value in infos.items()
-        if not key.startswith("_")
-    }

@@ -10,7 +10,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import rj_gym
-import rj_gym.tracking.task as task_module
 from rj_gym import IDS, RollingJointEnv, RollingJointGoalEnv
 from rollingjoint.equilibrium import Status
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -273,14 +272,13 @@ def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_obser
     env = make(reward={"failure_penalty": 7.0}).unwrapped
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(2))
-    solve = task_module.solve_lengths_batch
+    solve = env._lanes._solve
 
-    def failing(*arguments):
-        result = solve(*arguments)
-        result.status[:] = Status.NOT_CONVERGED
-        return result
+    def failing(first, last):
+        solve(first, last)
+        env._lanes._results.status[:] = Status.NOT_CONVERGED
 
-    monkeypatch.setattr(task_module, "solve_lengths_batch", failing)
+    monkeypatch.setattr(env._lanes, "_solve", failing)
     observation, reward, terminated, truncated, info = env.step(np.ones(2))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED")
     assert np.array_equal(observation, before[0]) and info["reward_terms"]["failure"] == -7.0 and reward < -7.0

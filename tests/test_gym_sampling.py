@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig
-from rj_gym.tracking.sampling import Fixed, draw_uniforms, load_forces, sample_episodes, target_paths, uniform_shapes
+from rj_gym.tracking.info import state_info
+from rj_gym.tracking.lanes import Lanes, over_time
+from rj_gym.tracking.sampling import Fixed, Uniforms, load_forces, uniform_blocks
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.solve import solve_lengths, solve_tensions
 
@@ -32,8 +34,20 @@ def episodes(lanes, **settings):
 
 def forces(lanes, steps, **load):
     task = TrackingTask(TrackingConfig(episode_steps=steps, load=load))
-    uniforms = draw_uniforms([np.random.default_rng(0)] * lanes, uniform_shapes(task.config, task.mechanism))
-    return load_forces(task.config.load, uniforms, steps + 1)
+    return over_time(load_forces(task.config.load, uniforms(task, [np.random.default_rng(0)] * lanes)), steps + 1)
+
+
+def uniforms(task, rngs):
+    return Uniforms(uniform_blocks(task.config, task.mechanism), rngs)
+
+
+def targets(task, lanes):
+    """Targets over time of lanes with seeds 0, 1, ..., and the uniform numbers that they were drawn from."""
+    rngs = [np.random.default_rng(seed) for seed in range(lanes)]
+    room = Lanes(task, lanes, goal=False)
+    room.begin(rngs)
+    drawn = uniforms(task, [np.random.default_rng(seed) for seed in range(lanes)])["target"]
+    return over_time(room.course.targets, task.config.episode_steps + 1), drawn
 
 
 def test_constant_load_is_uniform_in_direction_and_magnitude():
@@ -75,37 +89,36 @@ def test_random_link_covers_every_moving_link_evenly_and_tip_only_the_tip():
 @pytest.mark.parametrize("mechanism", ["five_link", "two_segment"])
 def test_targets_are_tips_of_unloaded_equilibria_at_log_uniform_tensions(mechanism):
     task, _ = episodes(1, mechanism=mechanism)
-    uniforms = np.random.default_rng(0).random((4, 1, task.mechanism.n_tendons))
-    targets = target_paths(task.config, (task.mechanism,) * 4, uniforms)
-    for target, u in zip(targets, uniforms[:, 0], strict=True):
-        tip = solve_tensions(task.mechanism, 6.0**u).tip  # tension range (1, 6) N
+    for target, u in zip(*targets(task, 4), strict=True):
+        tip = solve_tensions(task.mechanism, 6.0 ** u[0]).tip  # tension range (1, 6) N
         assert np.allclose(target, tip, atol=1e-7)
 
 
 def test_a_path_passes_through_its_waypoints():
     task, _ = episodes(1, target={"process": "path", "waypoints": 4})
-    uniforms = np.random.default_rng(0).random((1, 4, 2))
-    (path,) = target_paths(task.config, (task.mechanism,), uniforms)
+    (path,), (drawn,) = targets(task, 1)
     for k in range(4):
-        assert np.allclose(path[10 * k], solve_tensions(task.mechanism, 6.0 ** uniforms[0, k]).tip, atol=1e-7)
+        assert np.allclose(path[10 * k], solve_tensions(task.mechanism, 6.0 ** drawn[k]).tip, atol=1e-7)
 
 
 def test_a_path_moves_without_jumps_and_a_fixed_target_stays():
-    _, drawn = episodes(20, episode_steps=60, target={"process": "path"})
-    moves = np.linalg.norm(np.diff(drawn.targets, axis=1), axis=-1)
+    task, _ = episodes(1, episode_steps=60, target={"process": "path"})
+    moves = np.linalg.norm(np.diff(targets(task, 20)[0], axis=1), axis=-1)
     assert moves.max() < 10 and moves.sum(axis=1).min() > 5
     assert moves[:, [0, 29, 30, -1]].max() < 0.6  # at rest at each of the three waypoints
-    _, drawn = episodes(3)
-    assert np.all(drawn.targets == drawn.targets[:, :1])
+    task, _ = episodes(1)
+    fixed, _ = targets(task, 3)
+    assert np.all(fixed == fixed[:, :1])
 
 
 def test_a_lane_does_not_depend_on_the_lanes_beside_it():
     _, many = episodes(4, **EVERYTHING)
     task, _ = episodes(1, **EVERYTHING)
     alone = task.sample([np.random.default_rng(2)])
-    for name in ("targets", "links", "forces", "start_tensions", "surface_offsets", "actuator_offsets", "noise"):
-        assert np.array_equal(getattr(many, name)[2], getattr(alone, name)[0]), name
-    assert np.array_equal(many.stiffnesses[2], alone.stiffnesses[0])
+    for name in (f.name for f in dataclasses.fields(alone)):
+        if name not in ("mechanisms", "designs", "targets"):
+            assert np.array_equal(getattr(many, name)[2], getattr(alone, name)[0]), name
+    assert np.array_equal(targets(task, 4)[0][0], targets(task, 1)[0][0])
 
 
 def test_randomisation_leaves_loads_and_start_of_a_seed_as_they_are():
@@ -128,7 +141,7 @@ def test_randomised_mechanisms_stay_within_the_stated_ranges():
 
 def test_without_randomisation_every_lane_has_the_nominal_mechanism_itself():
     task, drawn = episodes(3)
-    assert all(mechanism is task.mechanism for mechanism in drawn.mechanisms)
+    assert drawn.mechanisms == (task.mechanism,) and not drawn.designs.any()
     assert drawn.noise is None
 
 
@@ -136,16 +149,18 @@ def test_what_is_fixed_is_not_drawn():
     task, free = episodes(2)
     fixed = Fixed(links=2, start_tensions=np.array([1.0, 2.0]))
     rngs = [np.random.default_rng(seed) for seed in range(2)]
-    uniforms = draw_uniforms(rngs, uniform_shapes(task.config, task.mechanism))
-    drawn = sample_episodes(task.config, task.mechanism, uniforms, fixed)
+    drawn = task.sample(rngs, fixed)
     assert np.all(drawn.links == 2) and np.all(drawn.start_tensions == [1.0, 2.0])
-    assert np.array_equal(drawn.targets, free.targets) and np.array_equal(drawn.forces, free.forces)
+    assert np.array_equal(drawn.target_tensions, free.target_tensions)
+    assert np.array_equal(drawn.forces, free.forces)
 
 
 def test_start_commands_give_the_start_tensions_when_nothing_pulls():
-    task, drawn = episodes(3, start="random", load={"magnitude": (0, 0)})
-    state = task.begin(drawn)
-    assert np.allclose(state.tensions, drawn.start_tensions, atol=1e-7)
-    again = solve_lengths(task.mechanism, state.commands[0])
+    task, _ = episodes(1, start="random", load={"magnitude": (0, 0)})
+    lanes = Lanes(task, 3, goal=False)
+    drawn, _ = lanes.begin([np.random.default_rng(seed) for seed in range(3)])
+    info = state_info(lanes.state.readings)
+    assert np.allclose(info["tensions"], drawn.start_tensions, atol=1e-7)
+    again = solve_lengths(task.mechanism, info["command"][0])
     assert np.allclose(again.tensions, drawn.start_tensions[0], atol=1e-6)
-    assert dataclasses.is_dataclass(state)
+    assert np.ptp(drawn.start_tensions) > 1

@@ -1,6 +1,7 @@
 """The native vector environments equal their scalar siblings, lane by lane and step by step."""
 
 import pickle
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -10,6 +11,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rollingjoint import InvalidInput, Status
+from rollingjoint.presets import five_link
 
 SHORT = {"episode_steps": 4, "load": {"process": "step", "hold_steps": 2.0}, "target": {"process": "path"}}
 RANDOM = {"episode_steps": 3, "randomization": {"position_noise_mm": 0.2, "stiffness_spread": 0.2}, "start": "random"}
@@ -81,6 +83,21 @@ def test_a_masked_reset_leaves_the_other_lanes_alone():
     assert np.all(infos["load"]["force"][1] == 0)
 
 
+def test_lanes_may_get_mechanisms_whose_tendons_end_elsewhere():
+    chain = five_link()
+    short = chain.replace(tendons=[replace(tendon, end=3) for tendon in chain.tendons])
+    settings = {"episode_steps": 4, "load": {"link": "tip"}}
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="Disabled", **settings)
+    scalar = rj_gym.RollingJointEnv(**settings)
+    env.reset(seed=0), scalar.reset(seed=1)
+    env.reset(options={"reset_mask": np.array([False, True, False]), "mechanism": short})
+    scalar.reset(options={"mechanism": short})
+    for _ in range(3):
+        observations, *_ = env.step(np.full((3, 2), 0.4))
+        assert np.array_equal(observations[1], scalar.step(np.full(2, 0.4))[0])
+        assert not np.array_equal(observations[1], observations[0])
+
+
 def test_an_ended_lane_must_be_reset_when_autoreset_is_disabled():
     env = rj_gym.RollingJointVectorEnv(2, autoreset_mode=AutoresetMode.DISABLED, episode_steps=1)
     env.reset(seed=0)
@@ -90,19 +107,15 @@ def test_an_ended_lane_must_be_reset_when_autoreset_is_disabled():
 
 
 def test_a_failed_solve_ends_its_lane_only(monkeypatch):
-    from rj_gym.tracking import task
-
     env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="SameStep")
     env.reset(seed=0)
-    solve = task.solve_lengths_batch
+    solve = env._lanes._solve
 
-    def fail_in_lane_1(*arguments):
-        result = solve(*arguments)
-        if len(result.status) == 3:  # not the restart of the lane that failed
-            result.status[1] = Status.NOT_CONVERGED
-        return result
+    def fail_in_lane_1(first, last):  # but its restart, in a room of its own, succeeds
+        solve(first, last)
+        env._lanes._results.status[1] = Status.NOT_CONVERGED
 
-    monkeypatch.setattr(task, "solve_lengths_batch", fail_in_lane_1)
+    monkeypatch.setattr(env._lanes, "_solve", fail_in_lane_1)
     observations, rewards, terminated, truncated, infos = env.step(np.zeros((3, 2)))
     assert terminated.tolist() == [False, True, False]
     assert not truncated.any()
@@ -117,12 +130,12 @@ def test_a_failed_solve_ends_its_lane_only(monkeypatch):
     ids=["shape", "nan", "text", "wide"],
 )
 def test_invalid_actions_change_nothing(actions):
-    env = rj_gym.RollingJointVectorEnv(3)
-    env.reset(seed=0)
-    state = env._state
+    env, untouched = rj_gym.RollingJointVectorEnv(3), rj_gym.RollingJointVectorEnv(3)
+    env.reset(seed=0), untouched.reset(seed=0)
     with pytest.raises(InvalidInput, match=r"\(3, 2\)"):
         env.step(actions)
-    assert env._state is state
+    for one, other in zip(env.step(np.ones((3, 2))), untouched.step(np.ones((3, 2))), strict=True):
+        assert_same(one, other)
 
 
 @pytest.mark.parametrize(
@@ -141,6 +154,37 @@ def test_invalid_actions_change_nothing(actions):
 def test_unusable_arguments_are_refused(call):
     with pytest.raises(InvalidInput):
         call()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_calls_share_no_memory(mode):
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode=mode, episode_steps=2)
+    calls = [env.reset(seed=0)]
+    for k in range(5):
+        calls.append(env.step(np.full((3, 2), 0.1 * k)))
+        if mode is AutoresetMode.DISABLED and calls[-1][3].any():
+            calls.append(env.reset(options={"reset_mask": calls[-1][3].copy()}))
+    groups = [arrays_in(call) + internal_arrays(env) * (call is calls[-1]) for call in calls]
+    assert all(len(group) > 20 for group in groups)
+    for k, group in enumerate(groups):
+        for array in group:
+            assert not any(np.shares_memory(array, other) for later in groups[k + 1 :] for other in later)
+    returned = arrays_in(calls[-1])
+    assert not any(np.shares_memory(array, inside) for array in returned for inside in internal_arrays(env))
+
+
+def arrays_in(value):
+    """All numeric arrays in nested results."""
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return [value]
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    return [array for part in value for array in arrays_in(part)] if isinstance(value, tuple | np.ndarray) else []
+
+
+def internal_arrays(env):
+    lanes = env._lanes
+    return [*lanes.state, *lanes.course, lanes._actions, lanes._loads, *lanes._results]
 
 
 def test_stepping_before_reset_is_refused():

@@ -1,4 +1,4 @@
-"""The scalar tracking environments: Gymnasium shells around a batch of one."""
+"""The scalar tracking environments: Gymnasium shells around a single lane."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
 from rj_gym.render import Renderer
-from rj_gym.tracking.info import lane_info, lane_scene, sampled_info, state_info
+from rj_gym.tracking.info import every_lane, sampled_info, single_info
+from rj_gym.tracking.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
+from rj_gym.tracking.lanes import Lanes
 from rj_gym.tracking.options import checked_options
-from rj_gym.tracking.sampling import Episodes
-from rj_gym.tracking.spaces import batch_observation, observation_space
-from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.errors import InvalidInput, as_floats
+from rj_gym.tracking.spaces import goal_observation, observation_space
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.errors import InvalidInput
 
 
 class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -102,8 +103,10 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
         self.observation_space = observation_space(self.task, self.goal)
-        self._episode: Episodes | None = None
-        self._state: State | None = None
+        self._lanes = Lanes(self.task, 1, self.goal)
+        self._action_shape = (self.task.mechanism.n_tendons,)
+        self._steps = self.config.episode_steps
+        self._begun = False
         self._over = True
         self._trail: list[NDArray[np.float64]] = []
         self._renderer: Renderer | None = None
@@ -124,14 +127,16 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         fixed = checked_options(options, self.config, self.task.mechanism)
         super().reset(seed=seed)
-        self._episode = self.task.sample([self.np_random], fixed)
-        self._state = self.task.begin(self._episode)
-        self._over = False
-        self._trail = [self._state.tips[0]]
-        if self.render_mode == "human":
-            self.render()
-        info = state_info(self._episode, self._state) | {"sampled": sampled_info(self._episode)}
-        return self._observation(self._episode, self._state), lane_info(info)
+        episodes, observation = self._lanes.begin([self.np_random], fixed)
+        readings = self._lanes.state.readings[0].copy()
+        self._begun, self._over = True, False
+        self._trail = []
+        if self.render_mode is not None:
+            self._show(readings)
+        info = single_info(readings, readings.tolist())
+        del info["reward_terms"]
+        (info["sampled"],) = every_lane(sampled_info(self._lanes, episodes), [0])
+        return self._observation(observation[0], readings), info
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and info after one step.
@@ -140,28 +145,27 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             InvalidInput: an action that is not (m,) finite numbers; nothing has changed then.
             gymnasium.error.ResetNeeded: before the first reset, or after the end of an episode.
         """
-        if self._episode is None or self._state is None or self._over:
+        if self._over:
             raise ResetNeeded("No episode is running: call reset() before step().")
-        episode, state = self._episode, self.task.advance(self._episode, self._state, self._checked(action))
-        self._state = state
-        self._trail.append(state.tips[0])
-        terminated, truncated = (bool(ended[0]) for ended in self.task.end(state))
+        lanes = self._lanes
+        lanes.accept("action", action, self._action_shape)
+        vector = lanes.advance()[0]
+        readings = lanes.state.readings[0].copy()
+        numbers = readings.tolist()
+        terminated, truncated = numbers[STATUS] > AT_LIMIT, numbers[STEP] >= self._steps
         self._over = terminated or truncated
-        if self.render_mode == "human":
-            self.render()
-        observation = self._observation(episode, state)
-        terms = self._reward_terms(state, observation)
-        info = lane_info(state_info(episode, state)) | {"reward_terms": terms}
-        return observation, sum(terms.values()), terminated, truncated, info
+        if self.render_mode is not None:
+            self._show(readings)
+        return vector, numbers[REWARD], terminated, truncated, single_info(readings, numbers)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture (H, W, 3) in mode "rgb_array"; in mode "human" it goes to the window."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() needs render_mode "human" or "rgb_array" in gymnasium.make.')
             return None
-        if self._episode is None or self._state is None:
+        if not self._begun:
             raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
-        scene = lane_scene(self.task, self._episode, self._state, np.array(self._trail))
+        scene = self._lanes.scene(np.array(self._trail))
         if self._renderer is None:
             self._renderer = Renderer(self.task.length)
         if self.render_mode == "rgb_array":
@@ -178,21 +182,14 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_renderer": None}
 
-    def _checked(self, action: ArrayLike) -> NDArray[np.float64]:
-        """The action as a batch of one, (1, m)."""
-        m = self.task.mechanism.n_tendons
-        allowed = f"{m} finite numbers in [-1, 1], one per tendon"
-        values = as_floats("action", action, allowed)
-        if values.shape != (m,) or not np.isfinite(values).all():
-            raise InvalidInput("action", action, allowed)
-        return values[None]
+    def _show(self, readings: NDArray[np.float64]) -> None:
+        """Draw the trail on, and the window."""
+        self._trail.append(readings[TIP : TIP + 2].copy())
+        if self.render_mode == "human":
+            self.render()
 
-    def _observation(self, episode: Episodes, state: State) -> Any:
-        batch = batch_observation(self.task, episode, state, self.goal)
-        return {key: value[0] for key, value in batch.items()} if self.goal else batch[0]
-
-    def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
-        return {name: float(values[0]) for name, values in self.task.reward_terms(state).items()}
+    def _observation(self, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+        return vector
 
 
 class RollingJointGoalEnv(RollingJointEnv):
@@ -228,9 +225,12 @@ class RollingJointGoalEnv(RollingJointEnv):
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """As RollingJointEnv.step, with is_success in info."""
-        *outcome, info = super().step(action)
+        vector, _, terminated, truncated, info = super().step(action)
+        observation = self._observation(vector, self._lanes.state.readings[0])
+        reward = self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)
+        info["reward_terms"] = {"tracking": reward}
         info["is_success"] = info["error_mm"] <= self.config.reward.goal_tolerance_mm
-        return (*outcome, info)
+        return observation, reward, terminated, truncated, info
 
-    def _reward_terms(self, state: State, observation: Any) -> dict[str, float]:
-        return {"tracking": self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)}
+    def _observation(self, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+        return goal_observation(self.task, vector, readings)

@@ -1,89 +1,153 @@
-"""What info says, batch-first; a scalar environment takes its lane out of a batch of one."""
+"""What info says: of all lanes in Gymnasium's vector form, or of the single lane of a scalar environment."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.render import Scene
+from rj_gym.tracking.kernels import (
+    EFFORT,
+    ERROR,
+    FAILURE,
+    FORCE,
+    LINK,
+    SMOOTHNESS,
+    STATUS,
+    TARGET,
+    TENSIONS,
+    TIP,
+    TRACKING,
+)
+from rj_gym.tracking.lanes import Lanes, over_time
 from rj_gym.tracking.sampling import Episodes
-from rj_gym.tracking.task import State, TrackingTask
 from rollingjoint.equilibrium import Status
 
-_STATUS_NAMES = np.array([status.name for status in Status], dtype=object)
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STATUS_NAMES = [status.name for status in Status]
+_NAME_ARRAY = np.array(_STATUS_NAMES, dtype=object)
+_TIP, _TARGET, _FORCE = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
+_TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
 
 
-def state_info(episodes: Episodes, state: State) -> dict[str, Any]:
-    """What info says in every step: fresh arrays (B, ...)."""
+def state_info(readings: Array) -> dict[str, Any]:
+    """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+    m = (readings.shape[1] - TENSIONS) // 2
     return {
-        "error_mm": state.errors.copy(),
-        "status": _STATUS_NAMES[state.status],
-        "tip": state.tips.copy(),
-        "target": state.targets.copy(),
-        "load": {"link": episodes.links.copy(), "force": state.forces.copy()},
-        "tensions": state.tensions.copy(),
-        "command": state.commands.copy(),
+        "error_mm": readings[:, ERROR],
+        "status": _NAME_ARRAY[readings[:, STATUS].astype(np.intp)],
+        "tip": readings[:, _TIP],
+        "target": readings[:, _TARGET],
+        "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, _FORCE]},
+        "tensions": readings[:, TENSIONS : TENSIONS + m],
+        "command": readings[:, TENSIONS + m :],
     }
 
 
-def sampled_info(episodes: Episodes) -> dict[str, Any]:
-    """What was drawn for each lane: fresh arrays (B, ...)."""
-    names = np.empty(len(episodes.mechanisms), dtype=object)
-    names[:] = [mechanism.name for mechanism in episodes.mechanisms]
+def reward_info(readings: Array) -> dict[str, Array]:
+    """The terms of the reward, (B,) each: parts of the readings."""
+    return {name: readings[:, column] for name, column in _TERMS.items()}
+
+
+def single_info(readings: Array, numbers: list[float]) -> dict[str, Any]:
+    """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+    m = (len(numbers) - TENSIONS) // 2
     return {
-        "mechanism": names,
-        "targets": episodes.targets.copy(),
-        "link": episodes.links.copy(),
-        "forces": episodes.forces.copy(),
-        "start_tensions": episodes.start_tensions.copy(),
-        "stiffnesses": episodes.stiffnesses.copy(),
-        "surface_offsets": episodes.surface_offsets.copy(),
-        "actuator_offsets": episodes.actuator_offsets.copy(),
+        "error_mm": numbers[ERROR],
+        "status": _STATUS_NAMES[int(numbers[STATUS])],
+        "tip": readings[_TIP],
+        "target": readings[_TARGET],
+        "load": {"link": int(numbers[LINK]), "force": readings[_FORCE]},
+        "tensions": readings[TENSIONS : TENSIONS + m],
+        "command": readings[TENSIONS + m :],
+        "reward_terms": {
+            "tracking": numbers[TRACKING],
+            "effort": numbers[EFFORT],
+            "smoothness": numbers[SMOOTHNESS],
+            "failure": numbers[FAILURE],
+        },
     }
 
 
-def lane_info(info: dict[str, Any], lane: int = 0) -> dict[str, Any]:
-    """One lane of a batch's info: Python numbers and strings, fresh arrays, nested dictionaries."""
-    return {key: _lane(value, lane) for key, value in info.items()}
+def sampled_info(lanes: Lanes, episodes: Episodes) -> dict[str, Any]:
+    """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+    times, count = lanes.task.config.episode_steps + 1, len(episodes)
+    names = np.array([mechanism.name for mechanism in episodes.mechanisms], dtype=object)
+    return {
+        "mechanism": names[episodes.designs],
+        "targets": over_time(lanes.course.targets[:count], times),
+        "link": episodes.links,
+        "forces": over_time(lanes.course.forces[:count], times),
+        "start_tensions": episodes.start_tensions,
+        "stiffnesses": episodes.stiffnesses,
+        "surface_offsets": episodes.surface_offsets,
+        "actuator_offsets": episodes.actuator_offsets,
+    }
 
 
-def masked_info(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """A batch's info in Gymnasium's vector form: `_key` says which lanes have `key`; the others hold zero or None."""
+def every_lane(infos: Mapping[str, Any], rows: Sequence[int]) -> list[dict[str, Any]]:
+    """The infos of these lanes one by one, without masks: Python numbers and strings, and parts of the arrays."""
+    keys = [key for key in infos if not key.startswith("_")]
+    columns = [_column(infos[key], rows) for key in keys]
+    return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _column(values: Any, rows: Sequence[int]) -> list[Any]:
+    if isinstance(values, dict):
+        return every_lane(values, rows)
+    chosen = values if len(rows) == len(values) else values[rows]
+    return chosen.tolist() if chosen.ndim == 1 else list(chosen)
+
+
+def masked_info(info: Mapping[str, Any], mask: Mask) -> dict[str, Any]:
+    """A batch's info in Gymnasium's vector form: `_key` says which lanes have `key`; the others hold zero or None.
+
+    The arrays in `info` are changed for that.
+    """
+    return _masked(info, mask, ~mask)
+
+
+def whole_info(info: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """masked_info where all `count` lanes have everything."""
+    return _masked(info, np.ones(count, bool), None)
+
+
+def _masked(info: Mapping[str, Any], mask: Mask, blank: Mask | None) -> dict[str, Any]:
     masked: dict[str, Any] = {}
     for key, value in info.items():
-        masked[key] = masked_info(value, mask) if isinstance(value, dict) else _blanked(value, mask)
+        if isinstance(value, dict):
+            value = _masked(value, mask, blank)
+        elif blank is not None:
+            value[blank] = None if value.dtype == object else 0
+        masked[key] = value
         masked[f"_{key}"] = mask.copy()
     return masked
 
 
-def lane_scene(
-    task: TrackingTask, episodes: Episodes, state: State, trail: NDArray[np.float64], lane: int = 0
-) -> Scene:
-    """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
-    return Scene(
-        mechanism=episodes.mechanisms[lane],
-        poses=state.poses[lane],
-        tensions=state.tensions[lane],
-        tension_range=task.config.tension_range,
-        targets=episodes.targets[lane],
-        force=state.forces[lane],
-        link=int(episodes.links[lane]),
-        trail=trail,
-        step=int(state.step[lane]),
-    )
+def spread_info(info: Mapping[str, Any], rows: NDArray[np.int64], count: int) -> dict[str, Any]:
+    """The info of some lanes in arrays for all `count`; the other lanes hold zero or None."""
+    if len(rows) == count:
+        return dict(info)
+    return {
+        key: spread_info(value, rows, count) if isinstance(value, dict) else _spread(value, rows, count)
+        for key, value in info.items()
+    }
 
 
-def _lane(value: Any, lane: int) -> Any:
-    if isinstance(value, dict):
-        return lane_info(value, lane)
-    if value.dtype == object:
-        return value[lane]
-    return value[lane].copy() if value.ndim > 1 else value[lane].item()
+def unmasked_info(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Infos without their `_key` masks, in fresh arrays."""
+    return {
+        key: unmasked_info(value) if isinstance(value, dict) else value.copy()
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }
 
 
-def _blanked(value: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[Any]:
-    if not mask.all():
-        value[~mask] = None if value.dtype == object else 0
-    return value
+def _spread(values: NDArray[Any], rows: NDArray[np.int64], count: int) -> NDArray[Any]:
+    spread = np.full((count, *values.shape[1:]), None if values.dtype == object else 0, values.dtype)
+    spread[rows] = values
+    return spread

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.config import TrackingConfig
-from rj_gym.tracking.sampling import Fixed
+from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
 from rollingjoint.errors import InvalidInput, as_floats
 from rollingjoint.load import link_index
 from rollingjoint.mechanism_file import load_mechanism
@@ -30,7 +30,8 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.
     """
-    options = {} if options is None else options
+    if options is None:
+        return NOTHING_FIXED
     if not isinstance(options, Mapping):
         raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(OPTIONS)}")
     for key in options:
@@ -59,11 +60,11 @@ def _load(value: object, n_links: int, times: int) -> tuple[int, Array]:
 
 
 def _series(what: str, value: object, times: int, unit: str) -> Array:
-    """Finite (x, y) over time, (T + 1, 2); one pair holds for the whole episode."""
+    """Finite (x, y) over time, (T + 1, 2), or (1, 2): one pair for the whole episode."""
     array = _floats(what, value)
     if array.shape not in ((2,), (times, 2)):
         raise InvalidInput(what, value, f"(x, y) or an array of shape ({times}, 2) over time [{unit}]")
-    return np.tile(array, (times, 1)) if array.ndim == 1 else array
+    return np.atleast_2d(array)
 
 
 def _mechanism(value: object, nominal: RollingChain) -> RollingChain:

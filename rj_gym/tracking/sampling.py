@@ -1,27 +1,25 @@
 """Episodes as pure functions of uniform random numbers, one row per episode.
 
-A generator is asked once per episode (`draw_uniforms`); everything after that is arithmetic on (B, ...) arrays. So an
+A generator is asked once per episode (`Uniforms`); everything after that is arithmetic on (B, ...) arrays. So an
 episode depends on its own row alone, whatever the batch around it, and a scalar and a native vector environment share
 this code. What randomisation needs comes last: switching it on leaves the loads of a seed as they are.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
-from rj_gym.tracking.solve import solve_each
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 from rollingjoint.rolling_chain import Link, RollingChain
-from rollingjoint.solve import solve_tensions_batch
 
 Array = NDArray[np.float64]
 
@@ -45,36 +43,78 @@ NOTHING_FIXED = Fixed()
 
 @dataclass(frozen=True)
 class Episodes:
-    """Everything that is fixed when B episodes begin; T is the number of steps, time 0 the start.
+    """What was drawn for B episodes; T is the number of steps, time 0 the start.
+
+    A series has one entry where it does not change over time.
 
     Args:
-        mechanisms: the mechanism of every lane (the same object where nothing is randomised).
-        targets: tip targets over time, (B, T + 1, 2) [mm].
+        mechanisms: the mechanisms that occur: one, or one per lane.
+        designs: which of them each lane has, (B,).
+        targets: tip targets, (B, 1 or T + 1, 2) [mm]; or None: the tips of the unloaded equilibria at target_tensions.
+        target_tensions: (B, 1 or T + 1, m) [N].
         links: link that the load pulls, (B,).
-        forces: load over time, (B, T + 1, 2) [N].
+        forces: loads, (B, 1 or T + 1, 2) [N].
         start_tensions: tensions before the load acts, (B, m) [N].
+        stiffnesses: of the tendons, (B, m) [N/mm].
         surface_offsets: displacement (x, y, angle) of every link's parent and child surface, (B, n, 2, 3) [mm, rad].
         actuator_offsets: what the motors add to every length command, (B, m) [mm].
         noise: measurement error of the moving links' poses (x, y, angle), (B, T + 1, n - 1, 3) [mm, rad], or None.
     """
 
     mechanisms: tuple[RollingChain, ...]
-    targets: Array
+    designs: NDArray[np.int64]
+    targets: Array | None
+    target_tensions: Array
     links: NDArray[np.int64]
     forces: Array
     start_tensions: Array
+    stiffnesses: Array
     surface_offsets: Array
     actuator_offsets: Array
-    noise: Array | None = None
+    noise: Array | None
 
-    @cached_property
-    def stiffnesses(self) -> Array:
-        """Tendon stiffnesses, (B, m) [N/mm]."""
-        return np.array([mechanism.stiffnesses for mechanism in self.mechanisms])
+    def __len__(self) -> int:
+        return len(self.links)
 
 
-def uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
-    """Shapes of the uniform numbers that one episode needs, by name, in the order in which they are drawn."""
+class Block(NamedTuple):
+    """Where one quantity's uniform numbers stand in the row of an episode, and their shape."""
+
+    start: int
+    stop: int
+    shape: tuple[int, ...]
+
+
+class Uniforms:
+    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each.
+
+    Args:
+        blocks: from uniform_blocks.
+        rngs: one generator per episode; each is asked once.
+    """
+
+    def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator]) -> None:
+        self._blocks = blocks
+        self._rows: Array = np.empty((len(rngs), max(block.stop for block in blocks.values())))
+        for rng, row in zip(rngs, self._rows, strict=True):
+            rng.random(out=row)
+
+    def __getitem__(self, name: str) -> Array:
+        start, stop, shape = self._blocks[name]
+        return self._rows[:, start:stop].copy().reshape(-1, *shape)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+
+def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
+    """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
+    shapes = _uniform_shapes(config, mechanism)
+    stops = list(itertools.accumulate(map(math.prod, shapes.values())))
+    return dict(zip(shapes, map(Block, [0, *stops], stops, shapes.values()), strict=False))
+
+
+def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
     times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
     shapes: dict[str, tuple[int, ...]] = {
         "target": (config.target.waypoints if config.target.process == "path" else 1, m),
@@ -85,89 +125,81 @@ def uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str,
     else:
         draws = times if config.load.process == "step" else 1
         shapes |= {"direction": (draws,), "magnitude": (draws,)}
-    if config.load.process == "step":
-        shapes["jump"] = (times,)
+        if config.load.process == "step":
+            shapes["jump"] = (times,)
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
     return shapes
 
 
-def draw_uniforms(rngs: Sequence[np.random.Generator], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Uniform numbers in [0, 1) for one episode per generator, each (B, *shape)."""
-    counts = [math.prod(shape) for shape in shapes.values()]
-    rows = np.stack([rng.random(sum(counts)) for rng in rngs])
-    blocks = np.split(rows, np.cumsum(counts)[:-1], axis=1)
-    return {name: block.reshape(len(rows), *shape) for (name, shape), block in zip(shapes.items(), blocks, strict=True)}
-
-
 def sample_episodes(
-    config: TrackingConfig, nominal: RollingChain, uniforms: Mapping[str, Array], fixed: Fixed = NOTHING_FIXED
+    config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed = NOTHING_FIXED
 ) -> Episodes:
     """B episodes of the task, with what `fixed` holds in place of what was drawn.
 
     Args:
         config: the settings.
         nominal: the mechanism before randomisation.
-        uniforms: from draw_uniforms.
+        uniforms: of the same configuration and mechanism.
         fixed: what is not drawn.
     """
     randomization = config.randomization
-    tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
-    offsets = _symmetric(tolerance, uniforms["surface"])
-    factors = 1 + _symmetric(randomization.stiffness_spread, uniforms["stiffness"])
-    if fixed.mechanism is None:
-        mechanisms = tuple(varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True))
-    else:
-        mechanisms, offsets = (fixed.mechanism,) * len(offsets), np.zeros_like(offsets)
+    mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
     drawn = Episodes(
         mechanisms,
-        target_paths(config, mechanisms, uniforms["target"]),
+        designs,
+        None,
+        target_tensions(config, uniforms["target"]),
         load_links(config.load, nominal.n_links, uniforms["link"]),
-        load_forces(config.load, uniforms, config.episode_steps + 1),
+        load_forces(config.load, uniforms),
         start_tensions(config, uniforms["start"]),
-        surface_offsets=offsets,
-        actuator_offsets=_symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
-        noise=_sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
+        np.array([mechanism.stiffnesses for mechanism in mechanisms])[designs],
+        offsets,
+        _symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
+        _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
     )
-    return _hold(drawn, fixed)
+    return drawn if fixed is NOTHING_FIXED else _hold(drawn, fixed)
 
 
 def _hold(drawn: Episodes, fixed: Fixed) -> Episodes:
-    lanes = len(drawn.mechanisms)
-    series = {name: getattr(fixed, name) for name in ("targets", "links", "forces", "start_tensions")}
-    held: dict[str, Any] = {
-        name: np.stack([np.asarray(value)] * lanes) for name, value in series.items() if value is not None
-    }
-    return replace(drawn, **held) if held else drawn
+    held: dict[str, Any] = {}
+    for name in ("targets", "links", "forces", "start_tensions"):
+        if (value := getattr(fixed, name)) is not None:
+            held[name] = np.stack([np.asarray(value)] * len(drawn))
+    return replace(drawn, **held)
 
 
-def target_paths(config: TrackingConfig, mechanisms: Sequence[RollingChain], uniforms: Array) -> Array:
-    """Tip positions of unloaded equilibria at the drawn log tensions, (B, T + 1, 2) [mm].
+def _mechanisms(
+    randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed
+) -> tuple[tuple[RollingChain, ...], NDArray[np.int64], Array]:
+    """Mechanisms, designs and surface offsets of Episodes."""
+    lanes = len(uniforms)
+    if fixed.mechanism is not None or not randomization.varies_mechanism:
+        chosen = fixed.mechanism or nominal
+        return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
+    tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
+    offsets = _symmetric(tolerance, uniforms["surface"])
+    factors = 1 + _symmetric(randomization.stiffness_spread, uniforms["stiffness"])
+    varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
+    return tuple(varied), np.arange(lanes), offsets
+
+
+def target_tensions(config: TrackingConfig, uniforms: Array) -> Array:
+    """Tensions whose unloaded equilibria have their tips at the targets, (B, 1 or T + 1, m) [N].
 
     A path moves from one of its waypoints (B, W, m) to the next with a smoothstep in log tension, so it stays in the
     drawn range and is at rest at each of them.
     """
     tensions = _log_uniform(uniforms, config.target.tension_range)
-    if config.target.process == "path":
-        position = np.linspace(0.0, tensions.shape[1] - 1, config.episode_steps + 1)
-        before = np.minimum(position.astype(int), tensions.shape[1] - 2)
-        u = (position - before)[:, None]
-        blend = u * u * (3 - 2 * u)
-        logs = np.log(tensions)
-        tensions = np.exp((1 - blend) * logs[:, before] + blend * logs[:, before + 1])
-    tips = unloaded_tips(mechanisms, tensions)
-    return np.ascontiguousarray(np.broadcast_to(tips, (len(tips), config.episode_steps + 1, 2)))
-
-
-def unloaded_tips(mechanisms: Sequence[RollingChain], tensions: Array) -> Array:
-    """Tip positions of the unloaded equilibria at tensions (B, K, m), (B, K, 2) [mm]."""
-    lanes, count, m = tensions.shape
-    solved = solve_each(
-        mechanisms,
-        lambda mechanism, rows: solve_tensions_batch(mechanism, tensions[rows].reshape(-1, m), (), None),
-    )
-    return solved.poses[:, -1, :2].reshape(lanes, count, 2)
+    if config.target.process == "fixed":
+        return tensions
+    position = np.linspace(0.0, tensions.shape[1] - 1, config.episode_steps + 1)
+    before = np.minimum(position.astype(int), tensions.shape[1] - 2)
+    u = (position - before)[:, None]
+    blend = u * u * (3 - 2 * u)
+    logs = np.log(tensions)
+    return np.exp((1 - blend) * logs[:, before] + blend * logs[:, before + 1])
 
 
 def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.int64]:
@@ -177,16 +209,17 @@ def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.
     return 1 + (uniforms[:, 0] * (n_links - 1)).astype(np.int64)
 
 
-def load_forces(config: LoadConfig, uniforms: Mapping[str, Array], times: int) -> Array:
-    """Load over time, (B, T + 1, 2) [N]."""
+def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
+    """Loads, (B, 1 or T + 1, 2) [N]."""
     if config.process == "ou":
         return _ornstein_uhlenbeck(config, _normal(uniforms["walk"]))
     low, high = config.magnitude
-    angle = 2 * np.pi * uniforms["direction"]
+    angle = 2 * math.pi * uniforms["direction"]
     magnitude = low + (high - low) * uniforms["magnitude"]
-    drawn = magnitude[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    drawn = np.empty((*angle.shape, 2))
+    drawn[..., 0], drawn[..., 1] = magnitude * np.cos(angle), magnitude * np.sin(angle)
     if config.process == "constant":
-        return np.ascontiguousarray(np.broadcast_to(drawn, (len(drawn), times, 2)))
+        return drawn
     jumps = uniforms["jump"] < 1 / config.hold_steps
     jumps[:, 0] = False
     current: NDArray[np.int64] = np.cumsum(jumps, axis=1, dtype=np.int64)  # which draw holds at each time

@@ -1,16 +1,17 @@
-"""Observation spaces and batched observations of the plain and the Goal variant."""
+"""Observation spaces and observations of the plain and the Goal variant."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from rj_gym.tracking.kernels import TARGET, TIP
 from rj_gym.tracking.observation import POSITION_BOUND
-from rj_gym.tracking.sampling import Episodes
-from rj_gym.tracking.task import State, TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 
 def observation_space(task: TrackingTask, goal: bool) -> spaces.Space[Any]:
@@ -22,12 +23,26 @@ def observation_space(task: TrackingTask, goal: bool) -> spaces.Space[Any]:
     return spaces.Dict(observation=vector, achieved_goal=_box(-bound, bound), desired_goal=_box(-bound, bound))
 
 
-def batch_observation(task: TrackingTask, episodes: Episodes, state: State, goal: bool) -> Any:
-    """Fresh observations (B, ...) of all lanes: an array, or a dictionary of them."""
-    vector = task.observe(episodes, state, goal)
-    if not goal:
-        return vector
-    return {"observation": vector, "achieved_goal": task.goals(state.tips), "desired_goal": task.goals(state.targets)}
+def goal_observation(
+    task: TrackingTask, vector: NDArray[np.float32], readings: NDArray[np.float64]
+) -> dict[str, NDArray[np.float32]]:
+    """The Goal variant's observation from its vector (..., entries) and the readings (..., columns)."""
+    return {
+        "observation": vector,
+        "achieved_goal": task.goals(readings[..., TIP : TIP + 2]),
+        "desired_goal": task.goals(readings[..., TARGET : TARGET + 2]),
+    }
+
+
+def lane_observations(observations: Any, rows: NDArray[np.int64]) -> NDArray[Any]:
+    """The observations of some lanes, one by one, as an array of objects."""
+    lanes: Iterable[Any] = observations
+    if isinstance(observations, dict):
+        chosen = (part[rows] for part in observations.values())
+        lanes = (dict(zip(observations, lane, strict=True)) for lane in zip(*chosen, strict=True))
+    elif len(rows) < len(observations):
+        lanes = observations[rows]
+    return np.fromiter(lanes, dtype=object, count=len(rows))
 
 
 def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> spaces.Box:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -16,15 +15,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
 from rj_gym.render import Renderer
-from rj_gym.tracking.info import lane_scene, masked_info, sampled_info, state_info
+from rj_gym.tracking.info import (
+    masked_info,
+    reward_info,
+    sampled_info,
+    spread_info,
+    state_info,
+    unmasked_info,
+    whole_info,
+)
+from rj_gym.tracking.kernels import AT_LIMIT, ERROR, REWARD, STATUS, STEP, TIP
+from rj_gym.tracking.lanes import Lanes
 from rj_gym.tracking.options import checked_options
-from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed
-from rj_gym.tracking.spaces import batch_observation, observation_space
-from rj_gym.tracking.task import State, TrackingTask
-from rollingjoint.errors import InvalidInput, as_floats, as_integer
+from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
+from rj_gym.tracking.spaces import goal_observation, lane_observations, observation_space
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.errors import InvalidInput, as_integer
 
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Lanes = TypeVar("Lanes", State, Episodes)
+Vectors = NDArray[np.float32]
 
 
 class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
@@ -70,11 +80,13 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.single_observation_space = observation_space(self.task, self.goal)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._episodes: Episodes | None = None
-        self._state: State | None = None
+        self._generators: list[Any] = [None] * self.num_envs
+        self._lanes = Lanes(self.task, self.num_envs, self.goal)
+        self._beginners: Lanes | None = None
+        self._action_shape = (self.num_envs, self.task.mechanism.n_tendons)
+        self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
-        self._trail: list[NDArray[np.float64]] = []
+        self._trail: list[Array] = []
         self._renderer: Renderer | None = None
 
     @property
@@ -99,49 +111,52 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         for lane, lane_seed in enumerate(self._checked_seeds(seed)):
             if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
                 self._generators[lane] = seeding.np_random(lane_seed)[0]
-        episodes, state = self._begin(mask, fixed)
-        self._trail = [state.tips]
-        info = state_info(episodes, state) | {"sampled": sampled_info(episodes)}
-        return self._observation(episodes, state), masked_info(info, mask)
+        sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
+        if not mask.all():
+            vectors = self._lanes.observe()
+        readings = self._lanes.state.readings.copy()
+        self._begun = True
+        self._over = self._over & ~mask
+        self._remember(readings)
+        info = state_info(readings) | {"sampled": sampled}
+        return self._observation(vectors, readings), masked_info(info, mask)
 
-    def step(self, actions: ArrayLike) -> tuple[Any, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
+    def step(self, actions: ArrayLike) -> tuple[Any, Array, Mask, Mask, dict[str, Any]]:
         """Observations, rewards, terminations, truncations and infos after one step of every lane.
 
         Raises:
             InvalidInput: actions that are not (num_envs, m) finite numbers; nothing has changed then.
             gymnasium.error.ResetNeeded: before the first reset; with autoreset disabled, while an ended lane waits.
         """
-        if self._episodes is None or self._state is None:
+        if not self._begun:
             raise ResetNeeded("No episode is running: call reset() before step().")
-        checked = self._checked_actions(actions)
-        fresh = self._over.copy()
-        if fresh.any() and self.autoreset_mode is AutoresetMode.DISABLED:
-            lanes = np.flatnonzero(fresh).tolist()
-            raise ResetNeeded(f"Lanes {lanes} have ended: reset them with options={{'reset_mask': ...}}.")
-        self._state = self.task.advance(self._episodes, _wound_back(self._state, fresh), checked)
-        if fresh.any():
-            self._begin(fresh, NOTHING_FIXED)
-        episodes, state = self._episodes, self._state
-        terms = self._reward_terms(episodes, state)
-        rewards = np.where(fresh, 0.0, sum(terms.values()))
-        terminated, truncated = (np.where(fresh, False, ended) for ended in self.task.end(state))
+        fresh = np.flatnonzero(self._over)
+        if len(fresh) and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ResetNeeded(f"Lanes {fresh.tolist()} have ended: reset them with options={{'reset_mask': ...}}.")
+        self._lanes.accept("actions", actions, self._action_shape)
+        vectors, sampled = self._advance(fresh)
+        readings = self._lanes.state.readings.copy()
+        self._remember(readings)
+        terminated, truncated = readings[:, STATUS] > AT_LIMIT, readings[:, STEP] >= self.config.episode_steps
+        terminated[fresh] = False
+        observations = self._observation(vectors, readings)
+        rewards, terms = self._rewards(observations, readings)
+        rewards[fresh] = 0.0
+        infos = self._infos(readings, terms, sampled)
         self._over = terminated | truncated
-        self._trail = [*self._trail[-self.config.episode_steps :], state.tips]
-        infos = self._infos(episodes, state, terms, fresh)
-        observations = self._observation(episodes, state)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
-            observations, infos = self._restart(observations, infos)
+            observations, infos = self._restart(vectors, observations, infos)
         return observations, rewards, terminated, truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (H, W, 3) per lane in `render_lanes`."""
         if self.render_mode is None:
             return None
-        if self._episodes is None or self._state is None:
+        if not self._begun:
             raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
         if self._renderer is None:
             self._renderer = Renderer(self.task.length)
-        return tuple(self._picture(self._renderer, self._episodes, self._state, lane) for lane in self.render_lanes)
+        return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
@@ -152,50 +167,83 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_renderer": None}
 
-    def _begin(self, mask: Mask, fixed: Fixed) -> tuple[Episodes, State]:
-        """New episodes in the masked lanes; the whole batch afterwards."""
-        rngs = [rng for rng, chosen in zip(self._generators, mask, strict=True) if chosen and rng is not None]
-        episodes = self.task.sample(rngs, fixed)
-        state = self.task.begin(episodes)
-        if not mask.all() and self._episodes is not None and self._state is not None:
-            episodes, state = _merged(self._episodes, episodes, mask), _merged(self._state, state, mask)
-        self._episodes, self._state = episodes, state
-        self._over = self._over & ~mask
-        return episodes, state
+    def _begin(self, rows: NDArray[np.int64], fixed: Fixed = NOTHING_FIXED) -> tuple[dict[str, Any], Vectors]:
+        """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
+        whole = len(rows) == self.num_envs
+        rngs = self._generators if whole else [self._generators[row] for row in rows]
+        lanes = self._lanes if whole else self._room_for(len(rows))
+        episodes, vectors = lanes.begin(rngs, fixed)
+        if not whole:
+            self._lanes.take(rows, lanes)
+        return spread_info(sampled_info(lanes, episodes), rows, self.num_envs), vectors
 
-    def _restart(self, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    def _room_for(self, count: int) -> Lanes:
+        """Where episodes begin beside those that go on."""
+        if self._beginners is None or self._beginners.capacity < count:
+            self._beginners = Lanes(self.task, count, self.goal)
+        return self._beginners
+
+    def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
+        """One step, of which ended lanes use theirs to begin anew: all vectors, and what was drawn if anything was."""
+        if len(fresh) == 0:
+            return self._lanes.advance(), None
+        if len(fresh) == self.num_envs:
+            sampled, vectors = self._begin(fresh)
+            return vectors, sampled
+        vectors = self._lanes.advance()
+        sampled, vectors[fresh] = self._begin(fresh)
+        return vectors, sampled
+
+    def _restart(self, vectors: Vectors, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Same-step autoreset: ended lanes begin anew; what they ended with goes into final_obs and final_info."""
-        ended = self._over.copy()
+        ended = self._over
+        rows = np.flatnonzero(ended)
+        sampled, begun = self._begin(rows)
         final = np.full(self.num_envs, None, dtype=object)
-        for lane in np.flatnonzero(ended):
-            final[lane] = _row(observations, int(lane))
-        episodes, state = self._begin(ended, NOTHING_FIXED)
-        base = state_info(episodes, state)
-        restarted = masked_info(base, np.ones(self.num_envs, bool))
-        restarted |= masked_info({"sampled": sampled_info(episodes)}, ended)
-        if not ended.all():
-            restarted |= masked_info({k: v for k, v in _unmasked(infos).items() if k not in base}, ~ended)
-        restarted |= masked_info({"final_info": _unmasked(infos)}, ended)
+        final[rows] = lane_observations(observations, rows)
+        if len(rows) < self.num_envs:
+            vectors = vectors.copy()
+            vectors[rows] = begun
+        else:
+            vectors = begun
+        self._over = np.zeros(self.num_envs, bool)
+        readings = self._lanes.state.readings.copy()
+        base = state_info(readings)
+        restarted = whole_info(base, self.num_envs) | masked_info({"sampled": sampled}, ended)
+        if len(rows) < self.num_envs:
+            stepped = {key: value for key, value in unmasked_info(infos).items() if key not in base}
+            restarted |= masked_info(stepped, ~ended)
+        restarted |= masked_info({"final_info": unmasked_info(infos)}, ended)
         restarted |= {"final_obs": final, "_final_obs": ended.copy()}
-        return self._observation(episodes, state), restarted
+        return self._observation(vectors, readings), restarted
 
-    def _infos(self, episodes: Episodes, state: State, terms: dict[str, Any], fresh: Mask) -> dict[str, Any]:
-        infos = masked_info(state_info(episodes, state), np.ones(self.num_envs, bool))
-        if not fresh.all():
-            infos |= masked_info({"reward_terms": terms}, ~fresh)
-        if fresh.any():
-            infos |= masked_info({"sampled": sampled_info(episodes)}, fresh)
-        return infos
+    def _infos(self, readings: Array, terms: dict[str, Array], sampled: dict[str, Any] | None) -> dict[str, Any]:
+        """Infos of a step; lanes that have used it to begin anew are those that are still over."""
+        everywhere, stepped = state_info(readings), self._step_info(readings, terms)
+        if sampled is None:
+            return whole_info(everywhere | stepped, self.num_envs)
+        infos = whole_info(everywhere, self.num_envs) | masked_info({"sampled": sampled}, self._over)
+        return infos if self._over.all() else infos | masked_info(stepped, ~self._over)
 
-    def _reward_terms(self, episodes: Episodes, state: State) -> dict[str, Any]:
-        return dict(self.task.reward_terms(state))
+    def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
+        """What only a step has to say, (B, ...)."""
+        return {"reward_terms": terms}
 
-    def _observation(self, episodes: Episodes, state: State) -> Any:
-        return batch_observation(self.task, episodes, state, self.goal)
+    def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
+        """Rewards and their terms, (B,) each."""
+        return readings[:, REWARD].copy(), reward_info(readings)
 
-    def _picture(self, renderer: Renderer, episodes: Episodes, state: State, lane: int) -> NDArray[np.uint8]:
-        trail = np.array(self._trail)[-(int(state.step[lane]) + 1) :, lane]
-        return renderer.picture(lane_scene(self.task, episodes, state, trail, lane))
+    def _observation(self, vectors: Vectors, readings: Array) -> Any:
+        return vectors
+
+    def _remember(self, readings: Array) -> None:
+        """Keep tips for the trails in pictures."""
+        if self.render_mode is not None:
+            self._trail = [*self._trail[-self.config.episode_steps :], readings[:, TIP : TIP + 2].copy()]
+
+    def _picture(self, renderer: Renderer, lane: int) -> NDArray[np.uint8]:
+        steps = int(self._lanes.state.readings[lane, STEP])
+        return renderer.picture(self._lanes.scene(np.array(self._trail)[-(steps + 1) :, lane], lane))
 
     def _checked_mask(self, mask: object) -> Mask:
         if mask is None:
@@ -205,7 +253,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             raise InvalidInput(
                 "options['reset_mask']", mask, f"{self.num_envs} booleans, one per lane, at least one of them True"
             )
-        if self._episodes is None and not chosen.all():
+        if not self._begun and not chosen.all():
             raise InvalidInput("options['reset_mask']", mask, "all True: no lane has begun yet")
         return chosen.copy()
 
@@ -218,14 +266,6 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             raise InvalidInput("seed", seed, f"a number, or {self.num_envs} numbers, one per lane")
         return seed
 
-    def _checked_actions(self, actions: ArrayLike) -> NDArray[np.float64]:
-        shape = (self.num_envs, self.task.mechanism.n_tendons)
-        allowed = f"finite numbers in [-1, 1] of shape {shape}"
-        values = as_floats("actions", actions, allowed)
-        if values.shape != shape or not np.isfinite(values).all():
-            raise InvalidInput("actions", actions, allowed)
-        return values
-
 
 class RollingJointGoalVectorEnv(RollingJointVectorEnv):
     """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""
@@ -236,15 +276,16 @@ class RollingJointGoalVectorEnv(RollingJointVectorEnv):
         """Reward for goals (..., 2), (...); info is not used."""
         return self.task.goal_reward(achieved_goal, desired_goal)
 
-    def _reward_terms(self, episodes: Episodes, state: State) -> dict[str, Any]:
-        return {"tracking": self.task.goal_reward(self.task.goals(state.tips), self.task.goals(state.targets))}
+    def _observation(self, vectors: Vectors, readings: Array) -> Any:
+        return goal_observation(self.task, vectors, readings)
 
-    def _infos(self, episodes: Episodes, state: State, terms: dict[str, Any], fresh: Mask) -> dict[str, Any]:
-        infos = super()._infos(episodes, state, terms, fresh)
-        if not fresh.all():
-            success = state.errors <= self.config.reward.goal_tolerance_mm
-            infos |= masked_info({"is_success": success}, ~fresh)
-        return infos
+    def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
+        rewards = self.task.goal_reward(observations["achieved_goal"], observations["desired_goal"])
+        return rewards, {"tracking": rewards.copy()}
+
+    def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
+        success = readings[:, ERROR] <= self.config.reward.goal_tolerance_mm
+        return {"reward_terms": terms, "is_success": success}
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
@@ -253,40 +294,3 @@ def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         allowed = f"an AutoresetMode or one of {', '.join(repr(known.value) for known in AutoresetMode)}"
         raise InvalidInput("autoreset_mode", mode, allowed) from None
-
-
-def _wound_back(state: State, mask: Mask) -> State:
-    """The state with masked lanes at step 0: lanes that have ended take a step that is thrown away."""
-    return replace(state, step=np.where(mask, 0, state.step)) if mask.any() else state
-
-
-def _merged(old: Lanes, new: Lanes, mask: Mask) -> Lanes:
-    """A batch whose masked lanes are those of `new`, in order, and whose others are those of `old`."""
-    rows = np.flatnonzero(mask)
-    changes: dict[str, Any] = {}
-    for field in fields(old):
-        before, after = getattr(old, field.name), getattr(new, field.name)
-        if isinstance(before, tuple):
-            merged = list(before)
-            for row, value in zip(rows, after, strict=True):
-                merged[row] = value
-            changes[field.name] = tuple(merged)
-        elif before is not None:
-            changes[field.name] = before.copy()
-            changes[field.name][rows] = after
-    return replace(old, **changes)
-
-
-def _row(observations: Any, lane: int) -> Any:
-    if isinstance(observations, dict):
-        return {key: value[lane].copy() for key, value in observations.items()}
-    return observations[lane].copy()
-
-
-def _unmasked(infos: dict[str, Any]) -> dict[str, Any]:
-    """Infos without their `_key` masks, copied."""
-    return {
-        key: _unmasked(value) if isinstance(value, dict) else value.copy()
-        for key, value in infos.items()
-        if not key.startswith("_")
-    }
