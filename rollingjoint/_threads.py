@@ -15,7 +15,7 @@ from queue import SimpleQueue
 
 from rollingjoint.errors import as_integer
 
-_LANES_WORTH_A_THREAD = 64
+_JOINTS_WORTH_A_THREAD = 1024  # of all its lanes: some 60 µs of work, about what it takes to wake a thread
 
 _Job = tuple[Callable[[int, int], object], int, int, SimpleQueue[BaseException | None]]
 
@@ -32,9 +32,9 @@ def set_threads(count: int) -> None:
     _threads = as_integer("threads", count, "a whole number, 1 or more", low=1)
 
 
-def run_lanes(work: Callable[[int, int], object], n_lanes: int) -> None:
-    """Call work(first, last) on ranges that cover all lanes."""
-    count = max(1, min(_threads, n_lanes // _LANES_WORTH_A_THREAD))
+def run_lanes(work: Callable[[int, int], object], n_lanes: int, n_joints: int) -> None:
+    """Call work(first, last) on ranges that cover all lanes of chains with so many joints."""
+    count = max(1, min(_threads, n_lanes, n_lanes * n_joints // _JOINTS_WORTH_A_THREAD))
     if count == 1:
         work(0, n_lanes)
         return

@@ -1,6 +1,6 @@
 """A joint's geometry over its angle: validity, and the polynomial table that kernels evaluate.
 
-Cells are aligned with the curvature breakpoints of both surfaces and halved until polynomials of degree 7 in each cell
+Cells are aligned with the curvature breakpoints of both surfaces and halved until polynomials of degree 9 in each cell
 reproduce the exact surfaces to 2e-12 mm.
 """
 
@@ -38,8 +38,8 @@ class JointTable(NamedTuple):
     """Cells of one joint in the order of its angle; columns as in _kernels.arrays.Chain."""
 
     cells: Array  # (cells, 4)
-    coefficients: Array  # (cells, 8, 8)
-    arc_coefficients: Array  # (cells, 8)
+    coefficients: Array  # (cells, 10, 8)
+    arc_coefficients: Array  # (cells, 10)
 
 
 def common_range(child: Surface, parent: Surface) -> tuple[float, float]:
@@ -165,7 +165,7 @@ def _extremes(child: Surface, parent: Surface, low: float, high: float) -> Array
 
 
 def _fit(child: Surface, parent: Surface, low: Array, high: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Polynomials through Chebyshev nodes of every cell, (cells, 8, 9), and whether they are near enough, (cells,)."""
+    """Polynomials through Chebyshev nodes of every cell, (cells, 10, 9), and whether they are near enough, (cells,)."""
     values = _functions(child, parent, low, high, np.concatenate([_NODES, _PROBES]))
     at_nodes, exact = values[:, : len(_NODES)], values[:, len(_NODES) :]
     coefficients = _TO_POWERS @ (_TO_CHEBYSHEV @ at_nodes)  # two steps: the high terms are small only in the first

@@ -162,7 +162,7 @@ class _Batch:
         def work(first: int, last: int) -> None:
             solve_range(self.arrays, self.designs, laws, table, phi, results, first, last)
 
-        run_lanes(work, n_lanes)
+        run_lanes(work, n_lanes, phi.shape[1])
         return pack(self.mechanism, table, results)
 
     def _starts(self, starts: Start) -> Array:

@@ -59,11 +59,11 @@ def test_lanes_equal_scalar_environments(env_id, mode, overrides):
 
 
 def test_many_lanes_on_threads_equal_scalar_environments():
-    native = gymnasium.make_vec("rj_gym/RollingJoint-v0", 200, "vector_entry_point", **SHORT)
+    native = gymnasium.make_vec("rj_gym/RollingJoint-v0", 600, "vector_entry_point", **SHORT)
     observations, _ = native.reset(seed=11)
-    actions = np.random.default_rng(1).uniform(-1, 1, (3, 200, 2)).astype(np.float32)
+    actions = np.random.default_rng(1).uniform(-1, 1, (3, 600, 2)).astype(np.float32)
     stepped = [native.step(action)[0] for action in actions]
-    for lane in (0, 77, 199):
+    for lane in (0, 77, 599):
         env = gymnasium.make("rj_gym/RollingJoint-v0", **SHORT)
         assert np.array_equal(env.reset(seed=11 + lane)[0], observations[lane])
         for action, batch in zip(actions, stepped, strict=True):

@@ -2,11 +2,13 @@
 
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
 
 from rollingjoint import InvalidInput, Status, WorldForce, five_link, set_threads, solve_lengths_batch
+from rollingjoint._threads import run_lanes
 
 FORKED = """
 import multiprocessing
@@ -14,7 +16,7 @@ import numpy as np
 from rollingjoint import five_link, set_threads, solve_lengths_batch
 
 chain = five_link()
-lengths = chain.neutral_lengths - np.linspace(0, 3, 500)[:, None] * [1.0, 0.5]
+lengths = chain.neutral_lengths - np.linspace(0, 3, 1000)[:, None] * [1.0, 0.5]
 
 def solve(_):
     return solve_lengths_batch(chain, lengths).poses
@@ -29,7 +31,7 @@ if __name__ == "__main__":
 
 def test_results_do_not_depend_on_the_number_of_threads_or_the_size_of_the_batch():
     chain, rng = five_link(), np.random.default_rng(0)
-    lengths = chain.neutral_lengths + rng.uniform(-6, 2, (400, 2))
+    lengths = chain.neutral_lengths + rng.uniform(-6, 2, (1000, 2))
     lengths[33] = np.nan
     loads = [WorldForce(-1, (0.4, -0.2))]
     runs = []
@@ -43,6 +45,36 @@ def test_results_do_not_depend_on_the_number_of_threads_or_the_size_of_the_batch
     part = solve_lengths_batch(chain, lengths[30:40], loads)
     assert np.array_equal(part.poses, runs[0].poses[30:40])
     assert part.status[3] == Status.INVALID_INPUT
+
+
+def test_work_is_spread_over_threads_where_it_is_worth_it():
+    covered, names = np.zeros(1000, int), set()
+
+    def work(first, last):
+        covered[first:last] += 1
+        names.add(threading.current_thread().ident)
+
+    set_threads(3)
+    run_lanes(work, 1000, 4)
+    assert np.all(covered == 1)
+    assert len(names) >= 2  # the third may have taken over a second piece
+    names.clear()
+    run_lanes(work, 100, 4)
+    set_threads(2)
+    assert names == {threading.current_thread().ident}
+
+
+def test_an_error_on_any_thread_reaches_the_caller_and_the_next_call_works():
+    def fail(first, last):
+        if first == 0:
+            raise ValueError("on another thread")
+
+    set_threads(2)
+    with pytest.raises(ValueError, match="on another thread"):
+        run_lanes(fail, 1000, 4)
+    seen = []
+    run_lanes(lambda first, last: seen.append((first, last)), 1000, 4)
+    assert sorted(seen) == [(0, 500), (500, 1000)]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork on Windows")

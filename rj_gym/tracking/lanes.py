@@ -57,7 +57,7 @@ class Lanes:
         command, low, high = (np.zeros((capacity, m)) for _ in range(3))
         self._laws = TendonLaw(command, self.course.stiffnesses, low, high)
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = new_results(capacity, n - 1, m)
+        self._results = new_results(capacity, n - 1, m, contacts=False)
         self._kept_rest: tuple[tuple[RollingChain, bytes], tuple[Array, Array, Array]] | None = None
         self._bind()
 
@@ -162,7 +162,7 @@ class Lanes:
             solve(first, last)
             finish(observation, first, last)
 
-        run_lanes(work, count)
+        run_lanes(work, count, self.state.angles.shape[1])
         return observation
 
     def _enter(self, episodes: Episodes) -> None:
@@ -217,7 +217,7 @@ class Lanes:
         if count == 1:
             self._solve(0, 1)
         else:
-            run_lanes(self._solve, count)
+            run_lanes(self._solve, count, self.state.angles.shape[1])
 
     def _widen(self, targets: Array, forces: Array) -> None:
         """Make room for series over time where constants were enough so far."""

@@ -13,7 +13,7 @@ import numpy as np
 from rollingjoint._borrowed import borrow, carve, pinned_floats, pinned_integers
 from rollingjoint._jit import part
 
-N_COEFFICIENTS = 8  # polynomial coefficients per cell of a joint table
+N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
 EDGES = BUCKETS + 1
 
@@ -38,8 +38,8 @@ class Chain(NamedTuple):
     joints: np.ndarray  # (D, J, 3): smallest and largest angle, buckets per radian
     buckets: np.ndarray  # (D, J, BUCKETS + 1): first cell of every bucket, and the last cell
     cells: np.ndarray  # (cells, 4): smallest and largest angle, middle, 2 / width
-    coefficients: np.ndarray  # (cells, 8, 8): State.joint in ascending powers of the cell's coordinate in [-1, 1]
-    arc_coefficients: np.ndarray  # (cells, 8): arc length, likewise
+    coefficients: np.ndarray  # (cells, 10, 8): State.joint in ascending powers of the cell's coordinate in [-1, 1]
+    arc_coefficients: np.ndarray  # (cells, 10): arc length, likewise
     holes: np.ndarray  # (D, J, m, 4): x, y of the hole on the proximal link, x, y on the distal link
     channels: np.ndarray  # (D, m): constant length inside the links
     tendon_joints: np.ndarray  # (m,): number of joints a tendon crosses
@@ -70,32 +70,33 @@ class State(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Outputs of B lanes."""
+    """Outputs of B lanes; contacts, rates and contact forces may have no lanes, they are then left out."""
 
     joint_angles: np.ndarray  # (B, J)
     poses: np.ndarray  # (B, n, 3)
-    contacts: np.ndarray  # (B, J, 4) point and unit tangent, world frame
+    contacts: np.ndarray  # (B or 0, J, 4) point and unit tangent, world frame
     tensions: np.ndarray  # (B, m)
     lengths: np.ndarray  # (B, m)
-    rates: np.ndarray  # (B, J, m) d length / d joint angle
+    rates: np.ndarray  # (B or 0, J, m) d length / d joint angle
     elastic: np.ndarray  # (B, m) d tension / d length
-    contact_forces: np.ndarray  # (B, J, 2)
+    contact_forces: np.ndarray  # (B or 0, J, 2)
     residual: np.ndarray  # (B,)
     iterations: np.ndarray  # (B,)
     status: np.ndarray  # (B,)
 
 
-def new_results(n_lanes: int, n_joints: int, n_tendons: int) -> Results:
-    """Empty outputs."""
+def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True) -> Results:
+    """Empty outputs, with or without contacts, rates and contact forces."""
+    detailed = n_lanes if contacts else 0
     return Results(
         np.empty((n_lanes, n_joints)),
         np.empty((n_lanes, n_joints + 1, 3)),
-        np.empty((n_lanes, n_joints, 4)),
+        np.empty((detailed, n_joints, 4)),
         np.empty((n_lanes, n_tendons)),
         np.empty((n_lanes, n_tendons)),
-        np.empty((n_lanes, n_joints, n_tendons)),
+        np.empty((detailed, n_joints, n_tendons)),
         np.empty((n_lanes, n_tendons)),
-        np.empty((n_lanes, n_joints, 2)),
+        np.empty((detailed, n_joints, 2)),
         np.empty(n_lanes),
         np.empty(n_lanes, np.int64),
         np.empty(n_lanes, np.int64),

@@ -60,13 +60,14 @@ def solve_invalid(chain, n_tendons, start, state):
 def store(chain, state, outcome, results, lane):
     """Copy a solved state and its outcome (status, iterations, residual) into the results."""
     for i in range(state.angle.size):
-        along, across, ex, ey = contact_forces(chain.tendon_joints, state, i)
-        results.contact_forces[lane, i, 0], results.contact_forces[lane, i, 1] = along, across
-        results.contacts[lane, i, 0], results.contacts[lane, i, 1] = state.contact[i, 0], state.contact[i, 1]
-        results.contacts[lane, i, 2], results.contacts[lane, i, 3] = ex, ey
         results.joint_angles[lane, i] = state.angle[i]
-        for j in range(state.tension.size):
-            results.rates[lane, i, j] = state.gap[i, j, 1]
+        if results.contacts.shape[0] > 0:
+            along, across, ex, ey = contact_forces(chain.tendon_joints, state, i)
+            results.contact_forces[lane, i, 0], results.contact_forces[lane, i, 1] = along, across
+            results.contacts[lane, i, 0], results.contacts[lane, i, 1] = state.contact[i, 0], state.contact[i, 1]
+            results.contacts[lane, i, 2], results.contacts[lane, i, 3] = ex, ey
+            for j in range(state.tension.size):
+                results.rates[lane, i, j] = state.gap[i, j, 1]
     for i in range(state.angle.size + 1):
         for k in range(3):
             results.poses[lane, i, k] = state.pose[i, k]

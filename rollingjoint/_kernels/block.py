@@ -154,11 +154,13 @@ def store_lane(block, lane, results, row):
     tension, length, elastic = numbers(state.tension), numbers(state.length), numbers(state.elastic)
     for i in range(angle.shape[0]):
         results.joint_angles[row, i] = angle[i, lane]
-        results.contacts[row, i, 0], results.contacts[row, i, 1] = contact[i, 0, lane], contact[i, 1, lane]
-        results.contacts[row, i, 2], results.contacts[row, i, 3] = forces[i, 2, lane], forces[i, 3, lane]
-        results.contact_forces[row, i, 0], results.contact_forces[row, i, 1] = forces[i, 0, lane], forces[i, 1, lane]
-        for j in range(tension.shape[0]):
-            results.rates[row, i, j] = gap[i, j, 1, lane]
+        if results.contacts.shape[0] > 0:
+            results.contacts[row, i, 0], results.contacts[row, i, 1] = contact[i, 0, lane], contact[i, 1, lane]
+            results.contacts[row, i, 2], results.contacts[row, i, 3] = forces[i, 2, lane], forces[i, 3, lane]
+            results.contact_forces[row, i, 0] = forces[i, 0, lane]
+            results.contact_forces[row, i, 1] = forces[i, 1, lane]
+            for j in range(tension.shape[0]):
+                results.rates[row, i, j] = gap[i, j, 1, lane]
     for i in range(pose.shape[0]):
         for k in range(3):
             results.poses[row, i, k] = pose[i, k, lane]

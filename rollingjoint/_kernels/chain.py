@@ -1,7 +1,7 @@
 """The whole chain at one configuration: poses, tendon lengths and tensions, energy, residual, stiffness.
 
 Symbols as in docs/theory.md: r = U' - M (residual), H = dr/dphi (stiffness), c contact point, F external force.
-Kernels without loads serve floats and Lanes alike; `statics.py` of many lanes shares them.
+What does not depend on loads serves floats and Lanes alike; side_by_side.py shares it.
 """
 
 from __future__ import annotations

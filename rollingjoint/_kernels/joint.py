@@ -31,7 +31,7 @@ def locate(joints, buckets, cells, i, phi):
 
 @part(inline=True)
 def table_row(coefficients, cell, u):
-    """The eight columns of State.joint at coordinate u of a cell; coefficients: rows (cells, 8)."""
+    """The eight columns of State.joint at coordinate u of a cell; coefficients: rows (cells, 10)."""
     value = coefficients[cell, N_COEFFICIENTS - 1]
     for k in range(N_COEFFICIENTS - 2, -1, -1):
         value = fused(value, u, coefficients[cell, k])

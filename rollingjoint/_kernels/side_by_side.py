@@ -327,4 +327,5 @@ def _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
             return pending
         while not _advance(chain, chosen, block):
             pass
-        fill_forces(block, chain.tendon_joints)
+        if results.contacts.shape[0] > 0:
+            fill_forces(block, chain.tendon_joints)
