@@ -6,12 +6,13 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-slow lint clean
+.PHONY: help setup demo test test-slow speed lint clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
 	@echo "make test      run the tests; make test-slow runs the ones left out"
+	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
 	@echo "make lint      style, types and import layers"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
@@ -47,6 +48,12 @@ test: setup
 test-slow: setup
 	@echo "==> Running the slow tests"
 	@$(BIN)/python -m pytest -n 2 -m slow
+
+speed: setup
+	@echo "==> Installing what the speed is compared with"
+	@$(PIP) install -c constraints.txt -e ".[train,benchmarks]"
+	@echo "==> Measuring"
+	@$(BIN)/python benchmarks/speed.py
 
 lint: setup
 	@echo "==> Style"

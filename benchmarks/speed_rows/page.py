@@ -1,0 +1,59 @@
+"""The speed page, wholly generated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from speed_rows import machine
+from speed_rows.row import HEAD, Row, quantity
+from speed_rows.sizes import Sizes
+
+INTRO = """# Speed
+
+This page is the output of
+
+```sh
+python benchmarks/speed.py
+```
+
+which measures everything below anew and takes some minutes; peers run in the same process and take turns with ours.
+Speeds are those of the fastest of several repeats unless the sample says otherwise. "Times faster" is ours against the
+peer: below 1, the peer is faster. Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
+
+
+class Section(Protocol):
+    """A module of measurements; PICTURES (file name: caption) is optional."""
+
+    TITLE: str
+    TEXT: str
+
+    def measure(self, sizes: Sizes, images: Path) -> Iterator[Row]:
+        """Rows, as they are measured; pictures go into the folder."""
+        ...
+
+
+def page(measured: Sequence[tuple[Section, Sequence[Row]]], images: str = "images") -> str:
+    """The page of measured sections, as Markdown."""
+    rows = [row for _, section_rows in measured for row in section_rows]
+    parts = [INTRO, f"Measured on: {machine.in_words()}", _targets(rows)]
+    for section, section_rows in measured:
+        parts += [f"## {section.TITLE}", section.TEXT, table(section_rows)]
+        pictures: Mapping[str, str] = getattr(section, "PICTURES", {})
+        parts += [f"![{caption}]({images}/{name})" for name, caption in pictures.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Rows as a Markdown table."""
+    return "\n".join([HEAD, *(row.markdown() for row in rows)])
+
+
+def _targets(rows: Sequence[Row]) -> str:
+    """How many targets are met, and which are not."""
+    judged = [row for row in rows if row.target and row.value is not None]
+    missed = [f"- {row.what}: {quantity(row.value or 0.0, row.unit)}" for row in judged if row.missed]
+    if not missed:
+        return f"All {len(judged)} targets are met."
+    return "\n".join([f"{len(judged) - len(missed)} of {len(judged)} targets are met. Missed:", "", *missed])

@@ -1,0 +1,129 @@
+"""One line of the speed page: what was measured, its target, and its peers in the same run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from speed_rows.timing import Timing
+
+UNITS = {"ns": 1e-9, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
+HEAD = "| what | value | target | compared with | its value | times faster | sample |\n|---|--:|---|---|--:|--:|---|"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A limit that the value should keep: at most it, or at least it."""
+
+    limit: float
+    at_least: bool = False
+
+    def met(self, value: float) -> bool:
+        """Whether the value keeps the limit."""
+        return value >= self.limit if self.at_least else value <= self.limit
+
+    def text(self, value: float | None, unit: str) -> str:
+        """The limit, and whether the value meets it."""
+        limit = f"{'≥' if self.at_least else '≤'} {quantity(self.limit, unit)}"
+        if value is None:
+            return limit
+        return f"{limit}: {'met' if self.met(value) else '**missed**'}"
+
+
+@dataclass(frozen=True)
+class Peer:
+    """What a value is compared with, in the same unit; without a value, the note says why."""
+
+    name: str
+    value: float | None
+    note: str = ""
+    sample: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured value, in `unit`; without a value, the note says why. A unit that ends in /s is a rate."""
+
+    what: str
+    value: float | None
+    unit: str
+    sample: str = ""
+    target: Target | None = None
+    peers: tuple[Peer, ...] = ()
+    note: str = ""
+
+    @property
+    def missed(self) -> bool:
+        """True for a value that misses its target."""
+        return self.value is not None and self.target is not None and not self.target.met(self.value)
+
+    def times_faster(self, peer: Peer) -> float | None:
+        """How many times faster this is than a peer; None where either is missing."""
+        if not self.value or not peer.value:
+            return None
+        return self.value / peer.value if self.unit.endswith("/s") else peer.value / self.value
+
+    def markdown(self) -> str:
+        """Lines of a table under HEAD: one for the row, which holds the first peer, and one for each other peer."""
+        value = quantity(self.value, self.unit) if self.value is not None else "–"
+        target = self.target.text(self.value, self.unit) if self.target else ""
+        ours = ". ".join(filter(None, [self.sample, self.note]))
+        if not self.peers:
+            return f"| {self.what} | {value} | {target} | | | | {ours} |"
+        first, *others = self.peers
+        both = ours if first.sample in ("", self.sample) else f"{ours}; peer: {first.sample}"
+        lines = [f"| {self.what} | {value} | {target} | {self._peer_cells(first)} | {both} |"]
+        return "\n".join([*lines, *(f"| | | | {self._peer_cells(peer)} | {peer.sample} |" for peer in others)])
+
+    def _peer_cells(self, peer: Peer) -> str:
+        name = f"{peer.name} ({peer.note})" if peer.note else peer.name
+        if peer.value is None:
+            return f"{name} | – |"
+        ratio = self.times_faster(peer)
+        return f"{name} | {quantity(peer.value, self.unit)} | {'' if ratio is None else number(ratio)}"
+
+
+def timed_row(
+    what: str,
+    unit: str,
+    timings: Mapping[str, Timing | str],
+    target: Target | None = None,
+    note: str = "",
+    peer_notes: Mapping[str, str] | None = None,
+) -> Row:
+    """The row of a race whose first runner is ours and whose others are its peers; a text says why one did not run."""
+    (_, ours), *others = timings.items()
+    notes = peer_notes or {}
+    peers = [
+        Peer(name, None, timing)
+        if isinstance(timing, str)
+        else Peer(name, in_unit(timing.seconds, unit), notes.get(name, ""), timing.sample)
+        for name, timing in others
+    ]
+    if isinstance(ours, str):
+        return Row(what, None, unit, "", target, tuple(peers), ours)
+    return Row(what, in_unit(ours.seconds, unit), unit, ours.sample, target, tuple(peers), note)
+
+
+def in_unit(seconds: float, unit: str) -> float:
+    """A time per piece of work as a time or, where the unit ends in /s, as a rate."""
+    return 1.0 / seconds if unit.endswith("/s") else seconds / UNITS[unit]
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit; times in the unit that suits them."""
+    if unit in UNITS:
+        seconds = value * UNITS[unit]
+        unit = next((name for name in reversed(UNITS) if abs(seconds) >= UNITS[name]), "ns")
+        value = seconds / UNITS[unit]
+    return f"{number(value)} {unit}".strip()
+
+
+def number(value: float) -> str:
+    """Three significant digits; millions as M."""
+    if abs(value) >= 999_500:
+        return f"{value / 1e6:.3g} M"
+    if abs(value) >= 999.5:
+        digits = 3 - len(str(int(abs(value))))
+        return f"{round(value, digits):,.0f}"
+    return f"{value:.3g}"

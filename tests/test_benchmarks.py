@@ -1,0 +1,163 @@
+"""The speed page: every row is measured, and the peers that it compares with solve the same physics."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+
+EVERY_ROW = [
+    "warm solve, compiled, one by one",
+    "warm solve, compiled, side by side",
+    "warm solve, public",
+    "256 lanes, 1 thread",
+    "256 lanes of 64 mechanisms",
+    "iteration, 100 links",
+    "exponent from 100 links on",
+    "rj_gym/RollingJoint-v0",
+    "rj_gym/RollingJoint-v0, 16 lanes",
+    "PPO, 64 lanes",
+    "share of the rate at no cost, 64 lanes",
+    "demo, 16 lanes: environment step",
+    "demo, 16 lanes: gradient update",
+    "1,024 lanes: rollout inference",
+    "import rollingjoint",
+    "import rj_gym",
+    "first solve, kernels on disk",
+    "first solve ever, kernels compiled",
+    "`rj warmup` ever",
+    "solve_lengths_batch, per lane",
+    "vector environment, per lane",
+    "compiled warm solve, one by one",
+    "compiled warm solve, side by side",
+]
+EVERY_PEER = [
+    "scipy.optimize.root",
+    "published tension algorithm",
+    "published displacement algorithm",
+    "MuJoCo until rest",
+    "loop over solve_lengths",
+    "Reacher-v5",
+    "CartPole-v1 |",
+    "CartPole-v1, native",
+    "the same at no cost",
+    "commit c7882b5",
+]
+
+
+@pytest.fixture(autouse=True)
+def benchmarks_on_the_path(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+
+
+@pytest.fixture
+def walk():
+    from speed_rows.walk import random_walk
+
+    return random_walk(12)
+
+
+@pytest.mark.slow
+def test_the_quick_page_has_every_row_peer_and_picture(run_python, tmp_path):
+    page = tmp_path / "speed.md"
+    run_python(str(BENCHMARKS / "speed.py"), "--quick", "--output", str(page))
+    text = page.read_text("utf-8")
+    assert [row for row in EVERY_ROW if f"\n| {row}" not in text] == []
+    assert [peer for peer in EVERY_PEER if peer not in text] == []
+    assert "## Where a training run spends its time" in text and "numba" in text
+    for name in ("speed_batch.png", "speed_links.png", "speed_vector_env.png"):
+        assert f"(images/{name})" in text
+        assert (tmp_path / "images" / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_one_section_is_printed_alone(capsys):
+    import speed
+
+    speed.main(["--quick", "--only", "solver"])
+    captured = capsys.readouterr()
+    assert captured.out.startswith("## One warm solve") and captured.out.count("\n| warm solve") == 3
+    assert "solver: warm solve, public: " in captured.err
+
+
+def test_scipy_finds_our_equilibria(walk):
+    from speed_rows.scipy_equilibrium import solve_by_root
+    from speed_rows.walk import TENSION_LIMITS
+
+    for step in range(1, len(walk)):
+        start, ours = walk.equilibria[step - 1 : step + 1]
+        poses = solve_by_root(walk.mechanism, walk.commands[step], walk.loads(step), start, TENSION_LIMITS)
+        assert np.abs(poses - ours.poses[1:]).max() < 1e-6
+        assert np.abs(poses - start.poses[1:]).max() > 1e-3  # it had to move
+
+
+@pytest.mark.parametrize("way", ["one_by_one", "side_by_side"])
+def test_the_compiled_walk_has_the_public_answers(walk, way):
+    from speed_rows.walk import CompiledWalk
+
+    compiled = CompiledWalk(walk)
+    compiled.results.joint_angles[:] = np.nan
+    getattr(compiled, way)()
+    public = np.array([equilibrium.joint_angles for equilibrium in walk.equilibria])
+    np.testing.assert_allclose(compiled.results.joint_angles, public, rtol=0, atol=1e-9)
+
+
+def test_the_mujoco_chain_comes_to_rest_and_bends_with_its_tendons(walk):
+    pytest.importorskip("mujoco")
+    from speed_rows.mujoco_chain import MujocoChain
+    from speed_rows.walk import TENSION_LIMITS
+
+    chain = MujocoChain(walk.mechanism, TENSION_LIMITS)
+    neutral = walk.mechanism.neutral_lengths
+    for command, force in zip(walk.commands, walk.forces, strict=True):
+        steps = chain.settle(neutral - command, force)
+        tip = chain.tip
+        chain._engine.mj_step(chain.model, chain.state, 2000)
+        assert 0 < steps < 200
+        assert np.abs(chain.tip - tip).max() < 0.01
+    no_force = np.zeros(2)
+    chain.settle(np.array([4.0, -3.0]), no_force)
+    left = chain.tip[0]
+    chain.settle(np.array([-3.0, 4.0]), no_force)
+    assert left < -5.0 and chain.tip[0] == pytest.approx(-left, abs=0.05)
+
+
+def test_a_peer_that_is_not_installed_says_so(walk, monkeypatch):
+    from speed_rows import solver
+    from speed_rows.row import timed_row
+    from speed_rows.timing import Contestant, race
+
+    monkeypatch.setitem(sys.modules, "mujoco", None)  # None makes an import fail
+    timings = race({"ours": Contestant(lambda: None, 1), "MuJoCo": solver._mujoco(walk)}, 1)
+    assert "| MuJoCo (not installed) | – |" in timed_row("solve", "µs", timings).markdown()
+
+
+def test_ratios_above_one_mean_that_ours_is_faster():
+    from speed_rows.row import Peer, Row
+
+    slow_peer, few_peers = Peer("peer", 40.0), Peer("peer", 5.0)
+    assert Row("time", 10.0, "µs").times_faster(slow_peer) == 4.0
+    assert Row("rate", 10.0, "steps/s").times_faster(few_peers) == 2.0
+
+
+def test_a_missed_target_is_named_on_the_page():
+    from speed_rows.page import page
+    from speed_rows.row import Row, Target
+
+    class Section:
+        TITLE, TEXT = "Title", "Text."
+
+    met, missed = Row("met", 1.0, "µs", target=Target(2.0)), Row("late", 3.0, "µs", target=Target(2.0))
+    assert "All 1 targets are met." in page([(Section, [met])])
+    text = page([(Section, [met, missed, Row("unknown", None, "µs", target=Target(2.0))])])
+    assert "1 of 2 targets are met. Missed:\n\n- late: 3 µs" in text
+    assert "| late | 3 µs | ≤ 2 µs: **missed** |" in text
+
+
+def test_the_power_law_of_exact_points_is_found():
+    from speed_rows.long_chain import power_law
+
+    exponent, (first, last) = power_law([(n, 3.0 * n**1.5) for n in (100, 200, 800)])
+    assert exponent == pytest.approx(1.5)
+    assert first == pytest.approx((100, 3000.0)) and last == pytest.approx((800, 3.0 * 800**1.5))
