@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint._kernels.batch import stiffness_of
 from rollingjoint._kernels.forward import arc_lengths_of
 from rollingjoint.errors import InvalidInput, SolverError
-from rollingjoint.lanes import Chain, Results, TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.lanes import Chain, Problem, Results, TendonLaw, designs_of, new_results, solve_range
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -202,7 +202,7 @@ def solve_lane(mechanism: RollingChain, law: TendonLaw, table: Array, start: Arr
     """
     results = new_results(1, len(start), len(law.command))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    solve_range(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
+    solve_range(Problem(mechanism.arrays, _FIRST, laws, table[None], start[None], results), 0, 1)
     *arrays, residual, iterations, status = results
     numbers = residual.item(), iterations.item(), Status(status.item())
     return pack(mechanism, table, Results._make([*[array[0] for array in arrays], *numbers]))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 __all__ = [
     "Chain",
     "PinnedRange",
+    "Problem",
     "Results",
     "TendonLaw",
     "designs_of",
@@ -74,17 +76,8 @@ def designs_of(mechanism: RollingChain | Sequence[RollingChain], n_lanes: int) -
     return stack(different), np.array([places[each] for each in mechanism], np.int64)
 
 
-def solve_range(
-    chain: Chain,
-    designs: NDArray[np.int64],
-    laws: TendonLaw,
-    loads: Array,
-    starts: Array,
-    results: Results,
-    first: int,
-    last: int,
-) -> None:
-    """Solve lanes first to last - 1 into the results; Python's lock is released meanwhile.
+class Problem(NamedTuple):
+    """Equilibria to be solved, and where they go; all arrays contiguous.
 
     Args:
         chain: from `stack`.
@@ -93,29 +86,29 @@ def solve_range(
         loads: load tables, (B, rows, 11).
         starts: joint angles to start from, (B, J) [rad].
         results: from `new_results(B, J, m)`.
-    All arrays must be contiguous.
     """
-    everything = starts.shape[1] > MOST_JOINTS
-    if everything or direct(solve_side_by_side, chain, designs, laws, loads, starts, results, first, last):
-        _solve_the_rest(chain, designs, laws, loads, starts, results, first, last, everything)
+
+    chain: Chain
+    designs: NDArray[np.int64]
+    laws: TendonLaw
+    loads: Array
+    starts: Array
+    results: Results
+
+
+def solve_range(problem: Problem, first: int, last: int) -> None:
+    """Solve lanes first to last - 1; Python's lock is released meanwhile."""
+    everything = problem.starts.shape[1] > MOST_JOINTS
+    if everything or direct(solve_side_by_side, *problem, first, last):
+        _solve_the_rest(problem, first, last, everything)
 
 
 class PinnedRange:
-    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
+    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes."""
 
-    Args: as for `solve_range`.
-    """
-
-    def __init__(
-        self,
-        chain: Chain,
-        designs: NDArray[np.int64],
-        laws: TendonLaw,
-        loads: Array,
-        starts: Array,
-        results: Results,
-    ) -> None:
-        self._arrays = chain, designs, laws, loads, starts, results
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        chain, designs, laws, loads, starts, results = problem
         addresses = pin(*chain, designs, *laws, loads, starts, *results)
         self._solve = partial(machine_code(solve_pinned, addresses, 0, 0), addresses)
         self._long = starts.shape[1] > MOST_JOINTS
@@ -123,22 +116,11 @@ class PinnedRange:
     def __call__(self, first: int, last: int) -> None:
         """Solve lanes first to last - 1."""
         if self._long or self._solve(first, last):
-            _solve_the_rest(*self._arrays, first, last, self._long)
+            _solve_the_rest(self._problem, first, last, self._long)
 
 
-def _solve_the_rest(
-    chain: Chain,
-    designs: NDArray[np.int64],
-    laws: TendonLaw,
-    loads: Array,
-    starts: Array,
-    results: Results,
-    first: int,
-    last: int,
-    everything: bool,
-) -> None:
-    """Solve lanes that are still to be solved."""
-    left = np.arange(first, last)
-    if not everything:
-        left = left[results.status[first:last] == PENDING]
-    direct(solve_lanes, chain, designs, laws, loads, starts, results, left)
+def _solve_the_rest(problem: Problem, first: int, last: int, everything: bool) -> None:
+    """Solve the lanes that are left to the solver for all cases."""
+    lanes = np.arange(first, last)
+    left = lanes if everything else lanes[problem.results.status[first:last] == PENDING]
+    direct(solve_lanes, *problem, left)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint._threads import run_lanes
 from rollingjoint.equilibrium import Equilibrium, pack, solve_lane
 from rollingjoint.errors import InvalidInput, as_floats
-from rollingjoint.lanes import Chain, TendonLaw, designs_of, distinct, new_results, solve_range
+from rollingjoint.lanes import Chain, Problem, TendonLaw, designs_of, distinct, new_results, solve_range
 from rollingjoint.least_squares import solve_least_squares
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table
 from rollingjoint.rolling_chain import RollingChain
@@ -158,9 +158,10 @@ class _Batch:
         n_lanes, chain = len(self.inputs), self.chains[0]
         table, phi = _tables(loads, n_lanes, chain.n_links), self._starts(starts)
         results = new_results(n_lanes, chain.n_joints, chain.n_tendons)
+        problem = Problem(self.arrays, self.designs, laws, table, phi, results)
 
         def work(first: int, last: int) -> None:
-            solve_range(self.arrays, self.designs, laws, table, phi, results, first, last)
+            solve_range(problem, first, last)
 
         run_lanes(work, n_lanes, phi.shape[1])
         return pack(self.mechanism, table, results)

@@ -25,7 +25,7 @@ EVERY_ROW = [
     "1,024 lanes: rollout inference",
     "import rollingjoint",
     "import rj_gym",
-    "first solve, kernels on disk",
+    "first solve after the import, kernels on disk",
     "first solve ever, kernels compiled",
     "`rj warmup` ever",
     "solve_lengths_batch, per lane",

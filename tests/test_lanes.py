@@ -26,7 +26,7 @@ from rollingjoint import (
 )
 from rollingjoint._kernels.batch import solve_lanes
 from rollingjoint._kernels.side_by_side import PENDING, solve_side_by_side
-from rollingjoint.lanes import TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.lanes import Problem, TendonLaw, designs_of, new_results, solve_range
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.random_chain import random_chain, random_lengths, random_loads, random_tensions
 
@@ -232,7 +232,7 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
     results = new_results(20, 4, 2)
     for array in results:
         array.fill(77)
-    solve_range(*designs_of(chain, 20), laws, tables, starts, results, 5, 12)
+    solve_range(Problem(*designs_of(chain, 20), laws, tables, starts, results), 5, 12)
     outside = np.r_[0:5, 12:20]
     assert all(np.all(array[outside] == 77) for array in results)
     assert np.all(results.status[5:12] == Status.CONVERGED)

@@ -19,7 +19,7 @@ TEXT = """`solve_lengths_batch` on the same steps, each a lane of its own that s
 peer is a Python loop over `solve_lengths`."""
 PICTURES = {"speed_batch.png": "Solves per second over the size of the batch, on one thread and on all"}
 
-PICTURE_REPEATS = 3
+PICTURE_REPEATS = 12
 DESIGNS = 64  # different mechanisms in the row of mixed batches
 
 

@@ -17,7 +17,7 @@ class Sizes:
     links: tuple[int, ...] = (5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)
     scalar_steps: int = 10_000
     vector_lanes: int = 1024
-    vector_episodes: int = 4
+    vector_episodes: int = 2
     vector_sizes: tuple[int, ...] = (1, 4, 16, 64, 256, 1024, 4096, 16_384)
     training_lanes: tuple[int, ...] = (1024, 64)
     training_rollouts: int = 13  # of 8 steps: two episodes and a bit

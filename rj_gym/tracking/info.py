@@ -108,7 +108,7 @@ def masked_info(info: Mapping[str, Any], mask: Mask) -> dict[str, Any]:
 
     The arrays in `info` are changed for that.
     """
-    return _masked(info, mask, ~mask)
+    return _masked(info, mask.copy(), None if mask.all() else ~mask)
 
 
 def whole_info(info: Mapping[str, Any], count: int) -> dict[str, Any]:
@@ -123,8 +123,7 @@ def _masked(info: Mapping[str, Any], mask: Mask, blank: Mask | None) -> dict[str
             value = _masked(value, mask, blank)
         elif blank is not None:
             value[blank] = None if value.dtype == object else 0
-        masked[key] = value
-        masked[f"_{key}"] = mask.copy()
+        masked[key], masked[f"_{key}"] = value, mask
     return masked
 
 

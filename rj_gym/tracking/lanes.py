@@ -17,7 +17,7 @@ from rj_gym.tracking.task import TrackingTask
 from rollingjoint._jit import machine_code
 from rollingjoint._threads import run_lanes
 from rollingjoint.errors import InvalidInput, as_floats
-from rollingjoint.lanes import PinnedRange, TendonLaw, new_results, solve_range, stack
+from rollingjoint.lanes import PinnedRange, Problem, TendonLaw, new_results, solve_range, stack
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.rolling_chain import RollingChain
 
@@ -251,13 +251,13 @@ class Lanes:
         """The solve of a range of lanes; lane by lane where mechanisms cannot be stacked."""
         problem = (self._laws, self._loads, self.state.angles, self._results)
         try:
-            return PinnedRange(stack(self.mechanisms), self.designs, *problem)
+            return PinnedRange(Problem(stack(self.mechanisms), self.designs, *problem))
         except InvalidInput:  # tendons that end on different links
             chains, alone = [stack([mechanism]) for mechanism in self.mechanisms], np.zeros(self.capacity, np.int64)
 
         def solve_each(first: int, last: int) -> None:
             for lane in range(first, last):
-                solve_range(chains[self.designs[lane]], alone, *problem, lane, lane + 1)
+                solve_range(Problem(chains[self.designs[lane]], alone, *problem), lane, lane + 1)
 
         return solve_each
 
