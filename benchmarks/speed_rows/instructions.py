@@ -21,7 +21,7 @@ more minus one without them, so that interpreter and imports cancel. The code is
 because valgrind does not know AVX-512. The count does not depend on what else the machine does; it is meant for
 comparing two versions. One by one, the call from Python is counted too."""
 
-WALK, ROUNDS = 100, 10
+WALK, ROUNDS = 100, 100
 WAYS = ("one_by_one", "side_by_side")
 PROGRAM = """
 from speed_rows.walk import CompiledWalk, random_walk
