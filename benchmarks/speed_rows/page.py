@@ -20,7 +20,8 @@ python benchmarks/speed.py
 
 which measures everything below anew and takes some minutes; peers run in the same process and take turns with ours.
 Speeds are those of the fastest of several repeats unless the sample says otherwise. "Times faster" is ours against the
-peer: below 1, the peer is faster. Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
+peer: below 1, the peer is faster. Times differ between runs with what else the machine does; ratios differ much less.
+Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
 
 
 class Section(Protocol):
