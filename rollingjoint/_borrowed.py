@@ -207,16 +207,38 @@ pinned_floats, pinned_singles, pinned_integers = (
 )  # pinned_floats(addresses, row, ndim): a borrowed array from its row of borrowed addresses
 
 
-@intrinsic
-def lanes(typing_context, array):  # type: ignore[no-untyped-def]
-    """A borrowed array of floats (..., 8) as one of Lanes (...)."""
-    result = _BorrowedType(lanes_type, array.lengths[:-1])
+def _without_last_axis(dtype: Any) -> Any:
+    @intrinsic
+    def seen(typing_context, array):  # type: ignore[no-untyped-def]
+        result = _BorrowedType(dtype, array.lengths[:-1])
 
-    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data, shape = _parts(builder, sig.args[0], args[0])
-        return _make(context, builder, result, data, shape[:-1])
+        def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            data, shape = _parts(builder, sig.args[0], args[0])
+            return _make(context, builder, result, data, shape[:-1])
 
-    return result(array), lower
+        return result(array), lower
+
+    return seen
+
+
+def _one_per_lane(dtype: Any) -> Any:
+    @intrinsic
+    def seen(typing_context, array):  # type: ignore[no-untyped-def]
+        result = _BorrowedType(dtype, (WIDTH,))
+
+        def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            data, _ = _parts(builder, sig.args[0], args[0])
+            return _make(context, builder, result, data, [ir.Constant(_INT, WIDTH)])
+
+        return result(array), lower
+
+    return seen
+
+
+lanes, table_rows = map(
+    _without_last_axis, (lanes_type, row_type)
+)  # of borrowed floats (..., 8): (...) of Lanes, of rows
+as_rows, integers = map(_one_per_lane, (row_type, types.int64))  # of memory of eight Lanes, of one Lanes
 
 
 @intrinsic
@@ -237,42 +259,6 @@ def aligned_lanes(typing_context, memory):  # type: ignore[no-untyped-def]
         return _make(context, builder, result, start, [builder.udiv(left, size)])
 
     return result(memory), lower
-
-
-@intrinsic
-def table_rows(typing_context, array):  # type: ignore[no-untyped-def]
-    """A borrowed array of floats (..., 8) as one of rows (...)."""
-    result = _BorrowedType(row_type, array.lengths[:-1])
-
-    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data, shape = _parts(builder, sig.args[0], args[0])
-        return _make(context, builder, result, data, shape[:-1])
-
-    return result(array), lower
-
-
-@intrinsic
-def as_rows(typing_context, array):  # type: ignore[no-untyped-def]
-    """Memory of eight Lanes as memory of one row per lane."""
-    result = _BorrowedType(row_type, (WIDTH,))
-
-    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data, _ = _parts(builder, sig.args[0], args[0])
-        return _make(context, builder, result, data, [ir.Constant(_INT, WIDTH)])
-
-    return result(array), lower
-
-
-@intrinsic
-def integers(typing_context, array):  # type: ignore[no-untyped-def]
-    """Memory of one Lanes as one integer per lane."""
-    result = _BorrowedType(types.int64, (WIDTH,))
-
-    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data, _ = _parts(builder, sig.args[0], args[0])
-        return _make(context, builder, result, data, [ir.Constant(_INT, WIDTH)])
-
-    return result(array), lower
 
 
 @intrinsic(prefer_literal=True)

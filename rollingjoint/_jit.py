@@ -61,7 +61,7 @@ def cache_directory() -> Path:
 def _announce() -> None:
     """Tell a person at a terminal, once, what the wait is for."""
     if sys.stderr.isatty():
-        print("rollingjoint: compiling kernels, some seconds; they are kept for next time", file=sys.stderr)
+        print("rollingjoint: compiling kernels, ten seconds or more; they are kept for next time", file=sys.stderr)
 
 
 class _KernelLocator(caching._CacheLocator):
