@@ -42,6 +42,8 @@ def register_envs() -> None:
                 env_id,
                 entry_point=f"rj_gym.tracking.env:{stem}Env",
                 vector_entry_point=f"rj_gym.tracking.vector:{stem}VectorEnv",
+                disable_env_checker=True,  # the environments check their input themselves, and the order of calls
+                order_enforce=False,
             )
 
 

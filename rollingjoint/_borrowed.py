@@ -169,7 +169,8 @@ _PIN = 5  # numbers per pinned array: address, four axes
 def pin(*arrays: NDArray[Any]) -> NDArray[np.int64]:
     """Addresses and shapes of contiguous arrays, for kernels that are called again and again on the same ones.
 
-    Passing an array costs a call 40 ns, passing a list of addresses costs that once. Who pins arrays keeps them.
+    Passing an array costs a call 40 ns, passing the address of a list of addresses a fifth. Who pins arrays keeps them
+    and the list.
     """
     addresses = np.zeros((len(arrays), _PIN), np.int64)
     for row, array in zip(addresses, arrays, strict=True):
@@ -177,6 +178,50 @@ def pin(*arrays: NDArray[Any]) -> NDArray[np.int64]:
             raise ValueError("only contiguous arrays can be pinned")
         row[0], row[1 : 1 + array.ndim] = array.ctypes.data, array.shape
     return addresses
+
+
+@intrinsic
+def pins_at(typing_context, address):  # type: ignore[no-untyped-def]
+    """The borrowed list of addresses that `pin` made, from where it lies (its `ctypes.data`)."""
+    result = _BorrowedType(types.int64, (None,))
+
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = builder.inttoptr(args[0], context.get_value_type(types.CPointer(types.int64)))
+        return _make(context, builder, result, data, [ir.Constant(_INT, 0)])
+
+    return result(address), lower
+
+
+@intrinsic
+def call_range(typing_context, entry, pins, first, last):  # type: ignore[no-untyped-def]
+    """Call the kernel whose machine code is at `entry` (`_jit.entry_address`), kernel(pins, first, last) -> integer.
+
+    So a kernel calls one of another package without compiling it a second time. -1 where that one raised (no memory).
+    """
+
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        byte = ir.IntType(8).as_pointer()
+        signature = ir.FunctionType(ir.IntType(32), [_INT.as_pointer(), byte.as_pointer(), _INT, _INT, _INT])
+        code = builder.inttoptr(args[0], signature.as_pointer())
+        result = cgutils.alloca_once_value(builder, ir.Constant(_INT, -1))
+        trouble = cgutils.alloca_once(builder, byte)
+        status = builder.call(code, [result, trouble, *args[1:]])
+        fine = builder.icmp_signed("==", status, ir.Constant(ir.IntType(32), 0))
+        return builder.select(fine, builder.load(result), ir.Constant(_INT, -1))
+
+    return types.int64(types.int64, types.int64, types.int64, types.int64), lower
+
+
+@intrinsic
+def next_uniform(typing_context, entry, source):  # type: ignore[no-untyped-def]
+    """The next number in [0, 1) of a NumPy bit generator: its next_double at `entry`, its state at `source`."""
+
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        byte = ir.IntType(8).as_pointer()
+        code = builder.inttoptr(args[0], ir.FunctionType(ir.DoubleType(), [byte]).as_pointer())
+        return builder.call(code, [builder.inttoptr(args[1], byte)])
+
+    return types.float64(types.int64, types.int64), lower
 
 
 def _pinned(dtype: Any) -> Any:

@@ -142,6 +142,13 @@ def machine_code(dispatcher: Any, *examples: Any) -> Callable[..., Any]:
     return code
 
 
+def entry_address(dispatcher: Any, *examples: Any) -> int:
+    """Where the machine code of a kernel for such arguments lies, for `_borrowed.call_range`."""
+    machine_code(dispatcher, *examples)
+    compiled = dispatcher.overloads[tuple(numba.typeof(example) for example in examples)]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
 def direct(dispatcher: Any, *arguments: Any) -> Any:
     """A call of `machine_code`."""
     return machine_code(dispatcher, *arguments)(*arguments)

@@ -185,7 +185,7 @@ _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 def pack(mechanism: RollingChain | tuple[RollingChain, ...], table: Array, results: Results) -> Equilibrium:
     """The equilibria in the results of the kernels."""
-    angles, poses, contacts, tensions, lengths, rates, elastic, forces, residual, iterations, status = results
+    angles, poses, contacts, tensions, lengths, rates, elastic, forces, _, residual, iterations, status = results
     points, tangents = contacts[..., :2], contacts[..., 2:]
     solved = (angles, poses, points, tangents, tensions, lengths, rates, elastic, forces, residual, iterations, status)
     return Equilibrium(mechanism, table, *solved)
@@ -205,4 +205,4 @@ def solve_lane(mechanism: RollingChain, law: TendonLaw, table: Array, start: Arr
     solve_range(Problem(mechanism.arrays, _FIRST, laws, table[None], start[None], results), 0, 1)
     *arrays, residual, iterations, status = results
     numbers = residual.item(), iterations.item(), Status(status.item())
-    return pack(mechanism, table, Results._make([*[array[0] for array in arrays], *numbers]))
+    return pack(mechanism, table, Results._make([*[array[0] if len(array) else array for array in arrays], *numbers]))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint._borrowed import pin
-from rollingjoint._jit import direct, machine_code
+from rollingjoint._jit import direct, entry_address, machine_code
 from rollingjoint._kernels.arrays import Chain, Results, TendonLaw, aligned, new_results
 from rollingjoint._kernels.batch import solve_lanes
 from rollingjoint._kernels.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
@@ -23,6 +23,7 @@ from rollingjoint.rolling_chain import RollingChain
 Array = NDArray[np.float64]
 
 __all__ = [
+    "PENDING",
     "Chain",
     "PinnedRange",
     "Problem",
@@ -104,19 +105,29 @@ def solve_range(problem: Problem, first: int, last: int) -> None:
 
 
 class PinnedRange:
-    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes."""
+    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
+
+    Kernels call it by `entry(pins, first, last)` (_borrowed.call_range), which returns how many lanes it leaves to
+    `solve_the_rest`. `entry` is 0 where those are all of them.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         chain, designs, laws, loads, starts, results = problem
-        addresses = pin(*chain, designs, *laws, loads, starts, *results)
-        self._solve = partial(machine_code(solve_pinned, addresses, 0, 0), addresses)
+        self._addresses = pin(*chain, designs, *laws, loads, starts, *results)
         self._long = starts.shape[1] > MOST_JOINTS
+        self.pins = self._addresses.ctypes.data
+        self.entry = 0 if self._long else entry_address(solve_pinned, self.pins, 0, 0)
+        self._solve = partial(machine_code(solve_pinned, self.pins, 0, 0), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve lanes first to last - 1."""
         if self._long or self._solve(first, last):
-            _solve_the_rest(self._problem, first, last, self._long)
+            self.solve_the_rest(first, last)
+
+    def solve_the_rest(self, first: int, last: int) -> None:
+        """Solve those of the lanes first to last - 1 that `entry` has left."""
+        _solve_the_rest(self._problem, first, last, self._long)
 
 
 def _solve_the_rest(problem: Problem, first: int, last: int, everything: bool) -> None:

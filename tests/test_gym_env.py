@@ -14,6 +14,7 @@ from rj_gym import IDS, RollingJointEnv, RollingJointGoalEnv
 from rollingjoint.equilibrium import Status
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.presets import five_link
+from tests.watched_solver import watch_solver
 
 RANDOMISED = {
     "position_noise_mm": 0.5,
@@ -268,17 +269,11 @@ def test_huge_loads_and_random_actions_never_break_anything(env_id, load):
         assert observation in env.observation_space
 
 
-def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_observation(monkeypatch):
+def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_observation():
     env = make(reward={"failure_penalty": 7.0}).unwrapped
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(2))
-    solve = env._lanes._solve
-
-    def failing(first, last):
-        solve(first, last)
-        env._lanes._results.status[:] = Status.NOT_CONVERGED
-
-    monkeypatch.setattr(env._lanes, "_solve", failing)
+    watch_solver(env._lanes, after=lambda: env._lanes._results.status.fill(Status.NOT_CONVERGED))
     observation, reward, terminated, truncated, info = env.step(np.ones(2))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED")
     assert np.array_equal(observation, before[0]) and info["reward_terms"]["failure"] == -7.0 and reward < -7.0

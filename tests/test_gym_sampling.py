@@ -1,11 +1,13 @@
 """Episodes drawn from uniform numbers: ranges, processes, reachability, and lanes that do not see each other."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig
+from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.info import state_info
 from rj_gym.tracking.lanes import Lanes, over_time
 from rj_gym.tracking.sampling import Fixed, Uniforms, load_forces, uniform_blocks
@@ -48,6 +50,18 @@ def targets(task, lanes):
     room.begin(rngs)
     drawn = uniforms(task, [np.random.default_rng(seed) for seed in range(lanes)])["target"]
     return over_time(room.course.targets, task.config.episode_steps + 1), drawn
+
+
+def test_generators_give_the_numbers_of_each_generator_and_go_on_with_it():
+    each = [np.random.default_rng(seed) for seed in (3, 4, 3)]
+    generators, rows, again = Generators(each), np.empty((3, 5)), np.empty((2, 4))
+    generators.fill(rows)
+    expected = [np.random.default_rng(seed).random(9) for seed in (3, 4, 3)]
+    assert np.array_equal(rows, np.array(expected)[:, :5])
+    pickle.loads(pickle.dumps(generators)).fill(np.empty((3, 4)))  # a copy moves no other
+    generators.of(np.array([2, 1])).fill(again)
+    assert np.array_equal(again, np.array(expected)[[2, 1], 5:])
+    assert each[0].random() == expected[0][5]
 
 
 def test_constant_load_is_uniform_in_direction_and_magnitude():

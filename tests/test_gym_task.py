@@ -11,10 +11,12 @@ from rj_gym.tracking.info import reward_info, state_info
 from rj_gym.tracking.kernels import REWARD
 from rj_gym.tracking.lanes import Lanes
 from rj_gym.tracking.task import TrackingTask
+from rollingjoint._jit import entry_address, kernel
 from rollingjoint.equilibrium import Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
 from rollingjoint.solve import solve_lengths
+from tests.watched_solver import watch_solver
 
 EVERYTHING = {
     "observe_load": True,
@@ -44,20 +46,18 @@ def now(lanes, observation):
 
 
 def advance(lanes, actions):
-    lanes.accept("actions", actions, np.shape(actions))
+    lanes.accept(actions)
     return now(lanes, lanes.advance())
 
 
-def fail_in(lane, lanes, monkeypatch):
+def fail_in(lane, lanes):
     """From now on the solver gives this lane nothing usable."""
-    solve = lanes._solve
 
-    def failing(first, last):
-        solve(first, last)
+    def fail():
         lanes._results.status[lane] = Status.NOT_CONVERGED
         lanes._results.poses[lane] += 100.0
 
-    monkeypatch.setattr(lanes, "_solve", failing)
+    watch_solver(lanes, after=fail)
 
 
 def test_a_step_is_the_elastic_equilibrium_of_the_moved_commands_under_the_load():
@@ -73,19 +73,51 @@ def test_a_step_is_the_elastic_equilibrium_of_the_moved_commands_under_the_load(
         assert np.allclose(after.command[lane], command, atol=1e-9)
 
 
-def test_every_solve_starts_from_the_last_pose_of_the_episode(monkeypatch):
+def test_every_solve_starts_on_the_tangent_of_the_last_equilibrium():
     lanes, _, state = started()
-    solve, starts = lanes._solve, []
+    starts = []
+    watch_solver(lanes, before=lambda: starts.append(lanes._starts.copy()))
+    responses = lanes.state.responses.copy()
+    after = advance(lanes, np.full((3, 2), 0.1))
+    change = np.einsum("bim,bm->bi", responses, after.command - state.command)
+    assert np.allclose(starts[0], state.angles + change, atol=1e-12)
+    assert np.all(np.abs(starts[0] - after.angles).max(axis=1) < 0.3 * np.abs(state.angles - after.angles).max(axis=1))
 
-    def watched(first, last):
-        starts.append(lanes.state.angles.copy())
-        solve(first, last)
 
-    monkeypatch.setattr(lanes, "_solve", watched)
-    after = advance(lanes, np.ones((3, 2)))
-    advance(lanes, np.ones((3, 2)))
-    assert np.array_equal(starts[0], state.angles) and np.array_equal(starts[1], after.angles)
-    assert not np.array_equal(state.angles, after.angles)
+def test_responses_of_the_equilibrium_are_its_derivatives():
+    lanes, _, _ = started(load={"magnitude": (0.5, 1.0)})
+    base, responses = advance(lanes, np.array([[1.0, -0.5], [0.2, 0.3], [-1.0, 1.0]])), lanes.state.responses.copy()
+    for j in range(2):
+        bent = []
+        for sign in (1.0, -1.0):
+            other = pickle.loads(pickle.dumps(lanes))
+            bent.append(advance(other, -sign * 1e-4 * np.eye(2)[[j] * 3]).angles)
+        assert np.allclose((bent[0] - bent[1]) / 2e-4, responses[:, :, j], atol=1e-6)
+    assert np.abs(responses).mean() > 1e-3 and np.all(base.status == "CONVERGED")
+
+
+def test_a_prediction_that_goes_far_is_not_used():
+    lanes, _, state = started(action_scale_mm=30.0)
+    starts = []
+    watch_solver(lanes, before=lambda: starts.append(lanes._starts.copy()))
+    advance(lanes, np.array([[1.0, -1.0]] * 3))
+    assert np.array_equal(starts[0], state.angles)
+
+
+def test_a_solver_that_cannot_get_memory_leaves_all_lanes_to_the_other_one():
+    lanes, others = started()[0], started()[0]
+
+    @kernel
+    def out_of_memory(pins, first, last):
+        if pins >= 0:
+            raise MemoryError
+        return 0
+
+    fallback = lanes._solve.solve_the_rest
+    lanes._solve = SimpleNamespace(entry=entry_address(out_of_memory, 0, 0, 0), pins=0, solve_the_rest=fallback)
+    lanes._bind_step()
+    one, other = advance(lanes, np.ones((3, 2))), advance(others, np.ones((3, 2)))
+    assert np.allclose(one.poses, other.poses, atol=1e-7) and np.all(one.status == "CONVERGED")
 
 
 def test_pulling_tendons_in_raises_tension_and_shortens_commands():
@@ -127,9 +159,9 @@ def test_reward_terms_follow_their_definition():
     assert np.allclose(second.error_mm, error, rtol=1e-13) and np.allclose(second.reward, sum(terms.values()))
 
 
-def test_a_lane_without_equilibrium_keeps_its_last_good_pose_and_pays_the_penalty(monkeypatch):
+def test_a_lane_without_equilibrium_keeps_its_last_good_pose_and_pays_the_penalty():
     lanes, _, state = started(reward={"failure_penalty": 7.0})
-    fail_in(1, lanes, monkeypatch)
+    fail_in(1, lanes)
     after = advance(lanes, np.ones((3, 2)))
     assert after.status.tolist() == ["CONVERGED", "NOT_CONVERGED", "CONVERGED"]
     for name in ("poses", "angles", "command", "tensions"):
@@ -277,7 +309,7 @@ def test_pickled_lanes_go_on_alike():
 @pytest.mark.parametrize("actions", [[[np.nan, 0.0]] * 3, np.full((3, 2), np.inf), np.zeros(2), np.zeros((2, 2)), "up"])
 def test_lanes_refuse_actions_that_are_not_finite_numbers_of_their_shape(actions):
     with pytest.raises(InvalidInput, match=r"\(3, 2\)"):
-        started()[0].accept("actions", actions, (3, 2))
+        started()[0].accept(actions)
 
 
 def test_memory_per_lane_beside_the_results_stays_small():

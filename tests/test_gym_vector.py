@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rj_gym
 from rollingjoint import InvalidInput, Status
 from rollingjoint.presets import five_link
+from tests.watched_solver import watch_solver
 
 SHORT = {"episode_steps": 4, "load": {"process": "step", "hold_steps": 2.0}, "target": {"process": "path"}}
 RANDOM = {"episode_steps": 3, "randomization": {"position_noise_mm": 0.2, "stiffness_spread": 0.2}, "start": "random"}
@@ -106,16 +107,14 @@ def test_an_ended_lane_must_be_reset_when_autoreset_is_disabled():
         env.step(np.zeros((2, 2)))
 
 
-def test_a_failed_solve_ends_its_lane_only(monkeypatch):
+def test_a_failed_solve_ends_its_lane_only():
     env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="SameStep")
     env.reset(seed=0)
-    solve = env._lanes._solve
 
-    def fail_in_lane_1(first, last):  # but its restart, in a room of its own, succeeds
-        solve(first, last)
+    def fail_in_lane_1():  # but its restart, in a room of its own, succeeds
         env._lanes._results.status[1] = Status.NOT_CONVERGED
 
-    monkeypatch.setattr(env._lanes, "_solve", fail_in_lane_1)
+    watch_solver(env._lanes, after=fail_in_lane_1)
     observations, rewards, terminated, truncated, infos = env.step(np.zeros((3, 2)))
     assert terminated.tolist() == [False, True, False]
     assert not truncated.any()

@@ -234,7 +234,7 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
         array.fill(77)
     solve_range(Problem(*designs_of(chain, 20), laws, tables, starts, results), 5, 12)
     outside = np.r_[0:5, 12:20]
-    assert all(np.all(array[outside] == 77) for array in results)
+    assert all(np.all(array[outside] == 77) for array in results if len(array))
     assert np.all(results.status[5:12] == Status.CONVERGED)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
 from rj_gym.render import Renderer
-from rj_gym.tracking.info import every_lane, sampled_info, single_info
+from rj_gym.tracking.info import only_lane, sampled_info, single_info
 from rj_gym.tracking.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
 from rj_gym.tracking.lanes import Lanes
 from rj_gym.tracking.options import checked_options
@@ -104,7 +104,6 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
         self.observation_space = observation_space(self.task, self.goal)
         self._lanes = Lanes(self.task, 1, self.goal)
-        self._action_shape = (self.task.mechanism.n_tendons,)
         self._steps = self.config.episode_steps
         self._begun = False
         self._over = True
@@ -128,14 +127,14 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         fixed = checked_options(options, self.config, self.task.mechanism)
         super().reset(seed=seed)
         episodes, observation = self._lanes.begin([self.np_random], fixed)
-        readings = self._lanes.state.readings[0].copy()
+        readings = self._lanes.read_alone()
         self._begun, self._over = True, False
         self._trail = []
         if self.render_mode is not None:
             self._show(readings)
         info = single_info(readings, readings.tolist())
         del info["reward_terms"]
-        (info["sampled"],) = every_lane(sampled_info(self._lanes, episodes), [0])
+        info["sampled"] = only_lane(sampled_info(self._lanes, episodes))
         return self._observation(observation[0], readings), info
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -148,9 +147,8 @@ class RollingJointEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         if self._over:
             raise ResetNeeded("No episode is running: call reset() before step().")
         lanes = self._lanes
-        lanes.accept("action", action, self._action_shape)
-        vector = lanes.advance()[0]
-        readings = lanes.state.readings[0].copy()
+        vector = lanes.step_alone(action)
+        readings = lanes.read_alone()
         numbers = readings.tolist()
         terminated, truncated = numbers[STATUS] > AT_LIMIT, numbers[STEP] >= self._steps
         self._over = terminated or truncated

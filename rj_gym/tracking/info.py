@@ -89,6 +89,11 @@ def sampled_info(lanes: Lanes, episodes: Episodes) -> dict[str, Any]:
     }
 
 
+def only_lane(info: Mapping[str, Any]) -> dict[str, Any]:
+    """every_lane of a batch of one, for an info without masks and nested ones."""
+    return {key: values.item(0) if values.ndim == 1 else values[0] for key, values in info.items()}
+
+
 def every_lane(infos: Mapping[str, Any], rows: Sequence[int]) -> list[dict[str, Any]]:
     """The infos of these lanes one by one, without masks: Python numbers and strings, and parts of the arrays."""
     keys = [key for key in infos if not key.startswith("_")]

@@ -1,6 +1,7 @@
 """The formulas of the tracking task, compiled: commands, loads, observation and reward of a range of lanes.
 
-A step is `prepare`, the solve, `finish`; each works on lanes first to last - 1, and lanes do not see each other.
+A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
+last - 1, and lanes do not see each other.
 """
 
 from __future__ import annotations
@@ -10,9 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint._borrowed import borrow, pin, pinned_floats, pinned_integers, pinned_singles
+from rollingjoint._borrowed import (
+    borrow,
+    call_range,
+    carve,
+    next_uniform,
+    pin,
+    pinned_floats,
+    pinned_integers,
+    pinned_singles,
+    pins_at,
+)
 from rollingjoint._jit import kernel
 from rollingjoint.equilibrium import Status
+from rollingjoint.lanes import PENDING
 from rollingjoint.load import LOAD_COLUMNS
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
@@ -24,13 +36,16 @@ STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET,
 )  # fmt: skip
 REWARDS = slice(REWARD, FAILURE + 1)
 
+REFUSED = -1  # what `step` returns instead of a number of lanes
 BLOCK = 16  # lanes whose angles are turned together
+PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
 ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 
 class Rules(NamedTuple):
     """Numbers that all lanes share; scales are TrackingConfig's."""
 
+    action_scale: float  # mm
     length: float  # of the mechanism, mm
     command_scale: float  # mm
     error_scale: float  # mm
@@ -60,10 +75,20 @@ class Course(NamedTuple):
 class State(NamedTuple):
     """Where running episodes are."""
 
-    angles: np.ndarray  # (B, J) joint angles of the last usable equilibrium, the solver's next start, rad
+    angles: np.ndarray  # (B, J) joint angles of the last usable equilibrium, rad
+    responses: np.ndarray  # (B, J, m) its d angle / d command, rad/mm
     poses: np.ndarray  # (B, n, 3) its poses, mm, mm, rad
     actions: np.ndarray  # (B, 2, m) the last action and the one before, within [-1, 1]
     readings: np.ndarray  # (B, TENSIONS + 2 m) columns above
+
+
+class Inputs(NamedTuple):
+    """What goes into a step and into its solve."""
+
+    actions: np.ndarray  # (B, m) not yet clipped
+    starts: np.ndarray  # (B, J) joint angles from which the solver starts, rad
+    commands: np.ndarray  # (B, m) tendon lengths, mm
+    loads: np.ndarray  # (B, 1, 11) columns of load.LOAD_COLUMNS
 
 
 class Solved(NamedTuple):
@@ -73,53 +98,20 @@ class Solved(NamedTuple):
     poses: np.ndarray  # (B, n, 3)
     tensions: np.ndarray  # (B, m)
     lengths: np.ndarray  # (B, m)
+    responses: np.ndarray  # (B, J, m)
     status: np.ndarray  # (B,)
 
 
-@kernel
-def all_finite(values):
-    """Whether no value (B, m) is NaN or infinite."""
-    finite = True
-    for value in values.flat:
-        finite &= math.isfinite(value)
-    return finite
-
-
-def prepare_pins(course, state, actions, commands, loads):
-    """What `prepare` works on: actions (B, m) not yet clipped; commands (B, m) and loads (B, 1, 11) of the solver."""
-    return pin(course.forces, course.actuator_offsets, state.readings, state.actions, actions, commands, loads)
-
-
-@kernel(nogil=True)
-def prepare(addresses, action_scale, first, last):
-    """Begin a step: actions pull tendons in by action_scale [mm] at 1, the load moves on; fill commands and loads."""
-    pins = borrow(addresses)
-    forces, offsets, readings = pinned_floats(pins, 0, 3), pinned_floats(pins, 1, 2), pinned_floats(pins, 2, 2)
-    taken, actions = pinned_floats(pins, 3, 3), pinned_floats(pins, 4, 2)
-    commands, loads = pinned_floats(pins, 5, 2), pinned_floats(pins, 6, 3)
-    m, times = actions.shape[1], forces.shape[1]
-    for lane in range(first, last):
-        readings[lane, STEP] += 1.0
-        for j in range(m):
-            taken[lane, 1, j] = taken[lane, 0, j]
-            taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
-            believed = readings[lane, TENSIONS + m + j] - action_scale * taken[lane, 0, j]
-            commands[lane, j] = believed + offsets[lane, j]
-        now = min(int(readings[lane, STEP]), times - 1)
-        loads[lane, 0, FX] = readings[lane, FORCE] = forces[lane, now, 0]
-        loads[lane, 0, FY] = readings[lane, FORCE + 1] = forces[lane, now, 1]
-
-
-def finish_pins(rules, course, state, solved):
-    """What `finish` works on."""
-    scales, choices = np.array(rules[:8], float), np.array(rules[8:11], np.int64)
-    pinned = (scales, choices, *rules[11:], *course, *state, *solved)
+def task_pins(rules, course, state, inputs, solved):
+    """Addresses of everything that the kernels below work on, and the arrays that must be kept for that."""
+    scales, choices = np.array(rules[:9], float), np.array(rules[9:12], np.int64)
+    pinned = (scales, choices, *rules[12:], *course, *state, *inputs, *solved)
     return pin(*pinned), pinned
 
 
 @kernel(inline="always")
 def _pinned_task(pins):
-    """(rules, course, state, solved) from their addresses."""
+    """(rules, course, state, inputs, solved) from their addresses."""
     scales, choices = pinned_floats(pins, 0, 1), pinned_integers(pins, 1, 1)
     rules = Rules(
         scales[0],
@@ -130,6 +122,7 @@ def _pinned_task(pins):
         scales[5],
         scales[6],
         scales[7],
+        scales[8],
         choices[0] == 1,
         choices[1] == 1,
         choices[2] == 1,
@@ -145,35 +138,136 @@ def _pinned_task(pins):
         pinned_floats(pins, 9, 4),
     )
     state = State(
-        pinned_floats(pins, 10, 2), pinned_floats(pins, 11, 3), pinned_floats(pins, 12, 3), pinned_floats(pins, 13, 2)
+        pinned_floats(pins, 10, 2),
+        pinned_floats(pins, 11, 3),
+        pinned_floats(pins, 12, 3),
+        pinned_floats(pins, 13, 3),
+        pinned_floats(pins, 14, 2),
+    )
+    inputs = Inputs(
+        pinned_floats(pins, 15, 2), pinned_floats(pins, 16, 2), pinned_floats(pins, 17, 2), pinned_floats(pins, 18, 3)
     )
     solved = Solved(
-        pinned_floats(pins, 14, 2),
-        pinned_floats(pins, 15, 3),
-        pinned_floats(pins, 16, 2),
-        pinned_floats(pins, 17, 2),
-        pinned_integers(pins, 18, 1),
+        pinned_floats(pins, 19, 2),
+        pinned_floats(pins, 20, 3),
+        pinned_floats(pins, 21, 2),
+        pinned_floats(pins, 22, 2),
+        pinned_floats(pins, 23, 3),
+        pinned_integers(pins, 24, 1),
     )
-    return rules, course, state, solved
-
-
-@kernel(nogil=True)
-def finish(addresses, observation, first, last):
-    """End a step: state, readings and observation, (B, entries) float32, after the solve."""
-    rules, course, state, solved = _pinned_task(borrow(addresses))
-    _settle(course, state, solved, first, last)
-    _measure_error(course, state, first, last)
-    _reward(rules, state, first, last)
-    _observe_links(rules, course, state, observation, first, last)
-    _observe(rules, course, state, observation, first, last)
+    return rules, course, state, inputs, solved
 
 
 @kernel
-def observe(addresses, observation):
-    """Fill the observation, (B, entries) float32, anew."""
-    rules, course, state, _ = _pinned_task(borrow(addresses))
-    _observe_links(rules, course, state, observation, 0, len(observation))
-    _observe(rules, course, state, observation, 0, len(observation))
+def all_finite(values):
+    """Whether no value (B, m) is NaN or infinite."""
+    return _finite(borrow(values), 0, len(values))
+
+
+@kernel(inline="always")
+def _finite(values, first, last):
+    finite = True
+    for lane in range(first, last):
+        for j in range(values.shape[1]):
+            finite &= math.isfinite(values[lane, j])
+    return finite
+
+
+@kernel
+def fill_uniforms(sources, rows):
+    """Fill rows (B, K) with numbers in [0, 1) from bit generators: (B, 2), next_double and the state it works on."""
+    for row in range(len(rows)):
+        entry, source = sources[row, 0], sources[row, 1]
+        for column in range(rows.shape[1]):
+            rows[row, column] = next_uniform(entry, source)
+
+
+@kernel(nogil=True)
+def step(pins, solver, problem, observation, first, last):
+    """One step of lanes, into the flat observation (B x entries,), float32.
+
+    Returns how many lanes the solver has left to PinnedRange.solve_the_rest (`solver` and `problem` are its entry and
+    pins); if any, `finish` remains to be done after that. REFUSED, and nothing done, where an action is not finite.
+    """
+    rules, course, state, inputs, solved = _pinned_task(pins_at(pins))
+    if not _finite(inputs.actions, first, last):
+        return REFUSED
+    _prepare(rules, course, state, inputs, first, last)
+    left = last - first if solver == 0 else call_range(solver, problem, first, last)
+    if left < 0:  # no memory: the solver for all cases has what it needs, or raises
+        left = last - first
+        for lane in range(first, last):
+            solved.status[lane] = PENDING
+    if left == 0:
+        _finish(rules, course, state, solved, observation, first, last)
+    return left
+
+
+@kernel(nogil=True)
+def finish(pins, observation, first, last):
+    """End a step after the solve: state, readings and the flat observation."""
+    rules, course, state, _, solved = _pinned_task(pins_at(pins))
+    _finish(rules, course, state, solved, observation, first, last)
+
+
+@kernel
+def observe(pins, observation):
+    """Fill the flat observation anew."""
+    rules, course, state, _, _ = _pinned_task(pins_at(pins))
+    vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
+    _observe_links(rules, course, state, vectors, 0, vectors.shape[0])
+    _observe(rules, course, state, vectors, 0, vectors.shape[0])
+
+
+@kernel(inline="always")
+def _prepare(rules, course, state, inputs, first, last):
+    """Begin a step: actions pull tendons in by action_scale [mm] at 1, the load moves on; fill commands and loads."""
+    forces, offsets, readings, taken = course.forces, course.actuator_offsets, state.readings, state.actions
+    actions, commands, loads = inputs.actions, inputs.commands, inputs.loads
+    m, times = actions.shape[1], forces.shape[1]
+    for lane in range(first, last):
+        readings[lane, STEP] += 1.0
+        for j in range(m):
+            taken[lane, 1, j] = taken[lane, 0, j]
+            taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
+            believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
+            commands[lane, j] = believed + offsets[lane, j]
+        _predict(state, inputs, course, lane)
+        now = min(int(readings[lane, STEP]), times - 1)
+        loads[lane, 0, FX] = readings[lane, FORCE] = forces[lane, now, 0]
+        loads[lane, 0, FY] = readings[lane, FORCE + 1] = forces[lane, now, 1]
+
+
+@kernel(inline="always")
+def _predict(state, inputs, course, lane):
+    """Start the solve on the tangent of the last equilibrium: that saves the first of about four Newton steps.
+
+    A prediction that goes far is not to be trusted: the solve then starts from the last equilibrium itself.
+    """
+    angles, responses, starts = state.angles, state.responses, inputs.starts
+    n_joints, m = angles.shape[1], responses.shape[2]
+    farthest = 0.0
+    for i in range(n_joints):
+        turn = 0.0
+        for j in range(m):
+            held = state.readings[lane, TENSIONS + m + j] + course.actuator_offsets[lane, j]
+            turn += responses[lane, i, j] * (inputs.commands[lane, j] - held)
+        starts[lane, i] = angles[lane, i] + turn
+        farthest = max(farthest, abs(turn))
+    if not farthest < PREDICTABLE:
+        for i in range(n_joints):
+            starts[lane, i] = angles[lane, i]
+
+
+@kernel(inline="always")
+def _finish(rules, course, state, solved, observation, first, last):
+    """End a step: state, readings, the flat observation."""
+    vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
+    _settle(course, state, solved, first, last)
+    _measure_error(course, state, first, last)
+    _reward(rules, state, first, last)
+    _observe_links(rules, course, state, vectors, first, last)
+    _observe(rules, course, state, vectors, first, last)
 
 
 @kernel(inline="always")
@@ -183,7 +277,7 @@ def _settle(course, state, solved, first, last):
     Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
     that commands never wind up; elsewhere that is the command itself.
     """
-    angles, poses, readings = state.angles, state.poses, state.readings
+    angles, responses, poses, readings = state.angles, state.responses, state.poses, state.readings
     new_angles, new_poses, tensions, lengths = solved.joint_angles, solved.poses, solved.tensions, solved.lengths
     status, stiffnesses, offsets = solved.status, course.stiffnesses, course.actuator_offsets
     n_joints, m = angles.shape[1], tensions.shape[1]
@@ -193,6 +287,8 @@ def _settle(course, state, solved, first, last):
             continue
         for i in range(n_joints):
             angles[lane, i] = new_angles[lane, i]
+            for j in range(m):
+                responses[lane, i, j] = solved.responses[lane, i, j]
         for k in range(n_joints + 1):
             for axis in range(3):
                 poses[lane, k, axis] = new_poses[lane, k, axis]
@@ -241,7 +337,8 @@ def _observe_links(rules, course, state, observation, first, last):
     """The first entries of observations: measured poses of the moving links, a block of lanes at a time."""
     poses, noise, readings, per_length = state.poses, course.noise, state.readings, 1 / rules.length
     moving, times = poses.shape[1] - 1, noise.shape[1]
-    angles, cosines, sines = np.empty(BLOCK * moving), np.empty(BLOCK * moving), np.empty(BLOCK * moving)
+    memory, size = np.empty(3 * BLOCK * moving), BLOCK * moving
+    angles, cosines, sines = memory[:size], memory[size : 2 * size], memory[2 * size :]
     for start in range(first, last, BLOCK):
         stop = min(start + BLOCK, last)
         for lane in range(start, stop):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.render import Scene
 from rj_gym.tracking import kernels
-from rj_gym.tracking.kernels import FORCE, LINK, REWARDS, STEP, TENSIONS, Course, Solved, State
+from rj_gym.tracking.generators import Generators
+from rj_gym.tracking.kernels import FORCE, LINK, REWARDS, STEP, TENSIONS, Course, Inputs, Solved, State
 from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint._jit import machine_code
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
 
 _LINK, _FORCE = LOAD_COLUMNS.index("link"), slice(kernels.FX, kernels.FY + 1)
-_BOUND = ("_finite", "_prepare", "_solve", "_finish", "_finish_pins", "_pinned")
+_BOUND = ("_finite", "_step", "_solve", "_finish", "_action", "_readings", "_pins", "_pinned")
 
 
 class Lanes:
@@ -47,6 +48,7 @@ class Lanes:
         self.course = _new_course(task, capacity)
         self.state = State(
             np.zeros((capacity, n - 1)),
+            np.zeros((capacity, n - 1, m)),
             np.zeros((capacity, n, 3)),
             np.zeros((capacity, 2, m)),
             np.zeros((capacity, TENSIONS + 2 * m)),
@@ -57,31 +59,38 @@ class Lanes:
         command, low, high = (np.zeros((capacity, m)) for _ in range(3))
         self._laws = TendonLaw(command, self.course.stiffnesses, low, high)
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = new_results(capacity, n - 1, m, contacts=False)
+        self._starts = np.zeros((capacity, n - 1))
+        self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
         self._kept_rest: tuple[tuple[RollingChain, bytes], tuple[Array, Array, Array]] | None = None
         self._bind()
 
-    def accept(self, what: str, actions: ArrayLike, shape: tuple[int, ...]) -> None:
-        """Keep actions, (B, m) or for one lane (m,), for `advance`.
+    def accept(self, actions: ArrayLike) -> None:
+        """Keep actions, (B, m), for `advance`.
 
         Raises:
             InvalidInput: actions that are not finite numbers of that shape; nothing has changed then.
         """
-        if isinstance(actions, np.ndarray) and actions.dtype.kind == "f":
-            values: NDArray[Any] = actions
-        else:
-            values = as_floats(what, actions, _allowed(shape))
-        if values.shape == shape:
-            self._actions[...] = values
-            if self._finite():
-                return
-        raise InvalidInput(what, actions, _allowed(shape))
+        self._accept("actions", actions, self._actions)
+        if not self._finite():
+            raise InvalidInput("actions", actions, _allowed(self._actions.shape))
 
     def advance(self) -> Observation:
         """One step of all lanes with the accepted actions; fresh observations, (B, entries)."""
-        return self._step(self.capacity)
+        return self._advance(self.capacity).reshape(self.capacity, -1)
 
-    def begin(self, rngs: Sequence[np.random.Generator], fixed: Fixed = NOTHING_FIXED) -> tuple[Episodes, Observation]:
+    def step_alone(self, action: ArrayLike) -> Observation:
+        """One step of the only lane, with an action (m,); its fresh observation, (entries,). Raises as `accept`."""
+        self._accept("action", action, self._action)
+        observation = np.empty(self._entries, np.float32)
+        if left := self._step(observation, 0, 1):
+            if left == kernels.REFUSED:
+                raise InvalidInput("action", action, _allowed(self._action.shape))
+            self._complete(observation, 0, 1)
+        return observation
+
+    def begin(
+        self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed = NOTHING_FIXED
+    ) -> tuple[Episodes, Observation]:
         """New episodes in the first lanes, one per generator, with their observations, (len(rngs), entries).
 
         Tendons are locked at the unloaded start tensions, then the load is applied.
@@ -92,21 +101,26 @@ class Lanes:
         angles, poses, lengths = self._rest(episodes.start_tensions)
         readings = self.state.readings[:count]
         self.state.angles[:count] = angles
+        self.state.responses[:count] = 0.0
         self.state.poses[:count] = poses
         self.state.actions[:count] = self._actions[:count] = 0.0
         readings[:, STEP] = -1.0
         readings[:, TENSIONS : TENSIONS + m] = episodes.start_tensions
         readings[:, TENSIONS + m :] = lengths - episodes.start_tensions / episodes.stiffnesses
         self._laws.low[:count], self._laws.high[:count] = self.task.config.tension_range
-        observation = self._step(count)
+        observation = self._advance(count)
         readings[:, REWARDS] = 0.0
-        return episodes, observation
+        return episodes, observation.reshape(count, -1)
+
+    def read_alone(self) -> Array:
+        """The readings of the only lane, (columns,): a copy."""
+        return self._readings.copy()
 
     def observe(self) -> Observation:
         """The observations of all lanes once more, (B, entries)."""
-        observation = np.empty((self.capacity, self._entries), np.float32)
-        kernels.observe(self._finish_pins, observation)
-        return observation
+        observation = np.empty(self.capacity * self._entries, np.float32)
+        kernels.observe(self._pins, observation)
+        return observation.reshape(self.capacity, -1)
 
     def take(self, rows: NDArray[np.int64], other: Lanes) -> None:
         """Go on in these rows with the first lanes of another room."""
@@ -147,23 +161,35 @@ class Lanes:
         """The arrays (B, ...) that steps go on from."""
         return *self.state, *self.course, self._loads
 
-    def _step(self, count: int) -> Observation:
-        """Prepare, solve and finish the first lanes; their fresh observations."""
-        observation = np.empty((count, self._entries), np.float32)
-        prepare, solve, finish = self._prepare, self._solve, self._finish
-        if count == 1:
-            prepare(0, 1)
-            solve(0, 1)
-            finish(observation, 0, 1)
-            return observation
+    def _accept(self, what: str, actions: ArrayLike, place: Array) -> None:
+        """Put actions of the right shape into their place.
+
+        Raises:
+            InvalidInput: others.
+        """
+        if isinstance(actions, np.ndarray) and actions.dtype.kind == "f":
+            values: NDArray[Any] = actions
+        else:
+            values = as_floats(what, actions, _allowed(place.shape))
+        if values.shape != place.shape:
+            raise InvalidInput(what, actions, _allowed(place.shape))
+        place[...] = values
+
+    def _advance(self, count: int) -> Observation:
+        """A step of the first lanes; their fresh observations, flat."""
+        observation = np.empty(count * self._entries, np.float32)
 
         def work(first: int, last: int) -> None:
-            prepare(first, last)
-            solve(first, last)
-            finish(observation, first, last)
+            if self._step(observation, first, last):
+                self._complete(observation, first, last)
 
         run_lanes(work, count, self.state.angles.shape[1])
         return observation
+
+    def _complete(self, observation: Observation, first: int, last: int) -> None:
+        """A step after lanes were left to the solver for all cases."""
+        self._solve.solve_the_rest(first, last)
+        self._finish(observation, first, last)
 
     def _enter(self, episodes: Episodes) -> None:
         """Put what was drawn into the first lanes."""
@@ -213,7 +239,7 @@ class Lanes:
         self._laws.command[:count] = 0.0
         self._laws.low[:count] = self._laws.high[:count] = tensions
         self._loads[:count, 0, _FORCE] = 0.0
-        self.state.angles[:count] = self._neutral_angles[self.designs[:count]]
+        self._starts[:count] = self._neutral_angles[self.designs[:count]]
         if count == 1:
             self._solve(0, 1)
         else:
@@ -237,29 +263,48 @@ class Lanes:
     def _bind(self) -> None:
         """The kernels with all arguments that stay."""
         self._neutral_angles = np.array([mechanism.neutral_angles for mechanism in self.mechanisms])
-        course, state, results = self.course, self.state, self._results
-        pins = kernels.prepare_pins(course, state, self._actions, self._laws.command, self._loads)
-        solved = Solved(*(getattr(results, name) for name in Solved._fields))
-        self._finish_pins, self._pinned = kernels.finish_pins(self._rules, course, state, solved)
-        self._finite = partial(machine_code(kernels.all_finite, self._actions), self._actions)
-        pulled, vectors = (pins, self.task.config.action_scale_mm), np.empty((0, self._entries), np.float32)
-        self._prepare = partial(machine_code(kernels.prepare, *pulled, 0, 0), *pulled)
         self._solve = self._bound_solve()
-        self._finish = partial(machine_code(kernels.finish, self._finish_pins, vectors, 0, 0), self._finish_pins)
+        self._bind_step()
 
-    def _bound_solve(self) -> Callable[[int, int], None]:
+    def _bind_step(self) -> None:
+        """The kernels that go around the solve."""
+        results = self._results
+        solved = Solved(*(getattr(results, name) for name in Solved._fields))
+        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        self._pinned = kernels.task_pins(self._rules, self.course, self.state, inputs, solved)
+        self._pins = self._pinned[0].ctypes.data
+        self._finite = partial(machine_code(kernels.all_finite, self._actions), self._actions)
+        flat = np.empty(0, np.float32)
+        bound = self._pins, self._solve.entry, self._solve.pins
+        self._action, self._readings = self._actions[0], self.state.readings[0]
+        self._step = partial(machine_code(kernels.step, *bound, flat, 0, 0), *bound)
+        self._finish = partial(machine_code(kernels.finish, self._pins, flat, 0, 0), self._pins)
+
+    def _bound_solve(self) -> PinnedRange | _LaneByLane:
         """The solve of a range of lanes; lane by lane where mechanisms cannot be stacked."""
-        problem = (self._laws, self._loads, self.state.angles, self._results)
+        problem = (self._laws, self._loads, self._starts, self._results)
         try:
             return PinnedRange(Problem(stack(self.mechanisms), self.designs, *problem))
         except InvalidInput:  # tendons that end on different links
-            chains, alone = [stack([mechanism]) for mechanism in self.mechanisms], np.zeros(self.capacity, np.int64)
+            return _LaneByLane(
+                [Problem(stack([m]), np.zeros_like(self.designs), *problem) for m in self.mechanisms], self.designs
+            )
 
-        def solve_each(first: int, last: int) -> None:
-            for lane in range(first, last):
-                solve_range(Problem(chains[self.designs[lane]], alone, *problem), lane, lane + 1)
 
-        return solve_each
+class _LaneByLane:
+    """What PinnedRange does, for mechanisms that do not fit into one stack: a problem for each."""
+
+    entry = pins = 0
+
+    def __init__(self, problems: Sequence[Problem], designs: NDArray[np.int64]) -> None:
+        self._problems, self._designs = problems, designs
+
+    def __call__(self, first: int, last: int) -> None:
+        """Solve lanes first to last - 1."""
+        for lane in range(first, last):
+            solve_range(self._problems[self._designs[lane]], lane, lane + 1)
+
+    solve_the_rest = __call__
 
 
 def _allowed(shape: tuple[int, ...]) -> str:
@@ -271,7 +316,9 @@ def _allowed(shape: tuple[int, ...]) -> str:
 
 def over_time(series: Array, times: int) -> Array:
     """A fresh series (..., times, 2) from one that has one entry where nothing changes, (..., 1 or times, 2)."""
-    return series.copy() if series.shape[-2] == times else np.repeat(series, times, axis=-2)
+    spread = np.empty((*series.shape[:-2], times, 2))
+    spread[...] = series
+    return spread
 
 
 def _new_course(task: TrackingTask, capacity: int) -> Course:

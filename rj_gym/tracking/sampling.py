@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.tracking.generators import Generators
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 from rollingjoint.rolling_chain import Link, RollingChain
@@ -86,22 +87,25 @@ class Block(NamedTuple):
 
 
 class Uniforms:
-    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each.
+    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, to be read only.
 
     Args:
         blocks: from uniform_blocks.
         rngs: one generator per episode; each is asked once.
     """
 
-    def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator] | Generators) -> None:
         self._blocks = blocks
         self._rows: Array = np.empty((len(rngs), max(block.stop for block in blocks.values())))
-        for rng, row in zip(rngs, self._rows, strict=True):
-            rng.random(out=row)
+        if isinstance(rngs, Generators):
+            rngs.fill(self._rows)
+        else:
+            for rng, row in zip(rngs, self._rows, strict=True):
+                rng.random(out=row)
 
     def __getitem__(self, name: str) -> Array:
         start, stop, shape = self._blocks[name]
-        return self._rows[:, start:stop].copy().reshape(-1, *shape)
+        return self._rows[:, start:stop].reshape(-1, *shape)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -154,7 +158,7 @@ def sample_episodes(
         load_links(config.load, nominal.n_links, uniforms["link"]),
         load_forces(config.load, uniforms),
         start_tensions(config, uniforms["start"]),
-        np.array([mechanism.stiffnesses for mechanism in mechanisms])[designs],
+        np.array([mechanism.stiffnesses for mechanism in mechanisms]).take(designs, axis=0),
         offsets,
         _symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
         _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
@@ -274,7 +278,7 @@ def start_tensions(config: TrackingConfig, uniforms: Array) -> Array:
     """Tensions before the load acts, (B, m) [N]."""
     if config.start == "random":
         return _log_uniform(uniforms, config.start_tension_range)
-    return np.full_like(uniforms, config.start_tension)
+    return np.full(uniforms.shape, config.start_tension)
 
 
 def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:

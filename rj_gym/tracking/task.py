@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
+from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.kernels import Rules
 from rj_gym.tracking.observation import POSITION_BOUND, force_scale, observation_entries
 from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed, Uniforms, sample_episodes, uniform_blocks
@@ -41,6 +42,7 @@ class TrackingTask:
         """The rules; `goal` leaves target and tip error out of the observation."""
         config, reward = self.config, self.config.reward
         return Rules(
+            config.action_scale_mm,
             self.length,
             config.command_scale_mm,
             reward.error_scale_mm,
@@ -56,7 +58,7 @@ class TrackingTask:
             *(bound.astype(np.float32) for bound in self.observation_bounds(goal)),
         )
 
-    def sample(self, rngs: Sequence[np.random.Generator], fixed: Fixed = NOTHING_FIXED) -> Episodes:
+    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed = NOTHING_FIXED) -> Episodes:
         """One episode per generator; each takes the same count of numbers from its own."""
         return sample_episodes(self.config, self.mechanism, Uniforms(self._blocks, rngs), fixed)
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.config import TrackingConfig
 from rj_gym.render import Renderer
+from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.info import (
     masked_info,
     reward_info,
@@ -80,10 +81,9 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.single_observation_space = observation_space(self.task, self.goal)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._generators: list[Any] = [None] * self.num_envs
+        self._generators = Generators([None] * self.num_envs)
         self._lanes = Lanes(self.task, self.num_envs, self.goal)
         self._beginners: Lanes | None = None
-        self._action_shape = (self.num_envs, self.task.mechanism.n_tendons)
         self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
@@ -133,7 +133,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         fresh = np.flatnonzero(self._over)
         if len(fresh) and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Lanes {fresh.tolist()} have ended: reset them with options={{'reset_mask': ...}}.")
-        self._lanes.accept("actions", actions, self._action_shape)
+        self._lanes.accept(actions)
         vectors, sampled = self._advance(fresh)
         readings = self._lanes.state.readings.copy()
         self._remember(readings)
@@ -170,7 +170,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def _begin(self, rows: NDArray[np.int64], fixed: Fixed = NOTHING_FIXED) -> tuple[dict[str, Any], Vectors]:
         """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
         whole = len(rows) == self.num_envs
-        rngs = self._generators if whole else [self._generators[row] for row in rows]
+        rngs = self._generators if whole else self._generators.of(rows)
         lanes = self._lanes if whole else self._room_for(len(rows))
         episodes, vectors = lanes.begin(rngs, fixed)
         if not whole:

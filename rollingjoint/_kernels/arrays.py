@@ -74,7 +74,7 @@ class State(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Outputs of B lanes; contacts, rates and contact forces may have no lanes, they are then left out."""
+    """Outputs of B lanes; those with B or 0 lanes are left out where they have none."""
 
     joint_angles: np.ndarray  # (B, J)
     poses: np.ndarray  # (B, n, 3)
@@ -84,13 +84,14 @@ class Results(NamedTuple):
     rates: np.ndarray  # (B or 0, J, m) d length / d joint angle
     elastic: np.ndarray  # (B, m) d tension / d length
     contact_forces: np.ndarray  # (B or 0, J, 2)
+    responses: np.ndarray  # (B or 0, J, m) d joint angle / d command; zero from the solver for all cases
     residual: np.ndarray  # (B,)
     iterations: np.ndarray  # (B,)
     status: np.ndarray  # (B,)
 
 
-def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True) -> Results:
-    """Empty outputs, with or without contacts, rates and contact forces."""
+def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:
+    """Empty outputs, with or without contacts, rates and contact forces, and responses."""
     detailed = n_lanes if contacts else 0
     shapes = (
         (n_lanes, n_joints),
@@ -101,6 +102,7 @@ def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = Tr
         (detailed, n_joints, n_tendons),
         (n_lanes, n_tendons),
         (detailed, n_joints, 2),
+        (n_lanes if responses else 0, n_joints, n_tendons),
         (n_lanes,),
     )
     numbers = map(np.empty, shapes) if n_lanes < _MANY_LANES else _in_one_piece(shapes)
@@ -219,6 +221,7 @@ def borrow_results(results):
         borrow(results.rates),
         borrow(results.elastic),
         borrow(results.contact_forces),
+        borrow(results.responses),
         borrow(results.residual),
         borrow(results.iterations),
         borrow(results.status),
@@ -269,8 +272,9 @@ def pinned_problem(pins):
         pinned_floats(pins, 20, 3),
         pinned_floats(pins, 21, 2),
         pinned_floats(pins, 22, 3),
-        pinned_floats(pins, 23, 1),
-        pinned_integers(pins, 24, 1),
+        pinned_floats(pins, 23, 3),
+        pinned_floats(pins, 24, 1),
         pinned_integers(pins, 25, 1),
+        pinned_integers(pins, 26, 1),
     )
     return chain, designs, laws, loads, starts, results

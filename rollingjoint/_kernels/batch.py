@@ -68,6 +68,9 @@ def store(chain, state, outcome, results, lane):
             results.contacts[lane, i, 2], results.contacts[lane, i, 3] = ex, ey
             for j in range(state.tension.size):
                 results.rates[lane, i, j] = state.gap[i, j, 1]
+        if results.responses.shape[0] > 0:
+            for j in range(state.tension.size):
+                results.responses[lane, i, j] = 0.0
     for i in range(state.angle.size + 1):
         for k in range(3):
             results.poses[lane, i, k] = state.pose[i, k]

@@ -32,6 +32,7 @@ class Block(NamedTuple):
     vectors: np.ndarray  # (6, J): solution, step, 1 / D, angles and residual where the line search began, 1 if free
     search: np.ndarray  # (8,): columns above
     forces: np.ndarray  # (J, 4): contact forces and tangents
+    responses: np.ndarray  # (m, J): d angle / d command
     rows: np.ndarray  # one row of a joint table per lane
 
 
@@ -39,7 +40,7 @@ class Block(NamedTuple):
 def block_size(n_joints, n_tendons, n_loads):
     """How many Lanes a Block takes."""
     inputs = 5 * n_tendons + 6 * n_loads + n_joints * (2 + 4 * n_tendons)
-    return state_size(n_joints, n_tendons, 4) + inputs + n_joints * (n_joints + 6 + 4) + 8 + 8
+    return state_size(n_joints, n_tendons, 4) + inputs + n_joints * (n_joints + 6 + 4 + n_tendons) + 8 + 8
 
 
 @part(inline=True)
@@ -54,7 +55,8 @@ def carve_block(memory, n_joints, n_tendons, n_loads):
     vectors = L + n_joints * n_joints
     search = vectors + 6 * n_joints
     forces = search + 8
-    rows = forces + 4 * n_joints
+    responses = forces + 4 * n_joints
+    rows = responses + n_tendons * n_joints
     return Block(
         carve_state(memory, 0, n_joints, n_tendons, 4),
         TendonLaw(
@@ -71,6 +73,7 @@ def carve_block(memory, n_joints, n_tendons, n_loads):
         carve(memory, vectors, (6, n_joints)),
         carve(memory, search, (8,)),
         carve(memory, forces, (n_joints, 4)),
+        carve(memory, responses, (n_tendons, n_joints)),
         as_rows(carve(memory, rows, (8,))),
     )
 
@@ -149,7 +152,12 @@ def fill_forces(block, tendon_joints):
 @part(inline=True)
 def store_lane(block, lane, results, row):
     """Copy an equilibrium into its row of the results."""
-    search, state, forces = numbers(block.search), block.state, numbers(block.forces)
+    search, state, forces, responses = (
+        numbers(block.search),
+        block.state,
+        numbers(block.forces),
+        numbers(block.responses),
+    )
     angle, contact, gap, pose = numbers(state.angle), numbers(state.contact), numbers(state.gap), numbers(state.pose)
     tension, length, elastic = numbers(state.tension), numbers(state.length), numbers(state.elastic)
     for i in range(angle.shape[0]):
@@ -161,6 +169,9 @@ def store_lane(block, lane, results, row):
             results.contact_forces[row, i, 1] = forces[i, 1, lane]
             for j in range(tension.shape[0]):
                 results.rates[row, i, j] = gap[i, j, 1, lane]
+        if results.responses.shape[0] > 0:
+            for j in range(tension.shape[0]):
+                results.responses[row, i, j] = responses[j, i, lane]
     for i in range(pose.shape[0]):
         for k in range(3):
             results.poses[row, i, k] = pose[i, k, lane]

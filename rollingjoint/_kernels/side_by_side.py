@@ -17,6 +17,7 @@ from rollingjoint._borrowed import (
     integers,
     numbers,
     of_width,
+    pins_at,
     table_rows,
 )
 from rollingjoint._jit import kernel, part
@@ -203,7 +204,7 @@ def _factor_stiffness(tendon_joints, state, free, H, per_pivot):
 
 @part(inline=True)
 def _newton_step(L, per_pivot, residual, free, step):
-    """Solve L D Lᵀ step = -residual on the free joints; zero elsewhere."""
+    """Solve L D Lᵀ step = -residual on the free joints; zero elsewhere. May be done in place."""
     n_joints = step.size
     for i in range(n_joints):
         value = -residual[i] * free[i]
@@ -215,6 +216,16 @@ def _newton_step(L, per_pivot, residual, free, step):
         for m in range(i + 1, n_joints):
             value = value - L[m, i] * step[m]
         step[i] = value
+
+
+@part(inline=True)
+def _fill_responses(block):
+    """Fill d angle / d command, where the stiffness has just been factored."""
+    gap, elastic, responses = block.state.gap, block.state.elastic, block.responses
+    for j in range(elastic.size):
+        for i in range(block.state.angle.size):
+            responses[j, i] = -(elastic[j] * gap[i, j, 1])
+        _newton_step(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
 
 
 @part(inline=True)
@@ -277,9 +288,9 @@ def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last
 
 
 @kernel(nogil=True)
-def solve_pinned(addresses, first, last):
+def solve_pinned(pins, first, last):
     """solve_side_by_side on arrays whose addresses `pin` has written down, in the order of its arguments."""
-    chain, designs, laws, loads, starts, results = pinned_problem(borrow(addresses))
+    chain, designs, laws, loads, starts, results = pinned_problem(pins_at(pins))
     memory = np.zeros((block_size(starts.shape[1], chain.tendon_joints.size, loads.shape[1]) + 3) * WIDTH)
     return _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
 
@@ -329,3 +340,5 @@ def _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
             pass
         if results.contacts.shape[0] > 0:
             fill_forces(block, chain.tendon_joints)
+        if results.responses.shape[0] > 0:
+            _fill_responses(block)
