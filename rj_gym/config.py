@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
@@ -240,7 +241,7 @@ def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 
 def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
-    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    number = isinstance(value, Real) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not number or not low <= value <= high:  # type: ignore[operator]
         upper = "" if high == math.inf else f" and <= {high:g}"
         raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")

@@ -49,7 +49,7 @@ def as_floats(
     """A contiguous float copy of the values; `error` unless they are numbers and rows of one length."""
     try:
         return np.array(values, dtype=float, order="C")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise error(what, values, allowed) from None
 
 
@@ -67,5 +67,8 @@ def as_integer(
 
 
 def _short(value: object, limit: int = 120) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits, which Python does not print
+        text = f"a very large {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

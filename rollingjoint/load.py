@@ -137,7 +137,7 @@ def link_index(link: int, n_links: int) -> int:
 def _number(what: str, value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(what, value, "a number") from None
 
 
@@ -145,5 +145,5 @@ def _pair(what: str, values: Pair) -> Pair:
     try:
         x, y = values
         return float(x), float(y)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(what, values, "two numbers (x, y)") from None

@@ -218,7 +218,7 @@ def _tension_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Arra
             if array.shape not in ((), (n_tendons,)):
                 raise InvalidInput("tension_limits", limits, allowed)
             side[:] = array
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput("tension_limits", limits, allowed) from None
     return both
 

@@ -46,7 +46,7 @@ class Tendon:
     def __post_init__(self) -> None:
         try:
             holes = tuple((_hole(parent), _hole(child)) for parent, child in self.holes)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             if isinstance(error, MechanismError):
                 raise
             raise MechanismError("tendon holes", self.holes, "(parent hole, child hole) for every link") from None

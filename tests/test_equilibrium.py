@@ -237,6 +237,8 @@ def test_starts_are_joint_angles_or_equilibria():
         lambda c: solve_tensions(c, (1, 1), [WorldForce(-1, (1, 0), (0, 5))]),
         lambda c: solve_tensions(c, (1, 1), [Spring(-1, None, (0, 5))]),
         lambda c: solve_tensions(c, (1, 1), [Gravity(0.1)]),
+        lambda c: solve_tensions(c, (10**400, 1)),
+        lambda c: solve_tensions(c, (1, 1), [WorldForce(-1, (10**5000, 0))]),
         lambda c: solve_tensions_batch(c, "ab"),
         lambda c: solve_tensions_batch(c, [(1, 1), (1,)]),
         lambda c: solve_lengths(c, (90, 100), method="fast"),

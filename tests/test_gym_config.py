@@ -61,6 +61,8 @@ def test_unknown_names_are_refused_with_the_nearest_valid_one(values, nearest):
         {"episode_steps": float("nan")},
         {"action_scale_mm": 0},
         {"action_scale_mm": "1e-3"},
+        {"action_scale_mm": 10**400},
+        {"action_scale_mm": 10**5000},
         {"tension_range": (15.0, 0.5)},
         {"tension_range": (1.0, 1.0)},
         {"tension_range": 3.0},
