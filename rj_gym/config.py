@@ -241,8 +241,8 @@ def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 
 def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
-    number = isinstance(value, Real) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    if not number or not low <= value <= high:  # type: ignore[operator]
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not abs(value) <= sys.float_info.max or not low <= value <= high:  # type: ignore[operator]
         upper = "" if high == math.inf else f" and <= {high:g}"
         raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")
     return float(value)  # type: ignore[arg-type]
