@@ -15,6 +15,8 @@ from rollingjoint.rolling_chain import RollingChain
 
 Range = tuple[float, float]
 
+_LARGEST = sys.float_info.max
+
 
 class _Settings:
     """Construction from plain dictionaries, shared by every settings class below."""
@@ -242,7 +244,7 @@ def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
     number = isinstance(value, Real) and not isinstance(value, bool)
-    if not number or not abs(value) <= sys.float_info.max or not low <= value <= high:  # type: ignore[operator]
+    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
         upper = "" if high == math.inf else f" and <= {high:g}"
         raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")
     return float(value)  # type: ignore[arg-type]
