@@ -5,26 +5,26 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from agents.command_line import exit_code
-from agents.config import TrainConfig
+from agents.config import EnvConfig, TrainConfig
+from agents.rollout import film, is_tracking, run_episodes
 from agents.run_folder import RunFolder, typed_command, versions, write_bytes, write_json, write_text
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    import gymnasium
-
-    from agents.baselines import Controller
+    from agents.controller import Controller
     from agents.report import Report
 
-POLICY, OPEN_LOOP, NOTHING = "policy", "open loop", "do nothing"
-OWN = "one more controller to compare, as described in agents.baselines; repeatable"
+POLICY, OPEN_LOOP = "policy", "open loop"
+FILMED = (POLICY, "jacobian feedback", OPEN_LOOP)
+OWN = "one more controller to compare, as described in agents.controller; repeatable"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -72,34 +72,47 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     folder = arguments.out or run.evaluation
     about = {"command": " ".join(command), "changed settings": ", ".join(arguments.set) or "none"}
     print(evaluate(evaluation, folder, about))
-    print(f"Report: {folder / 'report.md'}\nAnimation: {folder / 'animation.gif'}")
+    print(f"Report: {folder / 'report.md'}")
+    if is_tracking(evaluation.config.env):
+        print(f"Animation: {folder / 'animation.gif'}")
     return 0
 
 
 def evaluate(evaluation: Evaluation, folder: Path, about: dict[str, Any]) -> str:
     """The table of scores; report and pictures go to `folder`. Raises RollingJointError."""
-    from agents.baselines import task_of
-    from agents.build import make_env
-    from agents.report import Report
-    from agents.rollout import run_episodes
-
     controllers = _controllers(evaluation)
-    env = make_env(evaluation.config.env)
-    episodes = {name: run_episodes(env, controller, evaluation.seeds) for name, controller in controllers.items()}
-    length = float(task_of(env).mechanism.length)
-    env.close()
-    report = Report(_about(evaluation) | about, length, episodes)
+    report = evaluate_controllers(evaluation.config.env, controllers, evaluation.seeds)
+    report = replace(report, about=_about(evaluation) | about)
     _write(report, controllers, evaluation, folder)
     return report.text()
 
 
+def evaluate_controllers(
+    env: EnvConfig, controllers: Mapping[str, Controller], seeds: Sequence[int], with_floor: bool = True
+) -> Report:
+    """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
+
+    Environments that are not of rj_gym have no floor.
+    """
+    from agents.report import Report
+
+    episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
+    if not is_tracking(env):
+        return Report(episodes)
+    from agents.floor import episode_floor
+    from rj_gym.tracking.task import TrackingTask
+
+    floors = episode_floor(env, seeds).errors if with_floor else None
+    return Report(episodes, TrackingTask(env.arguments()["config"]).length, floors)
+
+
 def _controllers(evaluation: Evaluation) -> dict[str, Controller]:
-    from agents.baselines import DoNothing, OpenLoop
+    from agents.baselines import baselines
     from agents.policy import Policy
 
-    policy = Policy.load(evaluation.run, evaluation.policy)
+    ours = baselines() if is_tracking(evaluation.config.env) else {}
     own = {text.rpartition(":")[2]: _own_controller(text) for text in evaluation.own}
-    return {POLICY: policy, OPEN_LOOP: OpenLoop(), NOTHING: DoNothing(), **own}
+    return {POLICY: Policy.load(evaluation.run, evaluation.policy), **own, **ours}
 
 
 def _own_controller(text: str) -> Controller:
@@ -115,18 +128,19 @@ def _own_controller(text: str) -> Controller:
 def _write(report: Report, controllers: dict[str, Controller], evaluation: Evaluation, folder: Path) -> None:
     from agents.pictures import error_distribution, error_over_time
 
-    seed, gif = _film(report, controllers, evaluation)
+    errors = {name: episodes.errors for name, episodes in report.episodes.items()}
     pictures = {
-        "error_over_time.png": error_over_time(report.episodes),
-        "error_distribution.png": error_distribution(report.episodes),
-        "animation.gif": gif,
+        "error_over_time.png": error_over_time(errors, report.known_floors),
+        "error_distribution.png": error_distribution(errors, report.known_floors),
     }
     captions = {
-        "error_over_time.png": "Tip error after every step: median and the band from 10 to 90 % of the episodes.",
+        "error_over_time.png": "Tip error after every step; equally good controllers lie on each other.",
         "error_distribution.png": "Tip error at the end of every episode; box: quartiles, whiskers: 5 to 95 %; errors "
-        "below 0.01 mm are drawn there.",
-        "animation.gif": f"The episode of seed {seed}, in which open loop ends with its median error.",
+        "below 0.001 mm are drawn there.",
     }
+    if is_tracking(evaluation.config.env):
+        seed, pictures["animation.gif"] = _film(report, controllers, evaluation)
+        captions["animation.gif"] = f"The episode of seed {seed}, in which open loop ends with its median error."
     for name, content in pictures.items():
         write_bytes(folder / name, content)
     write_json(folder / "report.json", report.to_dict())
@@ -136,23 +150,11 @@ def _write(report: Report, controllers: dict[str, Controller], evaluation: Evalu
 
 def _film(report: Report, controllers: dict[str, Controller], evaluation: Evaluation) -> tuple[int, bytes]:
     """Seed and animation of the episode in which open loop's final error is its median one."""
-    from agents.build import make_env
     from agents.pictures import animation
 
-    final = [episode.errors[-1] for episode in report.episodes[OPEN_LOOP]]
-    seed = evaluation.seeds[int(np.argsort(final)[len(final) // 2])]
-    env = make_env(evaluation.config.env, render_mode="rgb_array")
-    frames = {name: _frames(env, controllers[name], seed) for name in (POLICY, OPEN_LOOP)}
-    env.close()
-    return seed, animation(frames)
-
-
-def _frames(env: gymnasium.Env, controller: Controller, seed: int) -> list[np.ndarray]:
-    from agents.rollout import run_episode
-
-    frames: list[np.ndarray] = []
-    run_episode(env, controller, seed, lambda: frames.append(env.render()))  # type: ignore[arg-type]
-    return frames
+    order = np.argsort(report.episodes[OPEN_LOOP].final_errors)
+    seed = evaluation.seeds[int(order[len(order) // 2])]
+    return seed, animation({name: film(evaluation.config.env, controllers[name], seed) for name in FILMED})
 
 
 def _about(evaluation: Evaluation) -> dict[str, Any]:

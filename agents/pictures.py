@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,53 +13,76 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
-from agents.rollout import Episode, error_table
+from agents.controller import Array
 
 COLOURS = (
     "#0072b2",
     "#d55e00",
-    "#7f7f7f",
     "#009e73",
     "#cc79a7",
     "#e69f00",
+    "#56b4e9",
+    "#7f7f7f",
 )  # told apart with any colour vision (Okabe and Ito)
-SMALLEST_MM = 0.01  # smaller errors are drawn here: the axes are logarithmic
+DASHES = ("-", "--", ":")  # where lines lie on each other
+SMALLEST_MM = 0.001  # smaller errors are drawn here: the axes are logarithmic
+PANELS = {50: "half of the episodes below", 95: "95 % of the episodes below"}
 
 
-def error_over_time(episodes: Mapping[str, Sequence[Episode]]) -> bytes:
-    """PNG: median tip error after every step, and the band that holds the middle 80 % of the episodes."""
-    figure, axes = _error_axes("Tip error over the episode")
-    for (name, some), colour in zip(episodes.items(), cycle(COLOURS), strict=False):
-        errors = np.maximum(error_table(some), SMALLEST_MM)
-        low, median, high = np.percentile(errors, [10, 50, 90], axis=0)
-        steps = np.arange(errors.shape[1])
-        axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
-        axes.plot(steps, median, color=colour, linewidth=2, label=name)
-    axes.set_xlabel("step")
-    axes.margins(x=0)
-    figure.legend(title="median\nband: 10 to 90 %", loc="outside right upper", frameon=False, alignment="left")
+def error_over_time(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:
+    """PNG: the tip error after every step that half and 95 % of the episodes stay below, per controller.
+
+    Args:
+        errors: (E, T + 1) [mm], by controller.
+        floors: at the last step, (E,) [mm].
+    """
+    figure = _figure(9.5, 4.5)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (share, title) in zip(panels, PANELS.items(), strict=True):
+        _error_axis(axes, "y")
+        axes.axhline(1.0, color="black", linestyle=":", linewidth=1)
+        for (name, some), colour, dashes in zip(errors.items(), cycle(COLOURS), cycle(DASHES), strict=False):
+            below = np.percentile(np.maximum(some, SMALLEST_MM), share, axis=0)
+            axes.plot(below, color=colour, linestyle=dashes, linewidth=2, label=name)
+        if floors is not None:
+            axes.axhline(max(np.percentile(floors, share), SMALLEST_MM), color="black", linewidth=1, label="floor")
+        axes.set(title=title, xlabel="step")
+        axes.margins(x=0)
+    panels[0].set_ylabel("tip error [mm]")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
     return _png(figure)
 
 
-def error_distribution(episodes: Mapping[str, Sequence[Episode]]) -> bytes:
-    """PNG: box (quartiles, whiskers 5 to 95 %) and every episode's final tip error, per controller."""
-    figure, axes = _error_axes("Tip error at the end of the episode")
+def error_distribution(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:
+    """PNG: box (quartiles, whiskers 5 to 95 %) and every episode's tip error at the end, per controller and floor.
+
+    Args:
+        errors: (E, T + 1) [mm], by controller.
+        floors: at the last step, (E,) [mm].
+    """
+    rows = {name: some[:, -1] for name, some in errors.items()} | ({} if floors is None else {"floor": floors})
+    figure = _figure(8, 1.5 + 0.6 * len(rows))
+    axes = figure.add_subplot()
+    _error_axis(axes, "x")
+    axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
     spread = np.random.default_rng(0)
-    for place, (some, colour) in enumerate(zip(episodes.values(), cycle(COLOURS), strict=False)):
-        final = np.maximum(error_table(some)[:, -1], SMALLEST_MM)
-        sideways = place + spread.uniform(-0.3, 0.3, len(final))
-        axes.scatter(sideways, final, s=9, color=colour, alpha=0.4, linewidths=0)
+    colours = dict(zip(errors, cycle(COLOURS), strict=False)) | {"floor": "black"}
+    for place, (name, some) in enumerate(rows.items()):
+        final = np.maximum(some, SMALLEST_MM)
+        beside = place + spread.uniform(-0.3, 0.3, len(final))
+        axes.scatter(final, beside, s=9, color=colours[name], alpha=0.4, linewidths=0)
         line = {"color": "black", "linewidth": 1.2}
         axes.boxplot(
-            [final], positions=[place], widths=0.35, whis=(5, 95), showfliers=False,
+            [final], positions=[place], widths=0.35, whis=(5, 95), showfliers=False, orientation="horizontal",
             boxprops=line, whiskerprops=line, capprops=line, medianprops=line | {"linewidth": 2.5},
         )  # fmt: skip
-    medians = [f"{name}\nmedian {np.median(error_table(some)[:, -1]):.2g} mm" for name, some in episodes.items()]
-    axes.set_xticks(range(len(episodes)), medians)
+    axes.set_yticks(range(len(rows)), [f"{name}\nmedian {np.median(some):.2g} mm" for name, some in rows.items()])
+    axes.invert_yaxis()
+    axes.set(title="Tip error at the end of the episode", xlabel="tip error [mm]")
     return _png(figure)
 
 
-def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 520) -> bytes:
+def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440) -> bytes:
     """GIF: one episode under several controllers side by side, each under its name.
 
     Args:
@@ -106,19 +130,19 @@ def _side_by_side(images: Sequence[Image.Image]) -> Image.Image:
     return both
 
 
-def _error_axes(title: str) -> tuple[Figure, Axes]:
-    """A figure with a logarithmic axis of tip errors and a line at 1 mm."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.set_title(title)
-    axes.set_yscale("log")
-    axes.set_ylabel("tip error [mm]")
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.grid(axis="y", alpha=0.3)
-    axes.axhline(1.0, color="black", linestyle=":", linewidth=1)
+    return figure
+
+
+def _error_axis(axes: Axes, name: Literal["x", "y"]) -> None:
+    """Make one of its axes a logarithmic one of tip errors."""
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    axes.set(**{f"{name}scale": "log"})
+    axis.set_major_formatter("{x:g}")
+    axes.grid(axis=name, alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 def _png(figure: Figure) -> bytes:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
-import numpy as np
+from numpy.typing import NDArray
 
 from agents.build import algorithm_class, load_normaliser
+from agents.controller import Seen
 from agents.run_folder import RunFolder, RunFolderError
+from rj_gym.tracking.task import TrackingTask
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -32,11 +33,12 @@ class Policy:
             raise RunFolderError("policy", str(policy), "a saved policy", "Has the training run got that far?")
         return cls(algorithm_class(config.algorithm).load(policy, device="cpu"), load_normaliser(normaliser))
 
-    def reset(self, env: gymnasium.Env) -> None:
+    def begin(self, task: TrackingTask | None, lanes: int) -> None:
         """Nothing to prepare: the policy has no memory."""
 
-    def act(self, observation: Any, env: gymnasium.Env) -> np.ndarray:
-        """The policy's mean action, (n_tendons,)."""
+    def act(self, seen: Seen) -> NDArray[Any]:
+        """The policy's mean actions, (B, m)."""
+        observation = seen.observation
         if self.normaliser is not None:
             observation = self.normaliser.normalize_obs(observation)
         return self.model.predict(observation, deterministic=True)[0]

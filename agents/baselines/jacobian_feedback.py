@@ -1,0 +1,73 @@
+"""Damped resolved rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.baselines.measured import measured_equilibrium
+from agents.baselines.responses import bounded_step, length_responses
+from agents.controller import Array, Seen
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.equilibrium import Equilibrium
+
+
+class JacobianFeedback:
+    """Damped resolved rate: tip error to tendon increments by the model's Jacobian at the measured pose, load unknown.
+
+    The increments d minimise |error - J d|² + STIFFEN² |wanted - tensions - K d|² + damping² |d|² within the action's
+    range, with J = d tip / d lengths and K = d tensions / d lengths. The tip of two tendons moves along a curve, and
+    what lies across it hardly answers: there the second term decides. It pulls all tendons in together, because a
+    mechanism under tension gives way less to a load that nobody announces.
+    """
+
+    GAIN = 0.8  # of the error, removed per step: less than 1 averages sensor noise and costs nothing where loads drift
+    STIFFEN = 0.1  # mm/N: weak beside the error, strong enough to end at high tensions within an episode
+    DAMPING = 0.3  # mm/mm: the smallest response to lengths that is made use of,
+    FAR = 0.05  # 1: and more of it per mm of error, far from the target, where J will have changed on arrival
+    MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
+    KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
+
+    def begin(self, task: TrackingTask, lanes: int) -> None:
+        """Nothing is known of the target's motion yet."""
+        low, high = task.config.tension_range
+        margin = self.MARGIN * (high - low)
+        self.task, self.tension_range = task, (low + margin, high - margin)
+        self.target: Array | None = None
+
+    def act(self, seen: Seen) -> Array:
+        """Tendon increments against the error, and ahead with the target as it moved in the last step, (B, m)."""
+        before = seen.target if self.target is None else self.target
+        self.target = seen.target
+        way = self.GAIN * seen.error + (self.target - before)
+        return -self.increments(seen, way) / self.task.config.action_scale_mm
+
+    def increments(self, seen: Seen, way: Array) -> Array:
+        """Changes of the commanded lengths that move the tip by `way` (B, 2), (B, m) both [mm]."""
+        model = measured_equilibrium(self.task.mechanism, seen)
+        return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
+
+    def wanted(self, model: Equilibrium) -> Array:
+        """Tensions to go for, (B, m) [N]: all alike higher, up to where the highest ends its range."""
+        return model.tensions + self.tension_range[1] - model.tensions.max(axis=1, keepdims=True)
+
+    def step(self, model: Equilibrium, way: Array, wanted: Array, done: Array) -> Array:
+        """One Gauss-Newton step of the increments, beyond those done already, (B, m) [mm].
+
+        Tensions that would leave their range are given the weight KEEP and the end of the range to go for.
+        """
+        tips, tensions = length_responses(model)
+        damping = self.DAMPING**2 + self.FAR**2 * np.sum(way**2, axis=1)
+        free = np.swapaxes(tips, 1, 2) @ tips + damping[:, None, None] * np.eye(tips.shape[2])
+        pull = np.einsum("bim,bi->bm", tips, way) - damping[:, None] * done
+        weights, changes = np.full_like(done, self.STIFFEN**2), wanted - model.tensions
+        most = self.task.config.action_scale_mm
+        for _ in range(3):
+            weighted = weights[:, :, None] * tensions
+            hessian = free + np.swapaxes(tensions, 1, 2) @ weighted
+            slope = -pull - np.einsum("bim,bi->bm", weighted, changes)
+            step = bounded_step(hessian, slope, -most - done, most - done)
+            after = model.tensions + (tensions @ step[..., None])[..., 0]
+            kept = np.clip(after, *self.tension_range)
+            weights = np.where(after == kept, weights, self.KEEP**2)
+            changes = np.where(after == kept, changes, kept - model.tensions)
+        return step

@@ -1,0 +1,42 @@
+"""The model inverse, without feedback."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.baselines.model_inverse import nearest_tensions
+from agents.controller import Array, Seen
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.solve import solve_tensions_batch
+
+
+class OpenLoop:
+    """The model command: goes to the tendon lengths that put the unloaded tip nearest to the target.
+
+    It knows the mechanism, the target and its own commands, and looks neither at the pose nor at the load.
+    """
+
+    def begin(self, task: TrackingTask, lanes: int) -> None:
+        """Nothing is planned yet."""
+        self.task = task
+        self.target = np.full((lanes, 2), np.nan)
+        self.rest = self.tensions = np.full((lanes, task.mechanism.n_tendons), task.config.start_tension)
+
+    def act(self, seen: Seen) -> Array:
+        """One step on the straight way to the commanded lengths, (B, m)."""
+        target = self.aim(seen)
+        if not np.array_equal(target, self.target):
+            self.plan(target)
+        way = (seen.commands - self.lengths) / self.task.config.action_scale_mm
+        return way / np.maximum(1.0, np.abs(way).max(axis=1, keepdims=True))
+
+    def aim(self, seen: Seen) -> Array:
+        """Where the model's tip shall go, (B, 2) [mm]: to the target."""
+        return seen.target
+
+    def plan(self, target: Array) -> None:
+        """Set the commanded lengths for these targets: unstretched lengths at the tensions that the model proposes."""
+        mechanism, limits = self.task.mechanism, self.task.config.tension_range
+        self.target = target
+        self.tensions = nearest_tensions(mechanism, target, limits, self.rest, self.tensions)
+        self.lengths = solve_tensions_batch(mechanism, self.tensions).lengths - self.tensions / mechanism.stiffnesses

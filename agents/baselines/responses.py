@@ -1,0 +1,86 @@
+"""How tip and tensions answer to tendon increments, and increments within bounds."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.controller import Array
+from rollingjoint.equilibrium import Equilibrium
+from rollingjoint.sensitivity import dposes_dlengths, dposes_dtensions, dtensions_dlengths
+
+Mask = NDArray[np.bool_]
+
+_ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
+
+
+def length_responses(equilibria: Equilibrium) -> tuple[Array, Array]:
+    """d tip / d commanded lengths (B, 2, m) [mm/mm] and d tensions / d commanded lengths (B, m, m) [N/mm].
+
+    Where an equilibrium is not usable the pose is taken as held, so that tendons do nothing but stretch.
+    """
+    usable, stiffnesses = np.asarray(equilibria.ok), equilibria.chain.stiffnesses
+    tips = np.zeros((len(usable), 2, len(stiffnesses)))
+    tensions = np.repeat(-np.diag(stiffnesses)[None], len(usable), axis=0)
+    if usable.any():
+        stable = lanes_of(equilibria, usable)
+        tips[usable], tensions[usable] = dposes_dlengths(stable)[:, -1, :2], dtensions_dlengths(stable)
+    return tips, tensions
+
+
+def tension_response(equilibria: Equilibrium) -> Array:
+    """d tip / d tensions, (B, 2, m) [mm/N]; zero where an equilibrium is not usable."""
+    usable = np.asarray(equilibria.ok)
+    tips = np.zeros((len(usable), 2, equilibria.tensions.shape[1]))
+    if usable.any():
+        tips[usable] = dposes_dtensions(lanes_of(equilibria, usable))[:, -1, :2]
+    return tips
+
+
+def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array:
+    """Steps x (B, m) within bounds that make x·hessian·x / 2 + slope·x small.
+
+    Entries that the minimum would take beyond the bounds stop there, and the others are chosen anew: the best ones
+    beside those that stopped. Measured against steps that go down for certain (straight on to the first
+    bound, then along it), control with these got stuck less often.
+
+    Args:
+        hessian: (B, m, m), positive definite but for rounding.
+        slope: (B, m).
+        low, high: bounds, (B, m).
+    """
+    step, held = np.zeros_like(slope), np.zeros(slope.shape, bool)
+    eye = np.eye(slope.shape[1])
+    hessian = hessian + _ROUNDING * np.trace(hessian, axis1=1, axis2=2)[:, None, None] * eye
+    for _ in range(slope.shape[1]):
+        reduced = np.where(held[:, :, None] | held[:, None, :], eye, hessian)
+        rest = np.where(held, 0.0, slope + _times(hessian, np.where(held, step, 0.0)))
+        chosen = np.where(held, step, -np.linalg.solve(reduced, rest[..., None])[..., 0])
+        step = np.clip(chosen, low, high)
+        held |= step != chosen
+    return step
+
+
+def lanes_of(equilibria: Equilibrium, rows: Mask) -> Equilibrium:
+    """Some of the equilibria of one mechanism."""
+    return replace(equilibria, **{name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
+
+
+def choose(rows: Mask, one: Equilibrium, other: Equilibrium) -> Equilibrium:
+    """The equilibria of `one` in these rows, those of `other`, under as many loads, elsewhere."""
+    chosen = {}
+    for name in _array_names(one):
+        first, second = getattr(one, name), getattr(other, name)
+        chosen[name] = np.where(rows.reshape(-1, *[1] * (first.ndim - 1)), first, second)
+    return replace(one, **chosen)
+
+
+def _array_names(equilibria: Equilibrium) -> list[str]:
+    return [field.name for field in fields(equilibria) if field.name != "mechanism"]
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Matrices (B, k, m) times vectors (B, m), (B, k)."""
+    return (matrices @ vectors[..., None])[..., 0]
