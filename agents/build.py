@@ -68,20 +68,29 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     env = make_vec_env(config.env)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
-        env = VecNormalize(env, config.normalise.observation, config.normalise.reward, gamma=gamma)
+        env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, Dict) else "MlpPolicy"
-    arguments = constructor_arguments(config.parameters)
+    arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
+        _check_observation(config, env.observation_space)
         return algorithm_class(config.algorithm)(
             policy, env, seed=config.seed, device="cpu", policy_kwargs=_policy_arguments(config), **arguments
         )
+    except ConfigError:
+        env.close()
+        raise
     except (ValueError, TypeError, AssertionError) as error:
         env.close()
         raise ConfigError("parameters", dict(config.parameters), "what the algorithm accepts", str(error)) from error
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
-    """The Stable-Baselines3 class of "ppo" or "sac"."""
+    """The class of "ppo" or "sac" in Stable-Baselines3, of "tqc" or "crossq" in its contributions."""
+    if name in ("tqc", "crossq"):
+        import sb3_contrib
+
+        contributed: dict[str, type[BaseAlgorithm]] = {"tqc": sb3_contrib.TQC, "crossq": sb3_contrib.CrossQ}
+        return contributed[name]
     import stable_baselines3
 
     classes: dict[str, type[BaseAlgorithm]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
@@ -109,7 +118,31 @@ def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
     import torch
 
     activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
-    arguments: dict[str, Any] = {"net_arch": list(config.policy.hidden), "activation_fn": activation}
+    layers: Any = list(config.policy.hidden)
+    if config.policy.value_hidden is not None:
+        value = "vf" if config.algorithm == "ppo" else "qf"
+        layers = {"pi": layers, value: list(config.policy.value_hidden)}
+    arguments: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
     if config.algorithm == "ppo":
         arguments["log_std_init"] = config.policy.log_std_init
     return arguments
+
+
+def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
+    if config.her is None:
+        return {}
+    from stable_baselines3 import HerReplayBuffer
+
+    goals = {"n_sampled_goal": config.her.goals, "goal_selection_strategy": config.her.strategy}
+    return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
+
+
+def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None:
+    """Raise ConfigError for an algorithm that cannot work with this kind of observation."""
+    parts = set(space.spaces) if isinstance(space, gymnasium.spaces.Dict) else set()
+    if config.her is not None and not {"achieved_goal", "desired_goal"} <= parts:
+        allowed = "an environment with goals, such as rj_gym/RollingJointGoal-v0"
+        raise ConfigError("env.id", config.env.id, allowed, "Hindsight (her) relabels goals.")
+    if config.algorithm == "crossq" and parts:
+        mend = "sb3-contrib has no CrossQ policy for observations in parts: sac and tqc have one."
+        raise ConfigError("env.id", config.env.id, "an environment whose observation is one vector", mend)

@@ -4,42 +4,90 @@ from __future__ import annotations
 
 import csv
 import os
-import pickle
 import signal
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.build import make_env
+from agents import checkpoint
+from agents.checkpoint import Moment, save_policy
 from agents.config import TrainConfig
 from agents.policy import Policy
 from agents.rollout import run_episodes
-from agents.run_folder import RunFolder, write_file
+from agents.run_folder import RunFolder
+
+Row = dict[str, float]
+Watch = Callable[[Row], bool]
 
 
-def save_policy(model: BaseAlgorithm, run: RunFolder, which: str) -> None:
-    """Save model and normaliser under the names of RunFolder.policy_files, each whole or not at all."""
-    policy, normaliser = run.policy_files(which)
-    write_file(policy, model.save)
-    if model.get_vec_normalize_env() is not None:
-        write_file(normaliser, lambda stream: pickle.dump(model.get_vec_normalize_env(), stream))
+def due_after(every: int, steps: int) -> int:
+    """The first multiple of `every` beyond `steps`."""
+    return every * (steps // every + 1)
+
+
+class StopOnSignal(BaseCallback):
+    """Ends training in good order after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
+
+    Training goes on to the end of the rollout: from there it can be resumed without a trace. A context manager: the
+    handlers are in place inside it. `signal` is what arrived, or None.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.signal: signal.Signals | None = None
+        self.ends = False
+
+    def __enter__(self) -> StopOnSignal:
+        self.handlers = {number: signal.signal(number, self._stop) for number in self.SIGNALS}
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self.handlers.items():
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, frame: object) -> None:
+        if self.signal is not None:
+            raise KeyboardInterrupt
+        self.signal = signal.Signals(number)
+
+    def _on_rollout_start(self) -> None:
+        self.ends = self.signal is not None
+
+    def _on_step(self) -> bool:
+        return not self.ends
 
 
 class Checkpoints(BaseCallback):
-    """Saves the policy every `every` steps."""
+    """Makes a checkpoint where a rollout begins: every `every` steps or a little later, and when training stops.
 
-    def __init__(self, run: RunFolder, every: int) -> None:
+    Args:
+        moment: for a resumed run, what is to be restored where its first rollout begins.
+    """
+
+    def __init__(self, run: RunFolder, every: int, stop: StopOnSignal, moment: Moment | None = None) -> None:
         super().__init__()
-        self.run, self.every, self.next = run, every, every
+        self.run, self.every, self.stop, self.moment = run, every, stop, moment
+
+    def _on_training_start(self) -> None:
+        self.next = due_after(self.every, self.model.num_timesteps)
+
+    def _on_rollout_start(self) -> None:
+        steps = self.model.num_timesteps
+        if self.moment is not None:
+            self.moment.restore(self.model)
+            self.moment = None
+        if steps >= self.next or self.stop.ends:
+            self.next = due_after(self.every, steps)
+            if not checkpoint.save(self.model, self.run):
+                tqdm.write("note: environments of this kind do not pickle, so this run cannot be resumed", sys.stderr)
 
     def _on_step(self) -> bool:
-        if self.num_timesteps >= self.next:
-            self.next += self.every * (1 + (self.num_timesteps - self.next) // self.every)
-            save_policy(self.model, self.run, f"{self.num_timesteps:09d}")
         return True
 
 
@@ -47,51 +95,59 @@ class Evaluation(BaseCallback):
     """Scores the deterministic policy on fixed seeds now and then and at the end, and keeps the best policy.
 
     The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...).
+
+    Args:
+        watch: called with every new row of evaluations.csv but the last; True ends training.
     """
 
-    def __init__(self, run: RunFolder, config: TrainConfig, show: Any = tqdm.write) -> None:
+    COLUMNS = ("steps", "mean_mm", "median_mm", "p95_mm", "mean_reward")
+
+    def __init__(
+        self, run: RunFolder, config: TrainConfig, show: Callable[[str], Any] = tqdm.write, watch: Watch | None = None
+    ) -> None:
         super().__init__()
-        self.run, self.every, self.show = run, config.evaluation.every, show
+        self.run, self.config, self.show, self.watch = run, config, show, watch
         first = config.evaluation.seed
         self.seeds = range(first, first + config.evaluation.episodes)
-        self.env = make_env(config.env)
-        self.best, self.next = np.inf, self.every
 
     def _on_training_start(self) -> None:
-        with self.run.evaluations.open("w", newline="") as stream:
-            csv.writer(stream).writerow(["steps", "mean_mm", "median_mm", "p95_mm", "mean_reward"])
+        self.next = due_after(self.config.evaluation.every, self.model.num_timesteps)
+        if not self.run.evaluations.is_file():
+            self._write(self.COLUMNS)
+        with self.run.evaluations.open(newline="") as stream:
+            self.best = min((float(row["mean_mm"]) for row in csv.DictReader(stream)), default=np.inf)
 
     def _on_step(self) -> bool:
         if self.next <= self.num_timesteps < self.locals["total_timesteps"]:
-            self.next += self.every * (1 + (self.num_timesteps - self.next) // self.every)
-            self.evaluate()
+            self.next = due_after(self.config.evaluation.every, self.num_timesteps)
+            row = self.evaluate()
+            return self.watch is None or not self.watch(row)
         return True
 
     def _on_training_end(self) -> None:
         self.evaluate()
         self.logger.dump(self.num_timesteps)
-        self.env.close()
 
-    def evaluate(self) -> None:
-        """Score the policy as it is now."""
-        episodes = run_episodes(self.env, Policy(self.model, self.model.get_vec_normalize_env()), self.seeds)
-        final = np.array([episode.errors[-1] for episode in episodes])
+    def evaluate(self) -> Row:
+        """Score the policy as it is now: the new row of evaluations.csv."""
+        policy = Policy(self.model, self.model.get_vec_normalize_env())
+        episodes = run_episodes(self.config.env, policy, self.seeds)
+        final = episodes.final_errors
         mean, median, p95 = float(final.mean()), float(np.median(final)), float(np.percentile(final, 95))
-        reward = float(np.mean([episode.reward for episode in episodes]))
-        for name, value in (
-            ("mean_mm", mean),
-            ("median_mm", median),
-            ("p95_mm", p95),
-            ("mean_reward", reward),
-        ):
+        values = (self.num_timesteps, mean, median, p95, float(episodes.rewards.mean()))
+        for name, value in zip(self.COLUMNS[1:], values[1:], strict=True):
             self.logger.record(f"evaluation/{name}", value)
-        with self.run.evaluations.open("a", newline="") as stream:
-            csv.writer(stream).writerow([self.num_timesteps, mean, median, p95, reward])
+        self._write(values)
         is_best = mean < self.best
         self.show(f"{self.num_timesteps:>9} steps: mean tip error {mean:6.2f} mm{'  (best so far)' if is_best else ''}")
         if is_best:
             self.best = mean
-            save_policy(self.model, self.run, "best")
+            save_policy(self.model, self.run.policy_files("best"))
+        return dict(zip(self.COLUMNS, values, strict=True))
+
+    def _write(self, row: Any) -> None:
+        with self.run.evaluations.open("a", newline="") as stream:
+            csv.writer(stream).writerow(row)
 
 
 class FinalError(BaseCallback):
@@ -111,8 +167,8 @@ class Progress(BaseCallback):
 
     def _on_training_start(self) -> None:
         hidden = not sys.stderr.isatty() or "CI" in os.environ
-        total = self.locals["total_timesteps"]
-        self.bar = tqdm(total=total, unit=" steps", unit_scale=True, disable=hidden, dynamic_ncols=True)
+        total, done = self.locals["total_timesteps"], self.model.num_timesteps
+        self.bar = tqdm(total=total, initial=done, unit=" steps", unit_scale=True, disable=hidden, dynamic_ncols=True)
 
     def _on_step(self) -> bool:
         self.bar.update(min(self.num_timesteps, self.bar.total) - self.bar.n)
@@ -120,32 +176,3 @@ class Progress(BaseCallback):
 
     def _on_training_end(self) -> None:
         self.bar.close()
-
-
-class StopOnSignal(BaseCallback):
-    """Ends training in good order after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
-
-    A context manager: the handlers are in place inside it. `signal` is what arrived, or None.
-    """
-
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.signal: signal.Signals | None = None
-
-    def __enter__(self) -> StopOnSignal:
-        self.handlers = {number: signal.signal(number, self._stop) for number in self.SIGNALS}
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        for number, handler in self.handlers.items():
-            signal.signal(number, handler)
-
-    def _stop(self, number: int, frame: object) -> None:
-        if self.signal is not None:
-            raise KeyboardInterrupt
-        self.signal = signal.Signals(number)
-
-    def _on_step(self) -> bool:
-        return self.signal is None

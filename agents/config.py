@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.fields import check_boolean, check_choice, check_integer, check_number
-from agents.parameters import PARAMETERS, check_parameters
+from agents.parameters import PARAMETERS, check_hindsight, check_parameters
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
 
@@ -44,23 +44,55 @@ class EnvConfig:
         except ConfigError as error:
             raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.mend) from error
 
+    @property
+    def episode_steps(self) -> int | None:
+        """Steps of an episode; None for an environment that is not one of rj_gym."""
+        config = self.arguments().get("config") if self.id.startswith("rj_gym/") else None
+        return None if config is None else config.episode_steps
+
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """The network: hidden layers (of policy and value alike), activation, first log standard deviation (PPO)."""
+    """The networks: hidden layers, activation, first log standard deviation (PPO).
+
+    `value_hidden` are the hidden layers of the value functions; None: those of the policy.
+    """
 
     hidden: Sequence[int] = (64, 64)
+    value_hidden: Sequence[int] | None = None
     activation: str = "tanh"
     log_std_init: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.hidden, list | tuple):
-            raise ConfigError("policy.hidden", self.hidden, "a list of layer widths")
-        object.__setattr__(self, "hidden", tuple(self.hidden))
-        for width in self.hidden:
-            check_integer("policy.hidden", width, 1, 4096)
+        for name in ("hidden", "value_hidden"):
+            widths = getattr(self, name)
+            if widths is not None or name == "hidden":
+                object.__setattr__(self, name, _layer_widths(f"policy.{name}", widths))
         check_choice("policy.activation", self.activation, ("tanh", "relu", "elu"))
         check_number("policy.log_std_init", self.log_std_init, -10.0, 3.0)
+
+
+def _layer_widths(what: str, widths: Any) -> tuple[int, ...]:
+    if not isinstance(widths, list | tuple):
+        raise ConfigError(what, widths, "a list of layer widths")
+    for width in widths:
+        check_integer(what, width, 1, 4096)
+    return tuple(widths)
+
+
+@dataclass(frozen=True)
+class HerConfig:
+    """Hindsight experience replay: `goals` relabelled transitions to every real one, and which states become goals.
+
+    Source: Andrychowicz et al., Hindsight Experience Replay, 2017.
+    """
+
+    goals: int = 4
+    strategy: str = "future"
+
+    def __post_init__(self) -> None:
+        check_integer("her.goals", self.goals, 1, 100)
+        check_choice("her.strategy", self.strategy, ("future", "final", "episode"))
 
 
 @dataclass(frozen=True)
@@ -100,6 +132,7 @@ class TrainConfig:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     normalise: NormaliseConfig = field(default_factory=NormaliseConfig)
+    her: HerConfig | None = None
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     checkpoint_every: int = 250_000
     torch_threads: int = 1
@@ -111,20 +144,24 @@ class TrainConfig:
         check_integer("checkpoint_every", self.checkpoint_every, 1)
         check_integer("torch_threads", self.torch_threads, 1, 256)
         check_parameters(self.algorithm, self.parameters, self.env.n_envs)
+        if self.her is not None:
+            check_hindsight(self.algorithm, self.parameters, self.env.n_envs, self.env.episode_steps)
 
     @classmethod
     def from_dict(cls, values: Any) -> TrainConfig:
         """The configuration in plain values; raises ConfigError naming the key."""
         values = dict(mapping("top level", values, [f.name for f in fields(cls)]))
         for name, section in SECTIONS.items():
-            if name in values:
+            if name in values and not (name == "her" and values[name] is None):
                 values[name] = section(**mapping(name, values[name], [f.name for f in fields(section)]))
         return cls(**values)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for YAML; from_dict gives the same configuration back."""
         values = asdict(self)
-        values["policy"]["hidden"] = list(self.policy.hidden)
+        for name in ("hidden", "value_hidden"):
+            widths = values["policy"][name]
+            values["policy"][name] = None if widths is None else list(widths)
         return values
 
 
@@ -132,6 +169,7 @@ SECTIONS: dict[str, type] = {
     "env": EnvConfig,
     "policy": PolicyConfig,
     "normalise": NormaliseConfig,
+    "her": HerConfig,
     "evaluation": EvaluationConfig,
 }
 

@@ -43,6 +43,17 @@ _COMMON: dict[str, Check] = {
     "sde_sample_freq": partial(check_integer, low=-1),
     "stats_window_size": _count,
 }
+_OFF_POLICY: dict[str, Check] = _COMMON | {
+    "buffer_size": _count,
+    "learning_starts": partial(check_integer, low=0),
+    "train_freq": _count,
+    "gradient_steps": partial(check_integer, low=-1),
+    "n_steps": _count,
+    "ent_coef": _entropy,
+    "target_entropy": _entropy,
+    "use_sde_at_warmup": check_boolean,
+}
+_TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
 PARAMETERS: dict[str, dict[str, Check]] = {
     "ppo": _COMMON
     | {
@@ -57,20 +68,11 @@ PARAMETERS: dict[str, dict[str, Check]] = {
         "max_grad_norm": _from_zero,
         "target_kl": _optional(_from_zero),
     },
-    "sac": _COMMON
-    | {
-        "buffer_size": _count,
-        "learning_starts": partial(check_integer, low=0),
-        "tau": _share,
-        "train_freq": _count,
-        "gradient_steps": partial(check_integer, low=-1),
-        "n_steps": _count,
-        "ent_coef": _entropy,
-        "target_update_interval": _count,
-        "target_entropy": _entropy,
-        "use_sde_at_warmup": check_boolean,
-    },
+    "sac": _OFF_POLICY | _TARGETS,
+    "tqc": _OFF_POLICY | _TARGETS | {"top_quantiles_to_drop_per_net": partial(check_integer, low=0, high=24)},
+    "crossq": _OFF_POLICY | {"policy_delay": _count},
 }
+HINDSIGHT = ("sac", "tqc")
 _SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
 
 
@@ -81,6 +83,24 @@ def check_parameters(algorithm: str, parameters: Any, n_envs: int) -> None:
         checks[name](f"parameters.{name}", value)
     if algorithm == "ppo":
         _check_batches(parameters, n_envs)
+
+
+def check_hindsight(algorithm: str, parameters: Mapping[str, Any], n_envs: int, episode_steps: int | None) -> None:
+    """Accept what hindsight experience replay works with: whole episodes to relabel, single steps to learn from."""
+    if algorithm not in HINDSIGHT:
+        raise ConfigError("her", algorithm, f"one of the algorithms {', '.join(HINDSIGHT)}", "Else leave `her` out.")
+    if parameters.get("n_steps", 1) > 1:
+        raise ConfigError("parameters.n_steps", parameters["n_steps"], "1 with her", "It learns from single steps.")
+    if episode_steps is not None:
+        steps = n_envs * episode_steps
+        _check_at_least(parameters, "learning_starts", 100, steps, "n_envs x episode_steps: one episode in every lane")
+        _check_at_least(parameters, "buffer_size", 1_000_000, 2 * steps, "2 x n_envs x episode_steps: two episodes")
+
+
+def _check_at_least(parameters: Mapping[str, Any], name: str, default: int, low: int, reason: str) -> None:
+    if parameters.get(name, default) < low:
+        allowed = f"an integer >= {low} ({reason})"
+        raise ConfigError(f"parameters.{name}", parameters.get(name, default), allowed, "Hindsight needs them whole.")
 
 
 def constructor_arguments(parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,16 +1,18 @@
 """A run folder: everything needed to repeat a training run and to use its policy.
 
     config.yaml          the configuration, complete: environment settings and overrides written in
-    command.txt          what was typed
+    command.txt          what was typed; a line more for every --resume
     mechanism.yaml       the mechanism, where the environment names a mechanism file
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
     policy.zip           the policy at the end (or where training was stopped), with normaliser.pkl
     best/                the policy with the smallest tip error in the evaluations, with its normaliser.pkl
-    checkpoints/         policy_STEPS.zip and normaliser_STEPS.pkl
+    checkpoints/         STEPS/ with the policy at that time; the newest one holds all that --resume needs
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
     evaluation/          report, pictures and animation, written by agents.evaluate
+    error.txt            the traceback, if training broke off
+    lock                 held by the training that runs
 
 Policies and normalisers are pickles: load only run folders that you trust.
 """
@@ -21,19 +23,23 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.config import TrainConfig, load_config
-from rollingjoint.checked_yaml import dump_yaml
+from agents.file_lock import file_lock
+from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.errors import InvalidInput
 
-PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch")
+UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
+PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
 
 
 class RunFolderError(InvalidInput):
@@ -47,6 +53,8 @@ def write_file(path: Path, write: Callable[[Any], Any]) -> None:
     try:
         with partial.open("wb") as stream:
             write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
@@ -81,19 +89,27 @@ class RunFolder:
         """
         cls.check_free(path, force)
         partial = path.with_name(f".{path.name}.{os.getpid()}")
-        shutil.rmtree(partial, ignore_errors=True)
         try:
             partial.mkdir(parents=True)
             write_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
             write_text(partial / "command.txt", shlex.join(command) + "\n")
             write_json(partial / "versions.json", versions())
             write_json(partial / "seeds.json", seeds(config))
-            if path.exists():
-                shutil.rmtree(path)
-            os.replace(partial, path)
+            if force and path.exists():
+                cls(path)._give_way_to(partial)
+            else:
+                os.replace(partial, path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
         return cls(path)
+
+    def _give_way_to(self, partial: Path) -> None:
+        """Put the folder `partial` in the place of this one, which goes unless a training runs in it."""
+        old = partial.with_name(f"{partial.name}.old")
+        with self.locked():
+            os.replace(self.path, old)
+            os.replace(partial, self.path)
+            shutil.rmtree(old)
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
@@ -110,8 +126,42 @@ class RunFolder:
         if not (path / "config.yaml").is_file():
             raise RunFolderError("run folder", str(path), "a new folder", "What is there is no run; it stays as it is.")
         if not force:
-            mend = "There is a run already: give another --run-dir, or --force to replace it."
+            mend = "There is a run already: --resume goes on with it, --force replaces it, --run-dir names another."
             raise RunFolderError("run folder", str(path), "a new folder", mend)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the run folder alone; raises RunFolderError where another training holds it."""
+        with ExitStack() as held:
+            try:
+                held.enter_context(file_lock(self.path / "lock"))
+            except BlockingIOError:
+                mend = "Wait for its end, or stop it."
+                raise RunFolderError("run folder", str(self.path), "one in which no training runs", mend) from None
+            yield
+
+    def begin_anew(self) -> None:
+        """Remove what an interrupted training left that never came to a checkpoint."""
+        for folder in (self.logs, self.checkpoints, self.path / "best"):
+            shutil.rmtree(folder, ignore_errors=True)
+        self.evaluations.unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """Remove files that a killed training had begun to write, and the account of an earlier failure."""
+        unfinished = [path for path in self.path.rglob(".*") if UNFINISHED.fullmatch(path.name)]
+        for path in sorted(unfinished, reverse=True):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        (self.path / "error.txt").unlink(missing_ok=True)
+
+    def go_on_with(self, total_timesteps: int, command: Sequence[str]) -> None:
+        """Note how far the run shall go now, and the command that said so."""
+        values: Any = read_yaml(self.path / "config.yaml")
+        write_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
+        commands = self.path / "command.txt"
+        write_text(commands, commands.read_text() + shlex.join(command) + "\n")
 
     def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
         """The configuration of the run, with overrides on top."""
@@ -121,6 +171,16 @@ class RunFolder:
     def logs(self) -> Path:
         """Folder of the training log."""
         return self.path / "logs"
+
+    @property
+    def progress(self) -> Path:
+        """The training log as a table."""
+        return self.logs / "progress.csv"
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the checkpoints."""
+        return self.path / "checkpoints"
 
     @property
     def evaluations(self) -> Path:
@@ -134,12 +194,9 @@ class RunFolder:
 
     def policy_files(self, which: str) -> tuple[Path, Path]:
         """Policy and normaliser: "last", "best", or the steps of a checkpoint."""
-        if which == "last":
-            return self.path / "policy.zip", self.path / "normaliser.pkl"
-        if which == "best":
-            return self.path / "best" / "policy.zip", self.path / "best" / "normaliser.pkl"
-        folder = self.path / "checkpoints"
-        return folder / f"policy_{which}.zip", folder / f"normaliser_{which}.pkl"
+        folders = {"last": self.path, "best": self.path / "best"}
+        folder = folders.get(which, self.checkpoints / which)
+        return folder / "policy.zip", folder / "normaliser.pkl"
 
 
 def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:

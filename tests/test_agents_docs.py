@@ -45,6 +45,13 @@ def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch)
     sys.modules.pop("my_controller")
 
 
+def test_controllers_are_scored_from_python_as_the_documentation_says(capsys):
+    _, program = blocks("python")
+    exec(program, {})
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert [row.split("  ")[0] for row in rows] == ["feedback", "open loop", "floor"]
+
+
 def test_every_file_of_a_run_folder_is_in_the_documentation():
     from agents import run_folder
 

@@ -1,0 +1,47 @@
+"""The log of a training run, progress.csv and TensorBoard events, which a resumed run continues."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.logger import CSVOutputFormat, Logger, TensorBoardOutputFormat
+from torch.utils.tensorboard import SummaryWriter
+
+from agents.run_folder import RunFolder
+
+ITERATIONS = "time/iterations"
+
+
+def training_log(run: RunFolder, steps: int = 0) -> Logger:
+    """The log of a run of which so many steps are done: what it holds of these stays, what it holds of later goes."""
+    run.logs.mkdir(exist_ok=True)
+    return Logger(str(run.logs), [_Rows(run.progress), _Events(run.logs, steps)])
+
+
+class _Rows(CSVOutputFormat):
+    """Adds rows to a CSV file; Stable-Baselines3's own begins it anew."""
+
+    def __init__(self, path: Path) -> None:
+        self.file = path.open("r+" if path.is_file() else "w+")
+        rows = list(csv.DictReader(self.file))
+        self.keys = list(rows[0]) if rows else []
+        self.separator, self.quotechar = ",", '"'
+        self.iterations = max((int(row[ITERATIONS]) for row in rows if row.get(ITERATIONS)), default=0)
+        self.file.seek(0, os.SEEK_END)
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        """Add a row; iterations are counted from the beginning of the run."""
+        if ITERATIONS in key_values:
+            key_values = key_values | {ITERATIONS: self.iterations + key_values[ITERATIONS]}
+        super().write(key_values, key_excluded, step)
+
+
+class _Events(TensorBoardOutputFormat):
+    """Writes events; TensorBoard drops those of an interrupted run that lie behind `steps`."""
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        self.writer = SummaryWriter(str(folder), purge_step=steps + 1 if steps else None)
+        self._is_closed = False

@@ -1,0 +1,267 @@
+"""A training run that is killed, stopped or out of disk goes on as if nothing had happened."""
+
+import csv
+import errno
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from agents import checkpoint, train
+from agents.callbacks import Evaluation
+from agents.config import load_config
+from agents.file_lock import file_lock
+from agents.policy import Policy
+from agents.rollout import run_episodes
+from agents.run_folder import RunFolder
+
+ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
+       "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
+PPO = ["--config", "configs/train/demo.yaml", "--set", "total_timesteps=160"]
+PPO += ["--set", "parameters={n_steps: 10, batch_size: 20, n_epochs: 2, learning_rate: {linear: [1e-2, 0]}}"]
+HER = ["--config", "configs/train/sac_rolling_joint.yaml", "--set", "total_timesteps=160", "--set", "her={goals: 2}"]
+HER += ["--set", "env.id=rj_gym/RollingJointGoal-v0", "--set", "algorithm=tqc"]
+HER += ["--set", "parameters={learning_starts: 20, batch_size: 16, buffer_size: 60, gradient_steps: 2}"]
+for words in (PPO, HER):
+    words += [word for override in ENV for word in ("--set", override)]
+
+# Kills its own process when a file of this name is about to be written for the n-th time.
+KILLED_WHILE_WRITING = """
+import os, signal, sys
+from agents import checkpoint, train
+write, seen = checkpoint.write_file, []
+def killing(path, content):
+    seen.extend([1] if path.name == sys.argv[1] else [])
+    if len(seen) == int(sys.argv[2]):
+        (path.parent).mkdir(parents=True, exist_ok=True)
+        path.with_name(f".{path.name}.{os.getpid()}").write_bytes(b"half a file")
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(path, content)
+checkpoint.write_file = killing
+checkpoint.write_bytes = lambda path, content: killing(path, lambda stream: stream.write(content))
+train.main(sys.argv[3:])
+"""
+
+
+def killed_after(line: str, arguments: list[str]) -> None:
+    """Start training and send SIGKILL when it has printed this."""
+    command = [sys.executable, "-m", "agents.train", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        for printed in child.stdout:
+            if line in printed:
+                child.kill()
+    assert child.returncode == -signal.SIGKILL
+
+
+def weights(run: Path, which: str = "policy.zip") -> bytes:
+    with zipfile.ZipFile(run / which) as archive:
+        return archive.read("policy.pth")
+
+
+def columns(run: Path, *names: str) -> list[tuple[str, ...]]:
+    rows = list(csv.DictReader((run / "logs" / "progress.csv").read_text().splitlines()))
+    return [tuple(row.get(name, "") for name in names) for row in rows]
+
+
+def events(run: Path) -> list[int]:
+    """Steps of the training reward in TensorBoard."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    log = EventAccumulator(str(run / "logs"))
+    log.Reload()
+    return [event.step for event in log.Scalars("rollout/ep_rew_mean")]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> dict[str, Path]:
+    """Runs that nothing interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    for name, words in (("ppo", PPO), ("her", HER)):
+        assert train.main([*words, "--run-dir", str(folder / name)]) == 0
+    return {"ppo": folder / "ppo", "her": folder / "her"}
+
+
+@pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
+def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, tmp_path, capsys):
+    run = tmp_path / "run"
+    file = {"ppo": "training.pkl", "her": "replay_buffer.pkl"}[name]
+    command = [sys.executable, "-c", KILLED_WHILE_WRITING, file, "2", *words, "--run-dir", str(run)]
+    child = subprocess.run(command, stdout=subprocess.DEVNULL)
+    assert child.returncode == -signal.SIGKILL
+    assert sorted(path.name for path in run.glob("checkpoints/*")) == [".000000080", "000000040"]
+    if name == "ppo":
+        killed_after("120 steps: mean", ["--resume", str(run)])
+    assert train.main(["--resume", str(run)]) == 0
+    assert "from step" in capsys.readouterr().out
+    assert weights(run) == weights(whole[name])
+    assert weights(run, "best/policy.zip") == weights(whole[name], "best/policy.zip")
+    assert (run / "evaluations.csv").read_text() == (whole[name] / "evaluations.csv").read_text()
+    logged = ["time/total_timesteps", "time/iterations", "rollout/ep_rew_mean", "train/loss", "evaluation/mean_mm"]
+    assert columns(run, *logged) == columns(whole[name], *logged)
+    assert len(set(events(run))) == len(events(run)) > 1
+    assert events(run) == events(whole[name])
+    assert not list(run.rglob(".*"))
+    assert len((run / "command.txt").read_text().splitlines()) == (3 if name == "ppo" else 2)
+
+
+def test_a_run_killed_before_its_first_checkpoint_begins_anew(whole, tmp_path):
+    run = RunFolder.create(tmp_path / "run", RunFolder.open(whole["ppo"]).config(), ["typed"])
+    run.logs.mkdir()
+    run.evaluations.write_text("steps,mean_mm,median_mm,p95_mm,mean_reward\n20,0.001,0,0,0\n")
+    assert train.main(["--resume", str(run.path)]) == 0
+    assert weights(run.path) == weights(whole["ppo"])
+    assert run.evaluations.read_text() == (whole["ppo"] / "evaluations.csv").read_text()
+
+
+@pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
+def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whole, tmp_path, monkeypatch, capsys):
+    run, evaluate = tmp_path / "run", Evaluation.evaluate
+    with monkeypatch.context() as patch:
+        patch.setattr(Evaluation, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
+        patch.setattr(Evaluation, "_on_training_end", lambda self: None)
+        assert train.main([*words, "--run-dir", str(run)]) == 128 + signal.SIGTERM
+    assert f"--resume {run}" in capsys.readouterr().out
+    assert train.main(["--resume", str(run)]) == 0
+    assert weights(run) == weights(whole[name])
+    assert (run / "evaluations.csv").read_text() == (whole[name] / "evaluations.csv").read_text()
+
+
+def test_a_policy_that_learned_by_hindsight_loads_and_scores_as_it_did_in_training(whole):
+    run = RunFolder.open(whole["her"])
+    evaluation = run.config().evaluation
+    seeds = range(evaluation.seed, evaluation.seed + evaluation.episodes)
+    scored = run_episodes(run.config().env, Policy.load(run, "last"), seeds).final_errors.mean()
+    rows = list(csv.DictReader(run.evaluations.read_text().splitlines()))
+    assert scored == pytest.approx(float(rows[-1]["mean_mm"]), rel=1e-5)
+
+
+def test_only_the_newest_checkpoint_keeps_what_resuming_needs(whole):
+    folders = sorted((whole["her"] / "checkpoints").iterdir())
+    assert [folder.name for folder in folders] == [f"{steps:09d}" for steps in (40, 80, 120, 160)]
+    assert [(folder / "resume").exists() for folder in folders] == [False, False, False, True]
+    assert all((folder / "policy.zip").is_file() and (folder / "normaliser.pkl").is_file() for folder in folders)
+    assert checkpoint.newest(RunFolder.open(whole["her"])) == folders[-1]
+
+
+def test_a_finished_run_says_so_and_stays_as_it_is(whole, capsys):
+    before = {path: path.stat().st_mtime_ns for path in whole["ppo"].rglob("*") if path.name != "lock"}
+    assert train.main(["--resume", str(whole["ppo"])]) == 0
+    assert "finished: 160 steps" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in whole["ppo"].rglob("*") if path.name != "lock"} == before
+
+
+def test_a_longer_run_equals_a_finished_one_that_was_extended(tmp_path):
+    constant = [*PPO, "--set", "parameters.learning_rate=0.01"]
+    assert train.main([*constant, "--run-dir", str(tmp_path / "long")]) == 0
+    assert train.main([*constant, "--run-dir", str(tmp_path / "short"), "--set", "total_timesteps=100"]) == 0
+    assert train.main(["--resume", str(tmp_path / "short"), "--set", "total_timesteps=160"]) == 0
+    assert weights(tmp_path / "short") == weights(tmp_path / "long")
+    assert load_config(tmp_path / "short" / "config.yaml").total_timesteps == 160
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (["--set", "seed=3"], "total_timesteps=N and nothing else"),
+        (["--set", "total_timesteps=200", "--set", "parameters.gamma=0.5"], "total_timesteps=N and nothing else"),
+        (["--set", "total_timesteps=100"], "no fewer than the 160 steps"),
+        (["--force"], "no --force"),
+        (["--run-dir", "elsewhere"], "no --run-dir"),
+    ],
+)
+def test_resuming_changes_nothing_but_the_number_of_steps(extra, words, whole, capsys):
+    assert train.main(["--resume", str(whole["ppo"]), *extra]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_a_run_without_a_checkpoint_but_with_a_policy_is_not_begun_anew(tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run", load_config("configs/train/demo.yaml"), [])
+    (run.path / "policy.zip").write_bytes(b"precious")
+    assert train.main(["--resume", str(run.path)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert (run.path / "policy.zip").read_bytes() == b"precious"
+
+
+def test_a_checkpoint_that_cannot_be_read_ends_with_one_line(whole, tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run", RunFolder.open(whole["ppo"]).config(), [])
+    (run.checkpoints / "000000040" / "resume").mkdir(parents=True)
+    (run.checkpoints / "000000040" / "resume" / "training.pkl").write_bytes(b"no pickle")
+    assert train.main(["--resume", str(run.path)]) == 2
+    error = capsys.readouterr().err
+    assert "000000040" in error
+    assert error.count("\n") == 1
+
+
+def test_two_trainings_in_one_folder_are_refused(whole, tmp_path, capsys):
+    again = ["--config", str(whole["ppo"] / "config.yaml"), "--run-dir", str(whole["ppo"]), "--force"]
+    before = (whole["ppo"] / "policy.zip").read_bytes()
+    with file_lock(whole["ppo"] / "lock"):
+        for arguments in (["--resume", str(whole["ppo"])], again):
+            assert train.main(arguments) == 2
+            error = capsys.readouterr().err
+            assert "in which no training runs" in error
+            assert error.count("\n") == 1
+    assert (whole["ppo"] / "policy.zip").read_bytes() == before
+    assert [path.name for path in whole["ppo"].parent.iterdir() if "ppo" in path.name] == ["ppo"]
+
+
+@pytest.mark.parametrize("number", [8, 12, 20, 27])
+def test_a_full_disk_ends_with_one_line_and_leaves_a_run_that_goes_on(number, whole, tmp_path, monkeypatch, capsys):
+    run, written, fsync = tmp_path / "run", [], os.fsync
+
+    def full(descriptor):
+        written.append(descriptor)
+        if len(written) >= number:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fsync(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert train.main([*PPO, "--run-dir", str(run)]) == 2
+    error = capsys.readouterr().err
+    assert "No space left" in error
+    assert error.count("\n") == 1
+    assert not list(run.rglob(".*"))
+    assert train.main(["--resume", str(run)]) == 0
+    assert weights(run) == weights(whole["ppo"])
+
+
+def test_a_full_disk_before_training_leaves_no_run_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+    assert train.main([*PPO, "--run-dir", str(tmp_path / "run")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+LIMITED = """
+import resource, sys
+from agents import checkpoint, train
+save = checkpoint.save
+def limited(model, run):
+    done = save(model, run)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+    return done
+checkpoint.save = limited
+sys.exit(train.main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limit", ["100", "20000"])
+def test_files_that_may_not_grow_end_training_with_one_line(limit, whole, tmp_path):
+    """After the first checkpoint no file may exceed the limit: logs and tables (100), or the next policy (20000)."""
+    run = tmp_path / "run"
+    command = [sys.executable, "-c", LIMITED, limit, *PPO, "--run-dir", str(run)]
+    child = subprocess.run(command, capture_output=True, text=True)
+    assert child.returncode == 2
+    assert "File too large" in child.stderr
+    assert "--resume" in child.stderr
+    assert child.stderr.count("\n") == 1
+    assert train.main(["--resume", str(run)]) == 0
+    assert weights(run) == weights(whole["ppo"])
