@@ -1,0 +1,281 @@
+"""Shipped policies: load one by name or from its file and run it, with NumPy alone.
+
+    from agents.shipped import load_policy
+    policy = load_policy("fixed_target")
+    action = policy(observation)
+
+No torch, no Stable-Baselines3, and nothing in the file is executed. docs/policies.md shows more.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from agents.config import EnvConfig
+from agents.fields import check_integer
+from agents.network import Network, PolicyError, Vectors
+from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
+from agents.recorded_score import RecordedScore
+from rj_gym import IDS, TrackingConfig, observation_entries
+from rollingjoint.checked_yaml import mapping, suggestion, text
+from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism_file import load_mechanism, mechanism_from_dict, mechanism_to_dict
+from rollingjoint.rolling_chain import RollingChain
+
+if TYPE_CHECKING:
+    from agents.controller import Seen
+    from agents.report import Score
+    from rj_gym.tracking.task import TrackingTask
+
+FOLDER = Path(__file__).parent / "policies"
+PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
+
+
+@dataclass(frozen=True)
+class ShippedPolicy:
+    """A trained policy as it is shipped: network, normaliser, the environment that it was trained for, its score.
+
+    Call it with an observation, or use it as a Controller.
+
+    Args:
+        name: what it is called.
+        algorithm: what trained it, "ppo" for example.
+        network: its forward pass.
+        env_id: id of its environment, one of rj_gym.
+        settings: of that environment, standalone.
+        entries: of the observation vector, as entry_names gives them.
+        training: plain values about its training: `config`, `steps`, `seed`, `versions`.
+        score: what it scored, where it was scored.
+    Raises:
+        PolicyError: a network that does not fit the environment, or an environment that rj_gym does not have.
+    """
+
+    name: str
+    algorithm: str
+    network: Network
+    env_id: str
+    settings: TrackingConfig
+    entries: tuple[str, ...]
+    training: Mapping[str, Any]
+    score: RecordedScore | None = None
+
+    def __post_init__(self) -> None:
+        if self.env_id not in IDS:
+            raise PolicyError("environment", self.env_id, f"one of {', '.join(IDS)}")
+        inputs = {"achieved_goal": 2, "desired_goal": 2, "observation": len(self.entries)} if self.goal else {}
+        if dict(self.network.inputs) != inputs or (not inputs and self.network.entries != len(self.entries)):
+            raise PolicyError("inputs", self.network.inputs or self.network.entries, f"{inputs or len(self.entries)}")
+        if len(self.network.low) != self.mechanism.n_tendons:
+            raise PolicyError("actions", len(self.network.low), f"{self.mechanism.n_tendons}, one per tendon")
+        self._check_entries(self.settings)
+
+    @property
+    def goal(self) -> bool:
+        """Whether it is a policy of the goal environment."""
+        return is_goal(self.env_id)
+
+    @property
+    def mechanism(self) -> RollingChain:
+        """The mechanism that it was trained on."""
+        return _mechanism_of(self.settings)
+
+    @property
+    def sha256(self) -> str:
+        """The hash of all its content."""
+        return content_hash(self.to_dict(), self.network.tensors())
+
+    @property
+    def environment(self) -> EnvConfig:
+        """The environment that it was trained for, as agents.rollout wants it."""
+        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | _plain_settings(self.settings))
+
+    def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
+        """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
+        return gymnasium.make(self.env_id, config=self.settings, **arguments)
+
+    def __call__(self, observation: Any) -> Vectors:
+        """The action, (m,) or (B, m) in [-1, 1]; the same as the deterministic action of the trained policy.
+
+        Args:
+            observation: (entries,) or (B, entries), or such a dictionary of the goal environment.
+        Raises:
+            PolicyError: another shape, a missing key, or numbers that are not finite.
+        """
+        return self.network(observation)
+
+    def begin(self, task: TrackingTask | None, lanes: int) -> None:
+        """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
+        mend = "policy.make_env() makes the environment of this policy."
+        if task is None:
+            raise PolicyError("environment", "not one of rj_gym", self.env_id, mend)
+        if _numbers_of(task.mechanism) != _numbers_of(self.mechanism):
+            allowed = f"the mechanism that {self.name!r} was trained on, {self.mechanism.name!r}, in every number"
+            raise PolicyError("mechanism", task.mechanism.name, allowed, mend)
+        scale = task.config.action_scale_mm
+        if scale != self.settings.action_scale_mm:
+            raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", mend)
+        self._check_entries(replace(task.config, mechanism=task.mechanism), mend)
+
+    def act(self, seen: Seen) -> Vectors:
+        """The actions, (B, m)."""
+        return self(seen.observation)
+
+    def score_on(self, seeds: range) -> Score:
+        """What it scores in the episodes with these seeds."""
+        from agents.report import Score
+        from agents.rollout import run_episodes
+
+        return Score.of(run_episodes(self.environment, self, seeds))
+
+    def rescore(self) -> Score:
+        """What it scores now in the episodes of its recorded score; raises PolicyError if it has none."""
+        if self.score is None:
+            raise PolicyError("score", None, "a policy that was scored when it was exported")
+        return self.score_on(self.score.seeds)
+
+    def _check_entries(self, settings: TrackingConfig, mend: str = "") -> None:
+        found = entry_names(settings, self.goal)
+        if found != self.entries:
+            other = [one for one in found if one not in self.entries] or [f"{len(found)} entries"]
+            allowed = f"the {len(self.entries)} observation entries that {self.name!r} was trained on"
+            raise PolicyError("observation", ", ".join(other), allowed, mend)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON: all but the arrays."""
+        network = self.network
+        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | _plain_settings(self.settings)
+        return {
+            "name": self.name,
+            "algorithm": self.algorithm,
+            "network": {"inputs": dict(network.inputs), "activation": network.activation, "output": network.output},
+            "environment": {"id": self.env_id, "settings": settings, "entries": list(self.entries)},
+            "training": dict(self.training),
+            "score": asdict(self.score) if self.score else None,
+        }
+
+    def to_bytes(self) -> bytes:
+        """The policy file."""
+        return pack(self.to_dict(), self.network.tensors())
+
+    @classmethod
+    def from_bytes(cls, data: bytes, source: str = "policy file") -> ShippedPolicy:
+        """The policy in the bytes of a policy file.
+
+        Args:
+            source: how messages call the file.
+        Raises:
+            PolicyError: no policy file, a damaged one, or one whose parts do not fit together.
+        """
+        content, tensors = unpack(data, source)
+        with _located(source):
+            return cls(**_fields(content, tensors))
+
+
+def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> ShippedPolicy:
+    """The shipped policy of that name, or the policy in the file at that path.
+
+    Args:
+        name_or_path: one of list_policies(), or a policy file that agents.export wrote, or policy.zip in a run folder.
+        trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, needs torch, and
+            warns (UserWarning).
+    Raises:
+        PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".zip":
+        return _load_pickle(path, trust_pickle)
+    if str(name_or_path) in list_policies():
+        path = FOLDER / f"{name_or_path}{SUFFIX}"
+    elif not path.is_file():
+        mend = suggestion(str(name_or_path), list_policies())
+        known = f"a policy file or one of {', '.join(list_policies())}"
+        raise PolicyError("policy", str(name_or_path), known, mend)
+    return ShippedPolicy.from_bytes(read_bytes(path), str(path))
+
+
+def list_policies() -> list[str]:
+    """Names of the shipped policies, for load_policy."""
+    return sorted(path.stem for path in FOLDER.glob(f"*{SUFFIX}"))
+
+
+def is_goal(env_id: str) -> bool:
+    """Whether an id of rj_gym is that of the environment with goals."""
+    return IDS[env_id].endswith("Goal")
+
+
+def standalone(settings: TrackingConfig) -> TrackingConfig:
+    """The settings with the mechanism itself in place of its name or file."""
+    return replace(settings, mechanism=_mechanism_of(settings))
+
+
+def entry_names(settings: TrackingConfig, goal: bool) -> tuple[str, ...]:
+    """The entries of the observation vector, with their units: "target x [L]"."""
+    entries = observation_entries(settings, _mechanism_of(settings), goal)
+    return tuple(f"{entry.name} [{entry.unit}]" for entry in entries)
+
+
+def _mechanism_of(settings: TrackingConfig) -> RollingChain:
+    chosen = settings.mechanism
+    return load_mechanism(chosen) if isinstance(chosen, str) else chosen
+
+
+def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
+    if not trusted:
+        mend = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
+        raise PolicyError("policy", str(path), f"a {SUFFIX} file", mend)
+    from agents.export import policy_in_run
+
+    warnings.warn(f"{path}: {PICKLE}", UserWarning, stacklevel=3)
+    return policy_in_run(path)
+
+
+def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of the policy from the plain values and arrays of its file."""
+    keys = ("name", "algorithm", "network", "environment", "training", "score")
+    content = mapping("top level", content, keys, keys)
+    network = mapping("network", content["network"], *[("inputs", "activation", "output")] * 2)
+    environment = mapping("environment", content["environment"], *[("id", "settings", "entries")] * 2)
+    training = mapping("training", content["training"], *[("config", "steps", "seed", "versions")] * 2)
+    settings = dict(environment["settings"])
+    mechanism = mechanism_from_dict(settings.pop("mechanism"))
+    check_integer("training.steps", training["steps"], 0)
+    return {
+        "name": text("name", content["name"]),
+        "algorithm": text("algorithm", content["algorithm"]),
+        "network": Network.from_tensors(tensors, **network),
+        "env_id": text("environment.id", environment["id"]),
+        "settings": TrackingConfig.from_dict(settings | {"mechanism": mechanism}),
+        "entries": tuple(environment["entries"]),
+        "training": training,
+        "score": None if content["score"] is None else RecordedScore(**content["score"]),
+    }
+
+
+def _plain_settings(config: TrackingConfig) -> dict[str, Any]:
+    """All settings but the mechanism, as plain values."""
+    values = asdict(replace(config, mechanism=""))
+    del values["mechanism"]
+    return values
+
+
+def _numbers_of(mechanism: RollingChain) -> dict[str, Any]:
+    """All that makes up a mechanism, but its name."""
+    return mechanism_to_dict(mechanism) | {"name": ""}
+
+
+@contextmanager
+def _located(source: str) -> Iterator[None]:
+    """Makes every complaint about the content of a file a PolicyError that names the file."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise PolicyError(f"{source}: {error.what}", error.value, error.allowed, error.mend) from error
+    except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
+        raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error
