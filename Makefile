@@ -6,13 +6,15 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-slow speed lint clean
+.PHONY: help setup demo test test-slow speed campaign results lint clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
 	@echo "make test      run the tests; make test-slow runs the ones left out"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
+	@echo "make campaign  train every run of docs/results.md into runs/results (about an hour; again: goes on)"
+	@echo "make results   score them and rewrite docs/results.md (some minutes)"
 	@echo "make lint      style, types and import layers"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
@@ -54,6 +56,14 @@ speed: setup
 	@$(PIP) install -c constraints.txt -e ".[train,benchmarks]"
 	@echo "==> Measuring"
 	@$(BIN)/python benchmarks/speed.py
+
+campaign: setup
+	@echo "==> Training every run of the results page"
+	@$(BIN)/python -m agents.campaign configs/campaign/results.yaml --out runs/results
+
+results: setup
+	@echo "==> Scoring them and rewriting docs/results.md"
+	@$(BIN)/python -m agents.results runs/results
 
 lint: setup
 	@echo "==> Style"

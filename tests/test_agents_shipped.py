@@ -269,7 +269,7 @@ def set_tensor(name, values, kind=None):
         (lambda content, tensors: content["environment"].update(id=GOAL), "inputs"),
         (lambda content, tensors: content["environment"]["entries"].reverse(), "observation entries"),
         (lambda content, tensors: content["environment"]["settings"].update(lod={}), "lod.*load"),
-        (lambda content, tensors: content["environment"]["settings"].update(start_tension=10**400), "start_tension = 1000"),
+        (lambda content, tensors: content["environment"]["settings"].update(start_tension=10**400), "start_tension"),
         (lambda content, tensors: content["score"]["values"].pop("mean_mm"), "mean_mm"),
         (lambda content, tensors: content["score"].update(episodes=-1), "score.episodes"),
     ],

@@ -17,7 +17,16 @@ PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", r
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 RUN_ELSEWHERE = {"docs/environment.md": "test_gym_docs.py", "docs/training.md": "test_agents_docs.py"}
 RUN_HERE = [page for page, text in PAGES.items() if "```python" in text and page not in RUN_ELSEWHERE]
-FOLDERS = ["rollingjoint", "rollingjoint/_kernels", "rj_gym", "rj_gym/tracking", "rj_gym/vector_checker", "agents"]
+FOLDERS = [
+    "rollingjoint",
+    "rollingjoint/_kernels",
+    "rollingjoint/differentiable",
+    "rj_gym",
+    "rj_gym/tracking",
+    "rj_gym/vector_checker",
+    "agents",
+    "agents/baselines",
+]
 
 
 @pytest.mark.parametrize("page", RUN_HERE)

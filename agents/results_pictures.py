@@ -1,0 +1,192 @@
+"""Pictures of the results page: learning curves, error against load, distribution of the error, animations."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from agents.campaign import content
+from agents.controller import Array
+from agents.pictures import COLOURS, SMALLEST_MM, animation
+from agents.policy import Policy
+from agents.report import FLOOR
+from agents.results_runs import POLICY, Recipe
+from agents.results_scores import FEEDBACK, Scored
+from agents.rollout import film
+
+OPEN_LOOP = "open loop"
+POLICY_LABEL = "best policy"
+STYLES: dict[str, dict[str, Any]] = {  # dashes where lines lie on each other
+    POLICY_LABEL: {"color": COLOURS[0], "linewidth": 2.4},
+    "predictive": {"color": COLOURS[4], "linewidth": 1.6},
+    "load estimate": {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "--"},
+    FEEDBACK: {"color": COLOURS[1], "linewidth": 1.6, "linestyle": ":"},
+    OPEN_LOOP: {"color": COLOURS[2], "linewidth": 1.6},
+    "do nothing": {"color": COLOURS[6], "linewidth": 1.6},
+    FLOOR: {"color": "black", "linewidth": 1},
+}
+LEARNED = (COLOURS[0], COLOURS[4], COLOURS[2], COLOURS[3], COLOURS[5])
+BIN_N = 0.1  # width of the bins over the load [N]
+FEWEST = 10  # episodes in a bin
+PICTURE_WIDTH = 300  # of one episode in an animation [pixels]
+LONGEST = 60  # pictures in an animation; of longer episodes every second one is shown, or every third
+
+
+def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
+    """PNG: mean tip error in the evaluations during training, over steps or over wall time; a panel per task.
+
+    Line: median over the seeds; band: smallest to largest.
+    """
+    label = "minutes of training" if over_time else "thousand steps"
+    figure, panels = _panels(len(scored), label, "mean tip error [mm]")
+    for axes, one in zip(panels, scored, strict=True):
+        axes.set(title=one.task.title)
+        _logarithmic(axes, "xy", (1, 2, 5))
+        for recipe, colour in zip(one.task.recipes, cycle(LEARNED), strict=False):
+            _draw_curve(axes, recipe, colour, over_time)
+        for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=True):
+            axes.axhline(max(error, SMALLEST_MM), color="black", linestyle=dashes, linewidth=1, label=name)
+        axes.legend(fontsize=7, edgecolor="none")
+    return _png(figure)
+
+
+def _draw_curve(axes: Axes, recipe: Recipe, colour: str, over_time: bool) -> None:
+    steps = recipe.runs[0].curve[0]
+    errors = np.array([np.interp(steps, run.curve[0], run.curve[1]) for run in recipe.runs])
+    seconds = np.median([np.interp(steps, run.curve[0], run.curve[2]) for run in recipe.runs], axis=0)
+    x = np.maximum(seconds, 1) / 60 if over_time else steps / 1000
+    axes.plot(x, np.median(errors, axis=0), color=colour, linewidth=1.8, label=recipe.name)
+    if len(recipe.runs) > 1:
+        axes.fill_between(x, errors.min(axis=0), errors.max(axis=0), color=colour, alpha=0.2, linewidth=0)
+
+
+def error_against_load(scored: Sequence[Scored]) -> bytes:
+    """PNG: median tip error at the end over the magnitude of the load then; loads of training shaded.
+
+    A panel per task that has been scored under heavier loads, too.
+    """
+    with_loads = [(one.task, one.scores, one.beyond) for one in scored if one.beyond]
+    figure, panels = _panels(len(with_loads), "load at the end [N]", "median tip error [mm]")
+    for axes, (task, scores, beyond) in zip(panels, with_loads, strict=True):
+        low, high = task.config.load.magnitude
+        axes.set(title=task.title)
+        _logarithmic(axes, "y")
+        axes.axvspan(0 if task.config.load.process == "ou" else low, high, color="black", alpha=0.06, linewidth=0)
+        inside, outside = scores.loads <= high, beyond.loads > high
+        loads = np.concatenate([scores.loads[inside], beyond.loads[outside]])
+        for name, label in ((scores.best_policy, POLICY_LABEL), (FEEDBACK, FEEDBACK), (OPEN_LOOP, OPEN_LOOP)):
+            errors = np.concatenate([scores.errors(name)[:, inside], beyond.errors(name)[:, outside]], axis=1)
+            axes.plot(*_binned(loads, errors), marker=".", label=label, **STYLES[label])
+        floors = np.concatenate([scores.floors[inside], beyond.floors[outside]])[None]
+        axes.plot(*_binned(loads, floors), label=FLOOR, **STYLES[FLOOR])
+    return _png(_with_legend(figure, panels))
+
+
+def _binned(loads: Array, errors: Array) -> tuple[Array, Array]:
+    """Middles of bins over the loads (E,), and the median of the errors (S, E) in each."""
+    places = np.floor(loads / BIN_N * (1 - 1e-9)).astype(int)
+    bins = [place for place in np.unique(places) if np.sum(places == place) >= FEWEST]
+    medians = [np.median(np.maximum(errors[:, places == place], SMALLEST_MM)) for place in bins]
+    return (np.array(bins) + 0.5) * BIN_N, np.array(medians)
+
+
+def distributions(scored: Sequence[Scored]) -> bytes:
+    """PNG: share of the episodes that end within an error, for the best policy (all seeds together) and the others."""
+    figure, panels = _panels(len(scored), "tip error at the end [mm]", "share of episodes below")
+    for axes, one in zip(panels, scored, strict=True):
+        scores = one.scores
+        axes.set(title=one.task.title, ylim=(0, 1))
+        _logarithmic(axes, "x")
+        axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
+        _draw_shares(axes, POLICY_LABEL, scores.errors(scores.best_policy))
+        for name in scores.baselines:
+            _draw_shares(axes, name, scores.errors(name))
+        _draw_shares(axes, FLOOR, scores.floors)
+    return _png(_with_legend(figure, panels))
+
+
+def _draw_shares(axes: Axes, label: str, errors: Array) -> None:
+    below = np.sort(np.maximum(errors[np.isfinite(errors)], SMALLEST_MM), axis=None)
+    shares = np.arange(1, len(below) + 1) / len(below)
+    axes.plot(below, shares, label=label, **STYLES[label])
+
+
+def to_film(scored: Sequence[Scored]) -> list[Scored]:
+    """The first task of every kind: of every mechanism, with fixed and with moving targets."""
+    kinds: dict[str, Scored] = {}
+    for one in scored:
+        settings = content(one.task.recipes[0].config)["env"]["settings"]
+        kinds.setdefault(repr((settings["mechanism"], settings["target"]["process"])), one)
+    return list(kinds.values())
+
+
+def three_episodes(scored: Scored) -> dict[str, tuple[bytes, str]]:
+    """GIF of the episodes that end with the smallest, the median and the largest error; by its name, with a caption.
+
+    Of the best configuration's run that did best in the evaluations during training.
+    """
+    task, scores = scored.task, scored.scores
+    recipe = next(recipe for recipe in task.recipes if recipe.name == scores.best_policy)
+    run = recipe.chosen
+    episodes = scores.policies[recipe.name][list(recipe.runs).index(run)]
+    order = np.argsort(episodes.final_errors, kind="stable")
+    places = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
+    seeds = {name: int(episodes.seeds[place]) for name, place in places.items()}
+    policy = Policy.load(run.folder, POLICY)
+    frames = {
+        f"{name}: {episodes.final_errors[place]:.2g} mm": _shortened(film(run.config.env, policy, seeds[name]))
+        for name, place in places.items()
+    }
+    told = ", ".join(f"{name} (seed {seed})" for name, seed in seeds.items())
+    caption = f"{recipe.name}, training seed {run.config.seed}: of the episodes of the table the {told}."
+    return {f"results_{task.file}.gif": (animation(frames, PICTURE_WIDTH), caption)}
+
+
+def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
+    """At most LONGEST of the pictures, evenly, the last one among them."""
+    return frames[:: -math.ceil(len(frames) / LONGEST)][::-1]
+
+
+def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, three in a row."""
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = [figure.add_subplot(rows, columns, place + 1) for place in range(count)]
+    for place, axes in enumerate(panels):
+        axes.set(xlabel=x_label if place >= count - columns else "", ylabel=y_label if place % columns == 0 else "")
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure, panels
+
+
+def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
+    """The figure with one legend, since its panels have the same lines."""
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    return figure
+
+
+def _logarithmic(axes: Axes, names: str, marks: Sequence[float] = (1,)) -> None:
+    """Make these of its axes, "x", "y" or "xy", logarithmic ones with marks at so many times the powers of ten."""
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_locator(LogLocator(subs=marks))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return stream.getvalue()
