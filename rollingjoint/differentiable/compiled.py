@@ -1,0 +1,64 @@
+"""Lanes of a differentiable problem through the compiled solver, which builds their mechanisms."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rollingjoint._threads import run_lanes
+from rollingjoint.differentiable.design import DifferentiableChain
+from rollingjoint.differentiable.statics import Law
+from rollingjoint.equilibrium import Status, pack
+from rollingjoint.errors import MechanismError
+from rollingjoint.lanes import Problem, TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.rolling_chain import RollingChain
+
+
+def solve_compiled(
+    design: DifferentiableChain, law: Law, loads: Tensor, starts: Tensor, lanes: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Equilibria of the chosen lanes.
+
+    Args:
+        design: with leading axes that broadcast to those of the lanes.
+        law: tendon law, (..., m) each.
+        loads: load tables, (..., rows, 11).
+        starts: joint angles, (..., J) [rad].
+        lanes: which lanes to solve, (...).
+    Returns:
+        joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...), that of
+        a mechanism that cannot be built being INVALID_INPUT. Other lanes keep their starts.
+    """
+    places = torch.arange(design.batch.numel(), device=lanes.device).reshape(design.batch).expand(lanes.shape)[lanes]
+    built = {place: _built(design, place) for place in places.unique().tolist()}
+    known = torch.tensor([built[place] is not None for place in places.tolist()], device=lanes.device)
+    lanes = lanes.clone()
+    lanes[lanes.clone()] = known
+    phi, held = starts.clone(), torch.zeros_like(starts, dtype=torch.bool)
+    status = torch.full(lanes.shape, int(Status.INVALID_INPUT), device=lanes.device)
+    if not bool(lanes.any()):
+        return phi, held, status
+    mechanisms = tuple(chain for place in places[known].tolist() if (chain := built[place]) is not None)
+
+    def rows(values: Tensor, axes: int = 1) -> np.ndarray:
+        own = values.shape[values.ndim - axes :]
+        return np.ascontiguousarray(values.detach().expand(*lanes.shape, *own)[lanes].cpu().numpy())
+
+    laws = TendonLaw(*(rows(values) for values in law.rows))
+    table, begin = rows(loads, 2), rows(starts)
+    results = new_results(len(begin), begin.shape[1], laws.command.shape[1])
+    problem = Problem(*designs_of(mechanisms, len(begin)), laws, table, begin, results)
+    run_lanes(lambda first, last: solve_range(problem, first, last), len(begin), begin.shape[1])
+    equilibrium = pack(mechanisms, table, results)
+    phi[lanes] = torch.as_tensor(equilibrium.joint_angles).to(phi)
+    held[lanes] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
+    status[lanes] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)
+    return phi, held, status
+
+
+def _built(design: DifferentiableChain, place: int) -> RollingChain | None:
+    try:
+        return design.mechanism(place)
+    except MechanismError:
+        return None

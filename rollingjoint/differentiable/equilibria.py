@@ -1,0 +1,128 @@
+"""Differentiable equilibria: what the solvers return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from rollingjoint.differentiable.newton import freed
+from rollingjoint.differentiable.statics import State
+from rollingjoint.differentiable.surface import as_pairs
+from rollingjoint.equilibrium import Status
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibria:
+    """Equilibria of many lanes; names, shapes and units as in `rollingjoint.Equilibrium`, with leading axes of lanes.
+
+    Every tensor of numbers can be differentiated once. Where `ok` is False, its gradients are zero and its numbers are
+    those of the pose at which the solver gave up: finite, of no meaning.
+    """
+
+    status: Tensor
+    free_joints: Tensor
+    _state: State
+
+    def __repr__(self) -> str:
+        return f"<Equilibria: {int(self.ok.sum())} of {self.ok.numel()} lanes ok>"
+
+    @property
+    def ok(self) -> Tensor:
+        """(...) True for a stable equilibrium."""
+        return self.status <= Status.AT_LIMIT
+
+    @property
+    def joint_angles(self) -> Tensor:
+        """(..., n - 1) [rad]."""
+        return self._shown(self._state.phi)
+
+    @property
+    def arc_lengths(self) -> Tensor:
+        """(..., n - 1) [mm]."""
+        return self._shown(self._state.contact.s)
+
+    @cached_property
+    def poses(self) -> Tensor:
+        """(..., n, 3) x, y, angle of every link [mm, rad]."""
+        state = self._state
+        return self._shown(torch.cat([as_pairs(state.positions), state.link_angles[..., None]], -1))
+
+    @property
+    def tip(self) -> Tensor:
+        """(..., 2) origin of the last link [mm]."""
+        return self.poses[..., -1, :2]
+
+    @property
+    def contact_points(self) -> Tensor:
+        """(..., n - 1, 2) [mm]."""
+        return self._shown(as_pairs(self._state.contacts))
+
+    @property
+    def contact_tangents(self) -> Tensor:
+        """(..., n - 1, 2) unit tangents."""
+        return self._shown(as_pairs(self._state.tangents))
+
+    @property
+    def tensions(self) -> Tensor:
+        """(..., m) [N]."""
+        return self._shown(self._state.tensions.expand_as(self._state.lengths))
+
+    @property
+    def lengths(self) -> Tensor:
+        """(..., m) [mm]."""
+        return self._shown(self._state.lengths)
+
+    @property
+    def tendon_rates(self) -> Tensor:
+        """(..., n - 1, m) d length / d joint angle [mm/rad]."""
+        return self._shown(self._state.rates.mT)
+
+    @property
+    def tendon_stiffness(self) -> Tensor:
+        """(..., m) d tension / d length [N/mm]."""
+        return self._shown(self._state.elastic.expand_as(self._state.lengths))
+
+    @property
+    def contact_forces(self) -> Tensor:
+        """(..., n - 1, 2) on the distal link, along tangent and normal [N]."""
+        return self._shown(self._state.contact_forces)
+
+    @property
+    def pressing_margins(self) -> Tensor:
+        """(..., n - 1) normal contact force [N]; negative: the links separate."""
+        return self.contact_forces[..., 1]
+
+    def slip_margins(self, friction: float = 0.3) -> Tensor:
+        """(..., n - 1) friction × normal - |tangential| contact force [N]; negative: the links slip."""
+        force = self.contact_forces
+        return friction * force[..., 1] - force[..., 0].abs()
+
+    @cached_property
+    def stiffness(self) -> Tensor:
+        """(..., n - 1, n - 1) d residual / d joint angle [N·mm/rad]."""
+        return self._shown(self._state.stiffness)
+
+    @cached_property
+    def smallest_eigenvalue(self) -> Tensor:
+        """(...) smallest real part of the eigenvalues of the stiffness over the free joints [N·mm/rad]; inf if none is.
+
+        Its gradient means something where the eigenvalue is simple.
+        """
+        held, H = ~self.free_joints, self.stiffness
+        far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
+        masked = freed(H, held) + torch.diag_embed(held * far[..., None])
+        if bool((self._state.loads.body == 0).all()):
+            smallest = torch.linalg.eigvalsh(masked)[..., 0]
+        else:
+            smallest = torch.linalg.eigvals(masked).real.amin(-1)
+        return torch.where(held.all(-1), torch.inf, smallest)
+
+    def _shown(self, values: Tensor) -> Tensor:
+        """The values, constant and finite in lanes that have failed."""
+        if bool(self.ok.all()):
+            return values
+        ok = self.ok[(..., *(None,) * (values.ndim - self.ok.ndim))]
+        return torch.where(ok, values, torch.nan_to_num(values.detach()))

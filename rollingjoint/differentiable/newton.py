@@ -1,0 +1,153 @@
+"""Equilibria of many lanes by Newton's method in torch, each with its own design: no table is built.
+
+Every lane goes down its energy; one that cannot do so by ordinary means is left to the compiled solver.
+Source: docs/theory.md, section 7.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rollingjoint.differentiable.geometry import Geometry
+from rollingjoint.differentiable.statics import Law, Loads, State
+
+_MOST_STEPS = 60
+_SMALLEST_STEP = 1.0 / 256
+_MAX_STEP = 0.5  # rad in any joint
+_ARMIJO = 1e-4
+_ROUNDING = 1e-14  # of the magnitude of the energy terms
+_NEGLIGIBLE = 1e-8  # N·mm/rad
+_SMALLEST_PIVOT = 1e-10  # of the largest entry
+
+
+def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Stable equilibria from contacts s, (..., J) [mm].
+
+    Returns:
+        contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
+        lane has arrived, (...).
+    """
+    bounds = _Bounds(geometry, s)
+    s = torch.minimum(torch.maximum(s, bounds.first), bounds.last)
+    current = _Lanes.at(geometry, law, loads, s)
+    alpha = torch.ones_like(current.energy)
+    stuck = (loads.body != 0).any(-1) & torch.ones_like(alpha, dtype=torch.bool)  # follower forces have no energy
+    for _ in range(_MOST_STEPS):
+        held = bounds.held(current.phi, current.residual)
+        arrived = current.worst(held) <= current.goal
+        active = ~(arrived | stuck)
+        if not bool(active.any()):
+            break
+        step = _step(current, bounds, held)
+        phi = bounds.clip(current.phi + alpha[..., None] * step)
+        trial = _Lanes.at(geometry, law, loads, bounds.contacts(phi, current, alpha[..., None] * step))
+        better = active & trial.improves(current, held)
+        current = current.replaced(trial, better)
+        alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
+        stuck = stuck | (alpha < _SMALLEST_STEP)
+    held = bounds.held(current.phi, current.residual)
+    arrived = (current.worst(held) <= current.goal) & ~stuck
+    return current.s, held, arrived & _definite(current.H, held)
+
+
+class _Lanes(NamedTuple):
+    """All lanes at one pose: (...) and (..., J), the stiffness (..., J, J)."""
+
+    s: Tensor
+    phi: Tensor
+    kappa: Tensor
+    residual: Tensor
+    H: Tensor
+    energy: Tensor
+    rounding: Tensor  # of the energy
+    goal: Tensor  # largest residual at rest
+
+    @classmethod
+    def at(cls, geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> _Lanes:
+        """The lanes with their contacts at s."""
+        contact = geometry.contact(s)
+        phi = contact.angles
+        state = State(geometry, law, loads, phi, contact)
+        energy, magnitude = state.energy
+        H = state.stiffness.expand(*phi.shape, phi.shape[-1])
+        goal = (1e-11 * state.force_scale).clamp(1e-12, 1e-9)
+        return cls(s, phi, contact.kappa, state.residual, H, energy, _ROUNDING * magnitude, goal)
+
+    def worst(self, held: Tensor) -> Tensor:
+        """Largest residual of a free joint."""
+        return torch.where(held, 0.0, self.residual.abs()).amax(-1)
+
+    def improves(self, before: _Lanes, held: Tensor) -> Tensor:
+        """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
+        change = self.energy - before.energy
+        slope = (before.residual * (self.phi - before.phi)).sum(-1)
+        level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
+        return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
+
+    def replaced(self, other: _Lanes, where: Tensor) -> _Lanes:
+        """The other's lanes where said."""
+        pairs = zip(self, other, strict=True)
+        return _Lanes(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
+
+
+class _Bounds:
+    """The ends of the surfaces, as contacts and as angles; the angle falls as the contact moves on."""
+
+    def __init__(self, geometry: Geometry, like: Tensor) -> None:
+        self._geometry = geometry
+        self.first, self.last = (side.expand_as(like) for side in geometry.limits)
+        self.largest, self.smallest = (geometry.contact(side).angles for side in (self.first, self.last))
+
+    def held(self, phi: Tensor, moment: Tensor) -> Tensor:
+        """Joints at an end that a moment pushes outwards."""
+        return (phi <= self.smallest) & (moment > 0) | (phi >= self.largest) & (moment < 0)
+
+    def clip(self, phi: Tensor) -> Tensor:
+        """The angles, within the ends."""
+        return torch.minimum(torch.maximum(phi, self.smallest), self.largest)
+
+    def contacts(self, phi: Tensor, lanes: _Lanes, step: Tensor) -> Tensor:
+        """Contacts near the angles phi: two corrections, which near rest are exact; exactly an end at an end."""
+        s = self._geometry.contacts(phi, lanes.s + step / lanes.kappa, 2)
+        return torch.where(phi <= self.smallest, self.last, torch.where(phi >= self.largest, self.first, s))
+
+
+def _step(lanes: _Lanes, bounds: _Bounds, held: Tensor) -> Tensor:
+    """Newton's step of the free joints, (..., J) [rad]; a joint at an end that it pushes outwards is held, too."""
+    step = _newton(lanes.H, lanes.residual, held)
+    outwards = held | bounds.held(lanes.phi, -step)
+    if bool((outwards != held).any()):
+        step = _newton(lanes.H, lanes.residual, outwards)
+    return step * (_MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=_MAX_STEP))
+
+
+def _newton(H: Tensor, residual: Tensor, held: Tensor) -> Tensor:
+    """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes."""
+    free, right = freed(H, held), torch.where(held, 0.0, -residual)
+    factor, failed = torch.linalg.cholesky_ex(free)
+    step = torch.cholesky_solve(right[..., None], factor)[..., 0]
+    bad = failed > 0
+    if bool(bad.any()):
+        values, vectors = torch.linalg.eigh(torch.nan_to_num(free[bad]))
+        values = torch.maximum(values.abs(), 1e-6 * values.abs().amax(-1, keepdim=True).clamp(min=1e-300))
+        step = step.clone()
+        step[bad] = (vectors @ ((vectors.mT @ right[bad][..., None]) / values[..., None]))[..., 0]
+    return step
+
+
+def freed(H: Tensor, held: Tensor) -> Tensor:
+    """H with the rows and columns of held joints those of the identity."""
+    either = held[..., :, None] | held[..., None, :]
+    return torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
+
+
+def _definite(H: Tensor, held: Tensor) -> Tensor:
+    """Whether H over the free joints is positive definite beyond rounding, (...)."""
+    largest = torch.where(held[..., :, None] | held[..., None, :], 0.0, H.abs()).flatten(-2).amax(-1)
+    factor, failed = torch.linalg.cholesky_ex(freed(H, held))
+    pivots = factor.diagonal(dim1=-2, dim2=-1).square()
+    firm = torch.where(held, torch.inf, pivots).amin(-1) > _SMALLEST_PIVOT * largest
+    return (failed == 0) & firm & (largest >= _NEGLIGIBLE) | held.all(-1)

@@ -1,0 +1,222 @@
+"""Equilibria that can be differentiated by the design, the inputs and the loads: one adjoint solve each.
+
+The equilibrium is found without derivatives; one Newton step on the exact residual then ties it to the parameters.
+Source: docs/theory.md, section 5: dphi/dx = -H⁻¹ dr/dx.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from rollingjoint.differentiable.compiled import solve_compiled
+from rollingjoint.differentiable.design import DifferentiableChain
+from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.geometry import Geometry
+from rollingjoint.differentiable.newton import freed, minimise
+from rollingjoint.differentiable.statics import Law, Loads, State
+from rollingjoint.equilibrium import Status
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import LOAD_COLUMNS, Load, load_table
+
+_LARGEST = 1e12
+_CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
+
+
+def solve_tensions(
+    design: DifferentiableChain,
+    tensions: Tensor,
+    loads: Sequence[Load] | Tensor = (),
+    starts: Tensor | None = None,
+    solver: str = "torch",
+) -> Equilibria:
+    """Equilibria under given tensions.
+
+    Args:
+        design: mechanisms with any leading axes; they broadcast with those of the other arguments: `design[:, None]`
+            and tensions (C, m) make a table of designs and load cases.
+        tensions: (..., m) [N].
+        loads: loads of all lanes, or load tables (..., rows, 11), columns load.LOAD_COLUMNS.
+        starts: joint angles to start from, (..., n - 1) [rad]; default s = 0.
+        solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
+            keeps the last 256: for one mechanism that is solved again and again.
+    Returns:
+        Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
+    Raises:
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+    """
+    tau = _numbers(design, "tensions", tensions, design.n_tendons)
+    return _solve(design, Law.constant(tau), loads, starts, solver)
+
+
+def solve_lengths(
+    design: DifferentiableChain,
+    lengths: Tensor,
+    loads: Sequence[Load] | Tensor = (),
+    starts: Tensor | None = None,
+    solver: str = "torch",
+    tension_limits: tuple[Tensor | float, Tensor | float] = (0.0, torch.inf),
+) -> Equilibria:
+    """Equilibria under given lengths, elastic tendons.
+
+    Args:
+        design, loads, starts, solver: as for `solve_tensions`.
+        lengths: (..., m) unstretched lengths [mm].
+        tension_limits: lowest and highest tension, numbers or (..., m) [N].
+    Returns:
+        Equilibria; look at `ok`.
+    Raises:
+        InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
+    """
+    command = _numbers(design, "lengths", lengths, design.n_tendons)
+    limits = [torch.as_tensor(limit, dtype=torch.float64, device=design.device) for limit in tension_limits]
+    low, high = (
+        _numbers(design, "tension_limits", t.expand(design.n_tendons) if t.ndim == 0 else t, design.n_tendons)
+        for t in limits
+    )
+    return _solve(design, Law(command, design.stiffnesses, low, high), loads, starts, solver)
+
+
+def _solve(
+    design: DifferentiableChain, law: Law, loads: Sequence[Load] | Tensor, starts: Tensor | None, solver: str
+) -> Equilibria:
+    if solver not in ("torch", "compiled"):
+        raise InvalidInput("solver", solver, '"torch" or "compiled"')
+    table = _table(design, loads)
+    begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
+    shapes = [
+        design.batch,
+        table.shape[:-2],
+        *(row.shape[:-1] for row in law.rows),
+        *([] if begin is None else [begin.shape[:-1]]),
+    ]
+    try:
+        batch = torch.broadcast_shapes(*shapes)
+    except RuntimeError:
+        raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
+    law = law.each(lambda row: row.expand(*batch, row.shape[-1]))
+    table = table[(None,) * (len(batch) + 2 - table.ndim)]
+    wide = design.over(len(batch))
+    rolls = wide.valid()
+    good = rolls & _usable(law, table) & (True if begin is None else torch.isfinite(begin).all(-1))
+    good = good.expand(batch)
+    law, table = _where(good, law, table)
+    wide = wide.where(rolls)
+    geometry = Geometry.of(wide)
+    with torch.no_grad():
+        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver)
+    return _tied(geometry, law, table, s, held, status)
+
+
+def _search(
+    design: DifferentiableChain,
+    geometry: Geometry,
+    law: Law,
+    loads: Tensor,
+    starts: Tensor | None,
+    good: Tensor,
+    solver: str,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Contacts at the equilibria, which joints are held at the ends of their surfaces, how every lane ended."""
+    begin = torch.zeros(*good.shape, design.n_links - 1, dtype=torch.float64, device=design.device)
+    if starts is not None:
+        begin = geometry.contacts(torch.nan_to_num(starts).expand_as(begin), begin)
+    status = torch.full(good.shape, int(Status.INVALID_INPUT), device=design.device)
+    s, held = begin, torch.zeros_like(begin, dtype=torch.bool)
+    left = good
+    if solver == "torch":
+        acting = Loads(loads, begin.shape[-1])
+        s, held, arrived = minimise(geometry, law, acting, begin)
+        s = torch.where(arrived[..., None], s, begin)
+        contact = geometry.contact(s)
+        crossed = State(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
+        found = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
+        status = torch.where(good & arrived & ~crossed, found, status)
+        left = good & ~arrived
+    if bool(left.any()):
+        phi, stops, ends = solve_compiled(design, law, loads, geometry.contact(begin).angles, left)
+        s = torch.where(left[..., None], geometry.contacts(phi, begin), s)
+        held, status = torch.where(left[..., None], stops, held), torch.where(left, ends, status)
+    return s, held, status
+
+
+def _tied(geometry: Geometry, law: Law, loads: Tensor, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+    """The equilibria at contacts s as functions of everything that the geometry, the law and the loads depend on."""
+    first, last = geometry.limits
+    s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
+    contact = geometry.contact(s)
+    angle, kappa = contact.angles, contact.kappa.detach()
+    near, acting = torch.where(held, angle, angle.detach()), Loads(loads, s.shape[-1])
+    before = State(geometry, law, acting, near, contact.moved((near - angle) / kappa))
+    residual = before.residual
+    with torch.no_grad():
+        H = before.stiffness.expand(*residual.shape, residual.shape[-1])
+    fixed = held | (status > Status.AT_LIMIT)[..., None]
+    phi = _NewtonStep.apply(near, residual, H, fixed)
+    return Equilibria(status, ~held, State(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
+
+
+class _NewtonStep(torch.autograd.Function):
+    """phi - H⁻¹ r on the joints that are not held; backwards it is the adjoint solve with the transpose of H.
+
+    Exact first derivatives at r = 0. Second ones would need dH; they are refused.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, phi: Tensor, residual: Tensor, H: Tensor, held: Tensor) -> Tensor:
+        """The angles after the step, (..., J)."""
+        ctx.save_for_backward(H, held)
+        return phi - _solved(freed(H, held), torch.where(held, 0.0, residual))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients by phi (of held joints) and by the residual (of free ones)."""
+        H, held = ctx.saved_tensors
+        adjoint = _solved(freed(H, held).mT, torch.where(held, 0.0, gradient))
+        return torch.where(held, gradient, 0.0), torch.where(held, 0.0, -adjoint), None, None
+
+
+def _solved(matrix: Tensor, right: Tensor) -> Tensor:
+    solution, _ = torch.linalg.solve_ex(matrix, right[..., None])
+    return solution[..., 0]
+
+
+def _usable(law: Law, table: Tensor) -> Tensor:
+    """Whether the numbers of a lane can be solved with: finite, not huge, no pushing tendon, no negative spring."""
+    command, stiffness, low, high = law.each(Tensor.detach).rows
+    numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= _LARGEST
+    limits = ((low >= 0) & (high >= low)).all(-1)
+    rows = (table.detach().abs() <= _LARGEST).flatten(-2).all(-1) & (table[..., 8] >= 0).all(-1)
+    return numbers & limits & rows
+
+
+def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
+    """Law and loads, in lanes that are not good some constants that can be solved with."""
+    if bool(good.all()):
+        return law, table
+    row = good[..., None]
+    return law.each(lambda values: torch.where(row, values, 1.0)), torch.where(row[..., None], table, 0.0)
+
+
+def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tensor:
+    """Load tables, (..., rows, 11)."""
+    if not isinstance(loads, Tensor):
+        return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
+    if loads.ndim < 2 or loads.shape[-1] != len(LOAD_COLUMNS):
+        raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
+    links = loads.detach()[..., 0]
+    if not bool(((links >= 0) & (links < design.n_links) & (links == links.floor())).all()):
+        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {design.n_links - 1}")
+    return loads.to(design.device, torch.float64)
+
+
+def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:
+    tensor = torch.as_tensor(values, device=design.device).to(torch.float64)
+    if tensor.ndim == 0 or tensor.shape[-1] != size:
+        raise InvalidInput(f"shape of {what}", tuple(tensor.shape), f"(..., {size})")
+    return tensor

@@ -1,0 +1,277 @@
+"""The whole chain at given contacts: poses, tendons, residual, stiffness, energy, contact forces.
+
+The plane is the complex plane: x + iy. Symbols as in docs/theory.md, sections 2 to 5: c contact point, e tangent,
+F force, r residual, H stiffness. Everything has leading axes and is differentiable by everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from rollingjoint.differentiable.geometry import Contact, Geometry, turned
+
+_CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
+
+
+@dataclass(frozen=True)
+class Law:
+    """Tendon law, (..., m) each: tension = clip(stiffness × (length - command), low, high)."""
+
+    command: Tensor
+    stiffness: Tensor
+    low: Tensor
+    high: Tensor
+    prescribed: bool = False  # tensions are given: low is high
+
+    @classmethod
+    def constant(cls, tensions: Tensor) -> Law:
+        """The law of given tensions."""
+        return cls(torch.zeros_like(tensions), torch.ones_like(tensions), tensions, tensions, True)
+
+    @property
+    def rows(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Command, stiffness, lowest and highest tension."""
+        return self.command, self.stiffness, self.low, self.high
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> Law:
+        """The law with every row changed."""
+        command, stiffness, low, high = (change(row) for row in self.rows)
+        return Law(command, stiffness, low, high, self.prescribed)
+
+    def of(self, lengths: Tensor) -> tuple[Tensor, Tensor]:
+        """Tensions [N], and d tension / d length [N/mm]."""
+        if self.prescribed:
+            return self.low, torch.zeros_like(lengths)
+        pull = self.stiffness * (lengths - self.command)
+        tensions = torch.where(pull <= self.low, self.low, torch.where(pull >= self.high, self.high, pull))
+        return tensions, torch.where((pull > self.low) & (pull < self.high), self.stiffness, 0.0)
+
+
+class Loads:
+    """Load tables, (..., rows, 11), by columns; complex where they are points or forces."""
+
+    def __init__(self, table: Tensor, n_joints: int) -> None:
+        self.table = table
+        self.links = table[..., 0].detach().long()
+        self.beyond = (self.links[..., None] > torch.arange(n_joints, device=table.device)).to(table.dtype)
+        self.points, self.dead = (
+            torch.complex(table[..., 1], table[..., 2]),
+            torch.complex(table[..., 3], table[..., 4]),
+        )
+        self.body, self.moments = torch.complex(table[..., 5], table[..., 6]), table[..., 7]
+        self.springs, self.anchors = table[..., 8], torch.complex(table[..., 9], table[..., 10])
+        self.any = table.shape[-2] > 0
+        self.follow = bool((table.detach()[..., 5:7] != 0).any()) or table[..., 5:7].requires_grad
+        self.pull = bool((table.detach()[..., 8] != 0).any()) or table[..., 8].requires_grad
+
+    def of_links(self, values: Tensor) -> Tensor:
+        """What the loaded links have, (..., rows), of values (..., n)."""
+        return values.gather(-1, self.links.expand(*values.shape[:-1], -1))
+
+
+@dataclass(frozen=True)
+class State:
+    """The chain at joint angles phi, (..., J) [rad].
+
+    Args:
+        geometry: of the mechanisms.
+        law: of their tendons.
+        loads: that act.
+        phi: joint angles.
+        contact: where the surfaces touch at these angles; whoever differentiates passes one that depends on them.
+    """
+
+    geometry: Geometry
+    law: Law
+    loads: Loads
+    phi: Tensor
+    contact: Contact
+
+    @cached_property
+    def _turns(self) -> Tensor:
+        return turned(self.phi)
+
+    @cached_property
+    def _origins(self) -> Tensor:
+        """Origin of the link above every joint in the frame of the link below, complex (..., J)."""
+        points = self.contact.points
+        return points[..., 0] - self._turns * points[..., 1]
+
+    @cached_property
+    def link_angles(self) -> Tensor:
+        """(..., n) [rad]."""
+        return torch.nn.functional.pad(torch.cumsum(self.phi, -1), (1, 0))
+
+    @cached_property
+    def rotations(self) -> Tensor:
+        """exp(i angle) of every link, complex (..., n)."""
+        return turned(self.link_angles)
+
+    @cached_property
+    def positions(self) -> Tensor:
+        """Origin of every link, complex (..., n) [mm]."""
+        steps = torch.cumsum(self.rotations[..., :-1] * self._origins, -1)
+        return torch.cat([torch.zeros_like(steps[..., :1]), steps], -1)
+
+    @cached_property
+    def contacts(self) -> Tensor:
+        """Contact points, complex (..., J) [mm]."""
+        return self.positions[..., :-1] + self.rotations[..., :-1] * self.contact.points[..., 0]
+
+    @cached_property
+    def tangents(self) -> Tensor:
+        """Unit tangents of the contacts, complex (..., J)."""
+        return self.rotations[..., :-1] * self.contact.tangents
+
+    @cached_property
+    def _gaps(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Of every gap its length; direction and J r in the frame of the link below; is it open; (..., m, J)."""
+        below, above = self.geometry.below, self.geometry.above
+        v = self._origins[..., None, :] + self._turns[..., None, :] * above - below
+        is_open = v.detach().abs() > _CLOSED_GAP
+        normal = (1j * self.contact.tangents)[..., None, :]
+        safe = torch.where(is_open, v, normal)
+        length = safe.abs()
+        direction = safe / length
+        return (
+            torch.where(is_open, length, 0.0),
+            direction,
+            1j * (below + v - self.contact.points[..., None, :, 0]),
+            is_open,
+        )
+
+    @cached_property
+    def crossing(self) -> Tensor:
+        """Lowest height of a gap over the contact's tangent, (...) [mm]: negative where holes have changed places."""
+        length, direction, _, _ = self._gaps
+        height = length * _dot((1j * self.contact.tangents)[..., None, :], direction)
+        return torch.where(self.geometry.crosses > 0, height, 0.0).flatten(-2).amin(-1)
+
+    @cached_property
+    def lengths(self) -> Tensor:
+        """Tendon lengths, (..., m) [mm]."""
+        return self.geometry.channels + (self._gaps[0] * self.geometry.crosses).sum(-1)
+
+    @cached_property
+    def rates(self) -> Tensor:
+        """d length / d joint angle, (..., m, J) [mm/rad]."""
+        _, direction, moves, _ = self._gaps
+        return _dot(direction, moves) * self.geometry.crosses
+
+    @cached_property
+    def _law(self) -> tuple[Tensor, Tensor]:
+        return self.law.of(self.lengths)
+
+    @property
+    def tensions(self) -> Tensor:
+        """(..., m) [N]."""
+        return self._law[0]
+
+    @property
+    def elastic(self) -> Tensor:
+        """d tension / d length, (..., m) [N/mm]: 0 for a prescribed tension, a slack or a yielding tendon."""
+        return self._law[1]
+
+    @cached_property
+    def _acting(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Of every row of the load table where it acts, its force, the part that turns with the link; (..., rows)."""
+        loads, turn = self.loads, self.loads.of_links(self.rotations)
+        x, follower = loads.of_links(self.positions) + turn * loads.points, turn * loads.body
+        force = loads.dead + follower if loads.follow else loads.dead.expand_as(x)
+        return x, force + loads.springs * (loads.anchors - x) if loads.pull else force, follower
+
+    def _beyond(self, values: Tensor) -> Tensor:
+        """Sum of values (..., rows) over the loads beyond every joint, (..., J)."""
+        return (values[..., None] * self.loads.beyond).sum(-2)
+
+    @cached_property
+    def _forces(self) -> tuple[Tensor, Tensor]:
+        """Sums of the forces beyond every joint, complex, and of their moments about the base; (..., J)."""
+        x, force, _ = self._acting
+        return self._beyond(force), self._beyond(_cross(x, force) + self.loads.moments)
+
+    @cached_property
+    def moments(self) -> Tensor:
+        """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
+        force, moment = self._forces
+        return moment - _cross(self.contacts, force)
+
+    @cached_property
+    def residual(self) -> Tensor:
+        """r, (..., J) [N·mm]."""
+        return (self.tensions[..., None] * self.rates).sum(-2) - self.moments
+
+    @cached_property
+    def stiffness(self) -> Tensor:
+        """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces act."""
+        H = torch.diag_embed(self._own_stiffness)
+        if not self.law.prescribed:
+            H = H + (self.rates.mT * self.elastic[..., None, :]) @ self.rates
+        return H + self._load_stiffness() if self.loads.any else H
+
+    @cached_property
+    def _own_stiffness(self) -> Tensor:
+        """What gaps and the moving pole add at every joint, (..., J)."""
+        length, direction, moves, is_open = self._gaps
+        along = _dot(direction, moves)
+        turn = (moves.abs().square() - along.square()) / torch.where(is_open, length, 1.0)
+        rate = (self.contact.tangents / self.contact.kappa)[..., None, :]  # e / kappa
+        second = torch.where(is_open, turn, 0.0) + _dot(direction, 1j * (moves - rate))
+        gaps = (self.tensions[..., None] * self.geometry.crosses * second).sum(-2)
+        return gaps + _cross(self.tangents, self._forces[0]) / self.contact.kappa
+
+    def _load_stiffness(self) -> Tensor:
+        (x, f, follower), c = self._acting, self.contacts
+        joints = torch.arange(c.shape[-1], device=c.device)
+        later = torch.maximum(joints[:, None], joints)
+        ci, cm = c[..., :, None], c[..., None, :]
+        H = (self._beyond(_dot(x, f)) - _dot(c, self._forces[0]))[..., later]
+        if self.loads.follow:
+            H = H - self._beyond(_dot(x, follower))[..., later] + _dot(ci, self._beyond(follower)[..., later])
+        if self.loads.pull:
+            k = self.loads.springs
+            zeroth, first, second = (self._beyond(k * v)[..., later] for v in (torch.ones_like(k), x, _dot(x, x)))
+            H = H + second - _dot(first, ci + cm) + zeroth * _dot(ci, cm)
+        return H
+
+    @cached_property
+    def contact_forces(self) -> Tensor:
+        """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
+        pull = (self.tensions[..., None] * self.geometry.crosses * self._gaps[1]).sum(-2)
+        force = self.rotations[..., :-1] * pull - self._forces[0]
+        return torch.stack([_dot(self.tangents, force), _cross(self.tangents, force)], -1)
+
+    @cached_property
+    def energy(self) -> tuple[Tensor, Tensor]:
+        """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces have none."""
+        loads, tension = self.loads, self.tensions
+        stretch = self.lengths - self.law.command
+        pulled = tension * stretch - 0.5 * tension.square() / self.law.stiffness
+        magnitude = (pulled.abs() + (tension * self.lengths).abs()).sum(-1)
+        if not loads.any:
+            return pulled.sum(-1), magnitude
+        x = self._acting[0]
+        work = -_dot(loads.dead, x) - loads.moments * loads.of_links(self.link_angles)
+        if loads.pull:
+            away = loads.anchors - x
+            work = work + 0.5 * loads.springs * _dot(away, away)
+        return pulled.sum(-1) + work.sum(-1), magnitude + work.abs().sum(-1)
+
+    @cached_property
+    def force_scale(self) -> Tensor:
+        """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
+        levers = self.rates.abs().clamp(min=1.0) * self.geometry.crosses
+        return ((self.tensions[..., None].abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
+
+
+def _dot(a: Tensor, b: Tensor) -> Tensor:
+    return a.real * b.real + a.imag * b.imag
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a.real * b.imag - a.imag * b.real
