@@ -223,10 +223,8 @@ class Campaign:
         log = member.folder(self.out).with_suffix(".log")
         said = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]
-        if code < 0 or code > 128:
-            return (
-                f"ended by {signal.Signals(-code if code < 0 else code - 128).name}; the same command goes on with it"
-            )
+        if code < 0:
+            return f"ended by {signal.Signals(-code).name}; the same command goes on with it"
         return errors[-1] if errors else f"exit code {code}: {said[-1] if said else 'nothing said'}; see {log}"
 
 
