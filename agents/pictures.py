@@ -50,7 +50,7 @@ def error_over_time(errors: Mapping[str, Array], floors: Array | None = None) ->
         axes.margins(x=0)
     panels[0].set_ylabel("tip error [mm]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def error_distribution(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:
@@ -79,7 +79,7 @@ def error_distribution(errors: Mapping[str, Array], floors: Array | None = None)
     axes.set_yticks(range(len(rows)), [f"{name}\nmedian {np.median(some):.2g} mm" for name, some in rows.items()])
     axes.invert_yaxis()
     axes.set(title="Tip error at the end of the episode", xlabel="tip error [mm]")
-    return _png(figure)
+    return png(figure)
 
 
 def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440) -> bytes:
@@ -145,7 +145,8 @@ def _error_axis(axes: Axes, name: Literal["x", "y"]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure, dpi: int = 120) -> bytes:
+    """The figure as a PNG file."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=120)
+    figure.savefig(stream, format="png", dpi=dpi)
     return stream.getvalue()

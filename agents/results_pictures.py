@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from itertools import cycle
@@ -16,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from agents.campaign import content
 from agents.controller import Array
-from agents.pictures import COLOURS, SMALLEST_MM, animation
+from agents.pictures import COLOURS, SMALLEST_MM, animation, png
 from agents.policy import Policy
 from agents.report import FLOOR
 from agents.results_runs import POLICY, Recipe
@@ -37,6 +36,7 @@ STYLES: dict[str, dict[str, Any]] = {  # dashes where lines lie on each other
 LEARNED = (COLOURS[0], COLOURS[4], COLOURS[2], COLOURS[3], COLOURS[5])
 BIN_N = 0.1  # width of the bins over the load [N]
 FEWEST = 10  # episodes in a bin
+DPI = 110
 PICTURE_WIDTH = 300  # of one episode in an animation [pixels]
 LONGEST = 60  # pictures in an animation; of longer episodes every second one is shown, or every third
 
@@ -56,7 +56,7 @@ def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
         for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=True):
             axes.axhline(max(error, SMALLEST_MM), color="black", linestyle=dashes, linewidth=1, label=name)
         axes.legend(fontsize=7, edgecolor="none")
-    return _png(figure)
+    return png(figure, DPI)
 
 
 def _draw_curve(axes: Axes, recipe: Recipe, colour: str, over_time: bool) -> None:
@@ -88,7 +88,7 @@ def error_against_load(scored: Sequence[Scored]) -> bytes:
             axes.plot(*_binned(loads, errors), marker=".", label=label, **STYLES[label])
         floors = np.concatenate([scores.floors[inside], beyond.floors[outside]])[None]
         axes.plot(*_binned(loads, floors), label=FLOOR, **STYLES[FLOOR])
-    return _png(_with_legend(figure, panels))
+    return png(_with_legend(figure, panels), DPI)
 
 
 def _binned(loads: Array, errors: Array) -> tuple[Array, Array]:
@@ -111,7 +111,7 @@ def distributions(scored: Sequence[Scored]) -> bytes:
         for name in scores.baselines:
             _draw_shares(axes, name, scores.errors(name))
         _draw_shares(axes, FLOOR, scores.floors)
-    return _png(_with_legend(figure, panels))
+    return png(_with_legend(figure, panels), DPI)
 
 
 def _draw_shares(axes: Axes, label: str, errors: Array) -> None:
@@ -184,9 +184,3 @@ def _logarithmic(axes: Axes, names: str, marks: Sequence[float] = (1,)) -> None:
         axis.set_major_locator(LogLocator(subs=marks))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(NullFormatter())
-
-
-def _png(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return stream.getvalue()

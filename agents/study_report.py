@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
+from agents.pictures import png
 from agents.run_folder import versions, write_bytes, write_text
 from agents.study import Choices, StudyConfig, with_values
 from rollingjoint.checked_yaml import dump_yaml
@@ -61,7 +61,7 @@ def history(study: Study, score: str) -> bytes:
     axes.set_xlabel("trial")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.legend(loc="outside upper center", ncols=4, frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def parameters(done: Sequence[FrozenTrial], config: StudyConfig, importance: dict[str, float]) -> bytes:
@@ -77,7 +77,7 @@ def parameters(done: Sequence[FrozenTrial], config: StudyConfig, importance: dic
         _panel(axes, key, done, config)
         share = f"  {100 * importance[key]:.0f} %" if key in importance else ""
         axes.set_title(f"{_short(key)}{share}", fontsize=10)
-    return _png(figure)
+    return png(figure)
 
 
 def _panel(axes: Axes, key: str, done: Sequence[FrozenTrial], config: StudyConfig) -> None:
@@ -113,12 +113,6 @@ def _label_one_two_five(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
-
-
-def _png(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=120)
-    return stream.getvalue()
 
 
 def _importance(study: Study) -> dict[str, float]:
