@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,7 @@ class JointTable(NamedTuple):
     arc_coefficients: Array  # (cells, 10)
 
 
-def common_range(child: Surface, parent: Surface) -> tuple[float, float]:
+def common_range(child: Surface | Profile, parent: Surface | Profile) -> tuple[float, float]:
     """Arc lengths that lie on both surfaces [mm]."""
     return max(child.limits[0], parent.limits[0]), min(child.limits[1], parent.limits[1])
 
@@ -81,7 +82,7 @@ def _tabulate_profiles(child_profile: Profile, parent_profile: Profile) -> Joint
     child, parent = (Surface(profile, (0.0, 0.0), 0.0) for profile in (child_profile, parent_profile))
     pending = [
         (lo, hi)
-        for low, high in itertools.pairwise(_borders(child, parent))
+        for low, high in itertools.pairwise(_borders(child_profile, parent_profile))
         for lo, hi in itertools.pairwise(np.linspace(low, high, 1 + int(np.ceil((high - low) / _LARGEST_CELL))))
     ]
     done: list[tuple[float, float, Array]] = []
@@ -112,51 +113,77 @@ def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:
     """Raise MechanismError unless kappa = u_c - u_p < 0 on the common range (else the links cut into each other)."""
+    s, kappa = _largest_kappa(child.profile, parent.profile)
+    if not kappa < 0:
+        raise MechanismError(
+            f"relative curvature of joint {joint} (link {joint} on link {joint + 1}) at s = {s:.4g} mm",
+            kappa,
+            "u_child - u_parent < 0 on the whole common range",
+            "Make the child surface more convex (u more negative), or narrow the limits.",
+        )
+
+
+@functools.lru_cache(maxsize=256)
+def _largest_kappa(child: Profile, parent: Profile) -> tuple[float, float]:
+    """Arc length where the relative curvature is largest, and how large: in the first piece where it is not below 0."""
+    found = []
     for lo, hi in itertools.pairwise(_borders(child, parent)):
         s = _extremes(child, parent, lo, np.nextafter(hi, lo))
         kappa = child.curvature(s) - parent.curvature(s)
         worst = int(np.argmax(kappa))
-        if not kappa[worst] < 0:
-            raise MechanismError(
-                f"relative curvature of joint {joint} (link {joint} on link {joint + 1}) at s = {s[worst]:.4g} mm",
-                float(kappa[worst]),
-                "u_child - u_parent < 0 on the whole common range",
-                "Make the child surface more convex (u more negative), or narrow the limits.",
-            )
+        found.append((float(s[worst]), float(kappa[worst])))
+    return next((pair for pair in found if not pair[1] < 0), max(found, key=lambda pair: pair[1]))
 
 
-def check_gap(joint: int, tendon: int, child: Surface, parent: Surface, child_hole: Array, parent_hole: Array) -> None:
-    """Raise MechanismError where the distal hole of a tendon falls below the proximal one."""
-    s = np.unique(np.concatenate([np.linspace(*common_range(child, parent), 61), [0.0]]))
-    theta = child.tangent_angle(s)
-    phi = theta - parent.tangent_angle(s)
-    arm = parent_hole - parent.point(s)
-    turned = np.stack(
-        [np.cos(phi) * arm[:, 0] - np.sin(phi) * arm[:, 1], np.sin(phi) * arm[:, 0] + np.cos(phi) * arm[:, 1]], 1
-    )
-    gap = child.point(s) + turned - child_hole
-    height = -np.sin(theta) * gap[:, 0] + np.cos(theta) * gap[:, 1]
-    worst = int(np.argmin(height))
-    if height[worst] < -1e-9:
+def check_gaps(
+    joint: int, tendons: Sequence[int], child: Surface, parent: Surface, child_holes: Array, parent_holes: Array
+) -> None:
+    """Raise MechanismError where the distal hole of a tendon falls below the proximal one; holes (tendons, 2)."""
+    contact = _contacts(child.profile, parent.profile)
+    theta = child.angle + contact.child_turning
+    phi = theta - parent.angle - contact.parent_turning
+    arm = parent_holes[:, None] - parent.placed(contact.parent_curve)
+    turned_x = np.cos(phi) * arm[..., 0] - np.sin(phi) * arm[..., 1]
+    turned_y = np.sin(phi) * arm[..., 0] + np.cos(phi) * arm[..., 1]
+    gap = child.placed(contact.child_curve) - child_holes[:, None]
+    height = np.cos(theta) * (gap[..., 1] + turned_y) - np.sin(theta) * (gap[..., 0] + turned_x)
+    tendon, worst = np.unravel_index(int(np.argmin(height)), height.shape)
+    if height[tendon, worst] < -1e-9:
         raise MechanismError(
-            f"gap of tendon {tendon} across joint {joint} with the contact at s = {s[worst]:.4g} mm",
-            float(height[worst]),
+            f"gap of tendon {tendons[tendon]} across joint {joint} with the contact at s = {contact.s[worst]:.4g} mm",
+            float(height[tendon, worst]),
             "a positive height [mm]: the holes cross",
             f"Lower the child hole of link {joint}, raise the parent hole of link {joint + 1}, or narrow the limits.",
         )
 
 
-def _borders(child: Surface, parent: Surface) -> Array:
+class _Contacts(NamedTuple):
+    """Contacts all over a joint, on the curves of its two profiles: (61 or 62, ...)."""
+
+    s: Array
+    child_turning: Array
+    parent_turning: Array
+    child_curve: Array
+    parent_curve: Array
+
+
+@functools.lru_cache(maxsize=256)
+def _contacts(child: Profile, parent: Profile) -> _Contacts:
+    s = np.unique(np.concatenate([np.linspace(*common_range(child, parent), 61), [0.0]]))
+    return _Contacts(s, child.turning(s), parent.turning(s), child.curve(s), parent.curve(s))
+
+
+def _borders(child: Profile, parent: Profile) -> Array:
     low, high = common_range(child, parent)
     if not low < high:
         raise MechanismError("common arc length range of a joint", (low, high), "limits of both surfaces that overlap")
-    breaks = np.union1d(child.profile.breaks, parent.profile.breaks)
+    breaks = np.union1d(child.breaks, parent.breaks)
     return np.union1d([low, high], breaks[(breaks > low) & (breaks < high)])
 
 
-def _extremes(child: Surface, parent: Surface, low: float, high: float) -> Array:
+def _extremes(child: Profile, parent: Profile, low: float, high: float) -> Array:
     """Arc lengths where kappa, a polynomial between low and high, can be largest: both ends and stationary points."""
-    degree = max(surface.profile.coefficients.shape[1] for surface in (child, parent)) - 1
+    degree = max(profile.coefficients.shape[1] for profile in (child, parent)) - 1
     if degree < 2:
         return np.array([low, high])
     kappa = chebyshev.Chebyshev.interpolate(lambda s: child.curvature(s) - parent.curvature(s), degree, (low, high))

@@ -8,6 +8,7 @@ Source: docs/theory.md, section 1.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -112,6 +113,42 @@ class Profile:
         """∫ u ds from 0 to s, the shape of s [rad]."""
         return self._evaluate(self._turning_coefficients, s)
 
+    def curve(self, s: ArrayLike) -> Array:
+        """Points of the curve that begins at the origin along the x axis, (..., 2) [mm].
+
+        Raises:
+            InvalidInput: s beyond the limits.
+        """
+        s = np.asarray(s, float)
+        lo, hi = self.limits
+        if not np.all((s >= lo - 1e-12) & (s <= hi + 1e-12)):
+            raise InvalidInput("arc length s", s, f"values within the surface limits [{lo:g}, {hi:g}] mm")
+        borders, positions = self._panels
+        panel = np.clip(np.searchsorted(borders, s, side="right") - 1, 0, len(borders) - 2)
+        return positions[panel] + self._chord(borders[panel], s)
+
+    def _chord(self, begin: Array, end: Array) -> Array:
+        """Chord of the curve from begin to end, both within one panel, (..., 2) [mm]."""
+        half = 0.5 * (end - begin)[..., None]
+        theta = self.turning(begin[..., None] + half * (1 + _NODES))
+        return np.concatenate(
+            [half * (np.cos(theta) @ _WEIGHTS)[..., None], half * (np.sin(theta) @ _WEIGHTS)[..., None]], axis=-1
+        )
+
+    @cached_property
+    def _panels(self) -> tuple[Array, Array]:
+        """Panel borders and the points there; no panel turns by more than _PANEL_TURN."""
+        breaks = np.union1d(self.breaks, [0.0])
+        pieces = []
+        for lo, hi in itertools.pairwise(breaks):
+            steepest = np.abs(self.curvature(np.linspace(lo, np.nextafter(hi, lo), 65))).max()
+            count = max(1, int(np.ceil(1.2 * steepest * (hi - lo) / _PANEL_TURN)))
+            pieces.append(np.linspace(lo, hi, count + 1)[:-1])
+        borders = np.concatenate([*pieces, breaks[-1:]])
+        chords = self._chord(borders[:-1], borders[1:])
+        positions = np.concatenate([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
+        return borders, positions - positions[np.searchsorted(borders, 0.0)]
+
     @cached_property
     def _turning_coefficients(self) -> Array:
         powers = np.arange(1, self.coefficients.shape[1] + 1)
@@ -175,39 +212,16 @@ class Surface:
         Raises:
             InvalidInput: s beyond the limits of the surface.
         """
-        s = np.asarray(s, float)
-        lo, hi = self.limits
-        if not np.all((s >= lo - 1e-12) & (s <= hi + 1e-12)):
-            raise InvalidInput("arc length s", s, f"values within the surface limits [{lo:g}, {hi:g}] mm")
-        borders, positions = self._panels
-        panel = np.clip(np.searchsorted(borders, s, side="right") - 1, 0, len(borders) - 2)
-        return positions[panel] + self._arc(borders[panel], s)
+        return self.placed(self.profile.curve(s))
+
+    def placed(self, curve: Array) -> Array:
+        """Points (..., 2) of the profile's curve, in the link frame [mm]."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return curve @ np.array([[cos, sin], [-sin, cos]]) + self.start
 
     def pose(self, s: ArrayLike) -> Array:
         """Surface frame (x, y, tangent angle) in the link frame, (..., 3) [mm, rad]."""
         return np.concatenate([self.point(s), self.tangent_angle(s)[..., None]], axis=-1)
-
-    def _arc(self, begin: Array, end: Array) -> Array:
-        """Chord of the surface from begin to end, both within one panel, (..., 2) [mm]."""
-        half = 0.5 * (end - begin)[..., None]
-        theta = self.tangent_angle(begin[..., None] + half * (1 + _NODES))
-        return np.concatenate(
-            [half * (np.cos(theta) @ _WEIGHTS)[..., None], half * (np.sin(theta) @ _WEIGHTS)[..., None]], axis=-1
-        )
-
-    @cached_property
-    def _panels(self) -> tuple[Array, Array]:
-        """Panel borders and the positions there; no panel turns by more than _PANEL_TURN."""
-        breaks = np.union1d(self.profile.breaks, [0.0])
-        pieces = []
-        for lo, hi in itertools.pairwise(breaks):
-            steepest = np.abs(self.curvature(np.linspace(lo, np.nextafter(hi, lo), 65))).max()
-            count = max(1, int(np.ceil(1.2 * steepest * (hi - lo) / _PANEL_TURN)))
-            pieces.append(np.linspace(lo, hi, count + 1)[:-1])
-        borders = np.concatenate([*pieces, breaks[-1:]])
-        chords = self._arc(borders[:-1], borders[1:])
-        positions = np.concatenate([np.zeros((1, 2)), np.cumsum(chords, axis=0)])
-        return borders, positions - positions[np.searchsorted(borders, 0.0)] + np.array(self.start)
 
 
 def _finite(what: str, values: ArrayLike, ndim: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +15,7 @@ from rollingjoint import joint_table
 from rollingjoint._kernels.arrays import BUCKETS, Chain, aligned
 from rollingjoint._kernels.forward import arc_lengths_of, poses_of
 from rollingjoint.errors import InvalidInput, MechanismError, as_floats
-from rollingjoint.profile import Surface
+from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
 
 Array = NDArray[np.float64]
@@ -202,10 +203,11 @@ class RollingChain:
 
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""
-        for j, holes in enumerate(self.hole_points):
-            for i in range(len(holes) - 1):
-                below, above = self.links[i].child, self.links[i + 1].parent
-                joint_table.check_gap(i, j, below, above, holes[i, 1], holes[i + 1, 0])
+        for i, (below, above) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+            crossing = [j for j, holes in enumerate(self.hole_points) if len(holes) > i + 1]
+            if crossing:
+                holes = np.array([self.hole_points[j][i : i + 2] for j in crossing])
+                joint_table.check_gaps(i, crossing, below.child, above.parent, holes[:, 0, 1], holes[:, 1, 0])
 
 
 def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
@@ -234,5 +236,11 @@ def _locate(hole: Hole, surface: Surface) -> Array:
             raise MechanismError(
                 "hole on the surface at s", hole.s, f"an arc length on the surface, [{low:g}, {high:g}] mm"
             )
-        return surface.point(hole.s)
+        return surface.placed(_on_curve(surface.profile, hole.s))
     return np.array(hole)
+
+
+@functools.lru_cache(maxsize=1024)
+def _on_curve(profile: Profile, s: float) -> Array:
+    """The point of the profile's curve, (2,) [mm]; kept, since mechanisms of one kind share their profiles."""
+    return profile.curve(s)

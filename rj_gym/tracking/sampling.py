@@ -251,22 +251,22 @@ def varied_mechanism(mechanism: RollingChain, offsets: Array, factors: Array) ->
         offsets: x, y, angle of every link's parent and child surface, (n, 2, 3) [mm, rad].
         factors: of the tendon stiffnesses, (m,).
     """
+    changes: dict[str, object] = {}
     if np.any(factors != 1):
-        tendons = tuple(
+        changes["tendons"] = tuple(
             replace(tendon, stiffness=tendon.stiffness * float(factor))
             for tendon, factor in zip(mechanism.tendons, factors, strict=True)
         )
-        mechanism = replace(mechanism, tendons=tendons)
     while np.any(np.abs(offsets) > 1e-6):
         links = tuple(
             Link(_displaced(link.parent, parent), _displaced(link.child, child))
             for link, (parent, child) in zip(mechanism.links, offsets, strict=True)
         )
         try:
-            return replace(mechanism, links=links)
+            return mechanism.replace(links=links, **changes)
         except MechanismError:  # tendon holes that would cross: a workshop would scrap the part; halve the error
             offsets = 0.5 * offsets
-    return mechanism
+    return mechanism.replace(**changes) if changes else mechanism
 
 
 def _displaced(surface: Surface, offset: Array) -> Surface:
