@@ -147,7 +147,7 @@ def check_gaps(
     turned_y = np.sin(phi) * arm[..., 0] + np.cos(phi) * arm[..., 1]
     gap = child.placed(contact.child_curve) - child_holes[:, None]
     height = np.cos(theta) * (gap[..., 1] + turned_y) - np.sin(theta) * (gap[..., 0] + turned_x)
-    tendon, worst = np.unravel_index(int(np.argmin(height)), height.shape)
+    tendon, worst = (int(place) for place in np.unravel_index(np.argmin(height), height.shape))
     if height[tendon, worst] < -1e-9:
         raise MechanismError(
             f"gap of tendon {tendons[tendon]} across joint {joint} with the contact at s = {contact.s[worst]:.4g} mm",
