@@ -149,8 +149,8 @@ def test_a_missed_target_is_named_on_the_page():
         TITLE, TEXT = "Title", "Text."
 
     met, missed = Row("met", 1.0, "µs", target=Target(2.0)), Row("late", 3.0, "µs", target=Target(2.0))
-    assert "All 1 targets are met." in page([(Section, [met])])
-    text = page([(Section, [met, missed, Row("unknown", None, "µs", target=Target(2.0))])])
+    assert "All 1 targets are met." in page([(Section, [met])], 1)
+    text = page([(Section, [met, missed, Row("unknown", None, "µs", target=Target(2.0))])], 1)
     assert "1 of 2 targets are met. Missed:\n\n- late: 3 µs" in text
     assert "| late | 3 µs | ≤ 2 µs: **missed** |" in text
 
@@ -161,3 +161,15 @@ def test_the_power_law_of_exact_points_is_found():
     exponent, (first, last) = power_law([(n, 3.0 * n**1.5) for n in (100, 200, 800)])
     assert exponent == pytest.approx(1.5)
     assert first == pytest.approx((100, 3000.0)) and last == pytest.approx((800, 3.0 * 800**1.5))
+
+
+def test_of_two_rounds_each_contestant_keeps_its_faster_time_and_what_is_no_speed_stays():
+    from speed_rows.row import Peer, Row
+
+    first = Row("solve", 2.0, "µs", "first", peers=(Peer("peer", 30.0), Peer("absent", None, "not installed")))
+    second = Row("solve", 3.0, "µs", "second", peers=(Peer("peer", 20.0), Peer("absent", None, "not installed")))
+    best = first.best(second)
+    assert (best.value, best.sample) == (2.0, "first")
+    assert [peer.value for peer in best.peers] == [20.0, None]
+    assert Row("rate", 2.0, "steps/s").best(Row("rate", 3.0, "steps/s")).value == 3.0
+    assert Row("share", 90.0, "%").best(Row("share", 95.0, "%")).value == 90.0

@@ -16,6 +16,7 @@ from speed_rows.row import Row
 from speed_rows.sizes import LEFT_OUT, Sizes
 
 TITLE = "Instructions"
+ONCE = True
 TEXT = """Instructions of the compiled warm solve as valgrind's callgrind counts them: a process with 1,000 solves
 more minus one without them, so that interpreter and imports cancel. The code is compiled for a Haswell processor,
 because valgrind does not know AVX-512. The count does not depend on what else the machine does; it is meant for

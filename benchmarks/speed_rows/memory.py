@@ -16,6 +16,7 @@ from speed_rows.sizes import Sizes
 from speed_rows.walk import TENSION_LIMITS, random_walk
 
 TITLE = "Memory"
+ONCE = True
 TEXT = """Peak of what Python and NumPy allocate (`tracemalloc`) in a call with twice as many lanes minus that with
 as many, per lane; inputs are made before. The results of the solver are subtracted. Scratch space of the compiled
 code, which does not grow with the lanes, is not seen."""

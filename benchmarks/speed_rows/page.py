@@ -19,13 +19,15 @@ python benchmarks/speed.py
 ```
 
 which measures everything below anew and takes some minutes; peers run in the same process and take turns with ours.
-Speeds are those of the fastest of several repeats unless the sample says otherwise. "Times faster" is ours against the
-peer: below 1, the peer is faster. Times differ between runs with what else the machine does; ratios differ much less.
+Speeds are those of the fastest of several repeats unless the sample says otherwise, and of the fastest of {rounds}
+rounds through the sections, ours and every peer's, since a machine that others share has slower minutes; pictures show
+the first round. What is no speed, and what is counted or profiled, is measured once. "Times faster" is ours against
+the peer: below 1, the peer is faster.
 Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
 
 
 class Section(Protocol):
-    """A module of measurements; PICTURES (file name: caption) is optional."""
+    """A module of measurements; PICTURES (file name: caption) and ONCE (whether one round is enough) are optional."""
 
     TITLE: str
     TEXT: str
@@ -35,10 +37,10 @@ class Section(Protocol):
         ...
 
 
-def page(measured: Sequence[tuple[Section, Sequence[Row]]], images: str = "images") -> str:
-    """The page of measured sections, as Markdown."""
+def page(measured: Sequence[tuple[Section, Sequence[Row]]], rounds: int, images: str = "images") -> str:
+    """The page of sections measured in so many rounds, as Markdown."""
     rows = [row for _, section_rows in measured for row in section_rows]
-    parts = [INTRO, f"Measured on: {machine.in_words()}", _targets(rows)]
+    parts = [INTRO.format(rounds=rounds), f"Measured on: {machine.in_words()}", _targets(rows)]
     for section, section_rows in measured:
         parts += [f"## {section.TITLE}", section.TEXT, table(section_rows)]
         pictures: Mapping[str, str] = getattr(section, "PICTURES", {})

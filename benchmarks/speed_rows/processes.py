@@ -42,6 +42,9 @@ def seconds_of_process(code: str, variables: Mapping[str, str] | None = None) ->
 
 
 def environment(variables: Mapping[str, str]) -> dict[str, str]:
-    """This process's variables and some more, with the package under test and `speed_rows` on the path."""
+    """This process's variables and some more, with the package under test and `speed_rows` on the path.
+
+    Bytecode is written, as on a user's machine, also where the variables of this process forbid it.
+    """
     paths = [str(ROOT), str(BENCHMARKS), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **variables}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "", **variables}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from speed_rows.timing import Timing
 
@@ -57,6 +57,15 @@ class Row:
         """True for a value that misses its target."""
         return self.value is not None and self.target is not None and not self.target.met(self.value)
 
+    def best(self, other: Row) -> Row:
+        """The faster of two measurements of one thing, ours and every peer's; this one where the unit is no speed."""
+        assert self.what == other.what and [peer.name for peer in self.peers] == [peer.name for peer in other.peers]
+        if not _is_speed(self.unit):
+            return self
+        faster = other if _faster(other.value, self.value, self.unit) else self
+        peers = zip(self.peers, other.peers, strict=True)
+        return replace(faster, peers=tuple(b if _faster(b.value, a.value, self.unit) else a for a, b in peers))
+
     def times_faster(self, peer: Peer) -> float | None:
         """How many times faster this is than a peer; None where either is missing."""
         if not self.value or not peer.value:
@@ -103,6 +112,17 @@ def timed_row(
     if isinstance(ours, str):
         return Row(what, None, unit, "", target, tuple(peers), ours)
     return Row(what, in_unit(ours.seconds, unit), unit, ours.sample, target, tuple(peers), note)
+
+
+def _is_speed(unit: str) -> bool:
+    return unit in UNITS or unit.endswith("/s")
+
+
+def _faster(value: float | None, than: float | None, unit: str) -> bool:
+    """Whether a value is there and is faster."""
+    if value is None or than is None:
+        return value is not None
+    return value > than if unit.endswith("/s") else value < than
 
 
 def in_unit(seconds: float, unit: str) -> float:

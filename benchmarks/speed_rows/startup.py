@@ -12,9 +12,10 @@ from speed_rows.row import Row, Target
 from speed_rows.sizes import LEFT_OUT, Sizes
 
 TITLE = "Start-up"
-TEXT = """New processes; the time that a bare interpreter takes is subtracted, medians of several. A first solve is a
-process that imports rollingjoint and calls `solve_lengths` once: with compiled kernels on disk what it takes beyond the
-import, with an empty cache folder all of it."""
+TEXT = """New processes; the time that a bare interpreter takes is subtracted, medians of several. Python finds its
+bytecode on disk, as from the second start on. A first solve is a process that imports rollingjoint and calls
+`solve_lengths` once: with compiled kernels on disk what it takes beyond the import, with an empty cache folder all of
+it."""
 
 FIRST_SOLVE = "import rollingjoint as rj; m = rj.five_link(); rj.solve_lengths(m, m.neutral_lengths - 0.5)"
 FIRST_STEP = (
