@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents import results, results_pictures, train
+from agents import train
 from agents.baselines import baselines
 from agents.config import EnvConfig
 from agents.evaluate import evaluate_controllers
 from agents.policy import Policy
 from agents.report import Score
-from agents.results_page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
-from agents.results_runs import find_tasks, heavier
-from agents.results_scores import Comparison, Scores, driving, score
+from agents.results import __main__ as results
+from agents.results import pictures as results_pictures
+from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
+from agents.results.runs import find_tasks, heavier
+from agents.results.scores import Comparison, Scores, driving, score
 from agents.rollout import Episodes
 from agents.run_folder import RunFolder
 

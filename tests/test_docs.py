@@ -26,6 +26,7 @@ FOLDERS = [
     "rj_gym/vector_checker",
     "agents",
     "agents/baselines",
+    "agents/results",
 ]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from agents.controller import Array
 from agents.report import CLOSE_MM, FLOOR, HELD_STEPS, Score
-from agents.results_runs import HEAVIER, Recipe, Task
-from agents.results_scores import FEEDBACK, Comparison, Scored, Scores
+from agents.results.runs import HEAVIER, Recipe, Task
+from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
 from agents.run_folder import seeds as used_seeds
 from rj_gym.config import LoadConfig, RandomizationConfig
 from rj_gym.tracking.task import TrackingTask

@@ -18,8 +18,8 @@ from agents.controller import Array
 from agents.pictures import COLOURS, SMALLEST_MM, animation, png
 from agents.policy import Policy
 from agents.report import FLOOR
-from agents.results_runs import POLICY, Recipe
-from agents.results_scores import FEEDBACK, Scored
+from agents.results.runs import POLICY, Recipe
+from agents.results.scores import FEEDBACK, Scored
 from agents.rollout import film
 
 OPEN_LOOP = "open loop"

@@ -17,7 +17,7 @@ from agents.controller import Array
 from agents.floor import episode_floor
 from agents.policy import Policy
 from agents.report import FLOOR, Score
-from agents.results_runs import POLICY, Task, heavier
+from agents.results.runs import POLICY, Task, heavier
 from agents.rollout import Episodes, run_episodes
 from agents.run_folder import RunFolder
 from rollingjoint import set_threads

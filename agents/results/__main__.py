@@ -23,8 +23,8 @@ from agents.fields import check_integer
 from agents.run_folder import PACKAGES, RunFolderError, typed_command, versions, write_bytes, write_text
 
 if TYPE_CHECKING:
-    from agents.results_runs import Task
-    from agents.results_scores import Scored
+    from agents.results.runs import Task
+    from agents.results.scores import Scored
 
 LEARNING = (
     "Mean tip error in the evaluations during training over {}: median of the seeds, band from the smallest to the "
@@ -56,7 +56,7 @@ def _command(arguments: argparse.Namespace) -> int:
     check_integer("--episodes", arguments.episodes, 1, 100_000)
     check_integer("--seed", arguments.seed, 0, 2**31)
     check_integer("--jobs", arguments.jobs, 1)
-    from agents.results_runs import find_tasks
+    from agents.results.runs import find_tasks
 
     tasks, left_out = find_tasks(arguments.runs)
     for path, reason in left_out.items():
@@ -72,7 +72,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 def _scored(tasks: Sequence[Task], seeds: range, jobs: int) -> list[Scored]:
     """The scores of every task, under loads heavier than in training too; raises ConfigError for seeds of training."""
-    from agents.results_scores import driving, score_task
+    from agents.results.scores import driving, score_task
 
     for run in (run for task in tasks for recipe in task.recipes for run in recipe.runs):
         Evaluation(run.folder, "best", run.config, seeds)
@@ -86,8 +86,8 @@ def _scored(tasks: Sequence[Task], seeds: range, jobs: int) -> list[Scored]:
 
 
 def _write(scored: Sequence[Scored], seeds: range, left_out: Mapping[Path, str], arguments: argparse.Namespace) -> None:
-    from agents import results_pictures as pictures
-    from agents.results_page import About, page
+    from agents.results import pictures as pictures
+    from agents.results.page import About, page
 
     images = {
         "results_learning_steps.png": (pictures.learning_curves(scored, over_time=False), LEARNING.format("steps")),

@@ -1,0 +1,1 @@
+"""The results page, from run folders alone: python -m agents.results DIR."""
