@@ -34,7 +34,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "    the CPU build of torch is not in pip's index; uv fetches it from PyTorch's own"; \
 	  $(PIP) install -c constraints.txt uv && \
 	  $(BIN)/uv pip install --quiet --python $(BIN)/python --torch-backend cpu -c constraints.txt "$(TORCH)"; }
-	@$(PIP) install -c constraints.txt -e ".[train,dev]"
+	@$(PIP) install -c constraints.txt -e ".[train,search,cad,dev]"
 	@touch $@
 
 demo: setup

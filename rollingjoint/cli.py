@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from rollingjoint import report
 from rollingjoint._jit import cache_directory
+from rollingjoint.cad import command
 from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
@@ -66,6 +67,20 @@ def _plot(args: argparse.Namespace) -> int:
     if not equilibrium.ok:
         print(f"rj plot: {report.status_line(equilibrium)}", file=sys.stderr)
         return NOT_USABLE
+    return OK
+
+
+def _export(args: argparse.Namespace) -> int:
+    mechanism = load_mechanism(args.mechanism)
+    if args.tensions is None and args.lengths is None:
+        _refuse_idle_options(args)
+        print(*command.export_files(mechanism, args), sep="\n")
+        return OK
+    equilibrium = _equilibrium(args, mechanism)
+    if not equilibrium.ok:
+        print(f"rj export: {report.status_line(equilibrium)}", file=sys.stderr)
+        return NOT_USABLE
+    print(*command.export_files(equilibrium, args), sep="\n")
     return OK
 
 
@@ -206,6 +221,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix says the format")
     plot.set_defaults(run=_plot)
+    export = commands.add_parser("export", help="files for the workshop: DXF, SVG, STL and an assembly drawing")
+    _add_case(export, required=False)
+    command.add_options(export)
+    export.set_defaults(run=_export)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
     commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
     check = commands.add_parser("check", help="validate mechanism files")

@@ -21,6 +21,8 @@ FOLDERS = [
     "rollingjoint",
     "rollingjoint/_kernels",
     "rollingjoint/differentiable",
+    "rollingjoint/design",
+    "rollingjoint/cad",
     "rj_gym",
     "rj_gym/tracking",
     "rj_gym/vector_checker",

@@ -1,0 +1,39 @@
+"""What `rj export` takes beside a mechanism and its actuation, and its files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rollingjoint.cad.fabrication import Fabrication
+from rollingjoint.cad.files import DEFAULT_FORMATS, FORMATS, export
+from rollingjoint.equilibrium import Equilibrium
+from rollingjoint.rolling_chain import RollingChain
+
+_SIZES = (
+    ("--thickness", "thickness", "of every body"),
+    ("--channel", "channel_diameter", "diameter of the tendon channels, 0 for none"),
+    ("--tolerance", "tolerance", "largest distance of drawn curves from the exact ones"),
+    ("--wall", "wall", "thinnest wall around a channel"),
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options for folder, formats and sizes."""
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="where the files go; made if it is not there")
+    known, default = ", ".join(FORMATS), " ".join(DEFAULT_FORMATS)
+    parser.add_argument(
+        "--format", nargs="+", default=DEFAULT_FORMATS, metavar="F", help=f"some of {known} (default {default})"
+    )
+    for option, name, text in _SIZES:
+        default = getattr(Fabrication, name)
+        parser.add_argument(
+            option, dest=name, type=float, default=default, metavar="MM", help=f"{text} (default {default:g})"
+        )
+    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+
+
+def export_files(mechanism: RollingChain | Equilibrium, args: argparse.Namespace) -> list[Path]:
+    """The files written by the options."""
+    sizes = {name: getattr(args, name) for _, name, _ in _SIZES}
+    return export(mechanism, args.out, args.format, overwrite=args.overwrite, **sizes)

@@ -1,0 +1,46 @@
+"""How bodies are made: thickness, channels, tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rollingjoint.errors import InvalidInput, as_floats
+
+
+@dataclass(frozen=True)
+class Fabrication:
+    """How bodies are made, all in mm.
+
+    Args:
+        thickness: of every body, perpendicular to the plane of motion.
+        channel_diameter: of the round tendon channels; 0 leaves them out.
+        tolerance: largest distance between a drawn curve and the exact one.
+        wall: thinnest wall around a channel.
+    Raises:
+        InvalidInput: a number beyond its range, or a channel wider than the body is thick.
+    """
+
+    thickness: float = 6.0
+    channel_diameter: float = 0.8
+    tolerance: float = 1e-3
+    wall: float = 0.4
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("thickness", 0.1, 1000.0),
+            ("channel_diameter", 0.0, 100.0),
+            ("tolerance", 1e-5, 0.1),
+            ("wall", 0.0, 100.0),
+        ):
+            value, allowed = getattr(self, name), f"{low:g} to {high:g} mm"
+            number = as_floats(name.replace("_", " "), value, allowed)
+            if number.ndim or not low <= number <= high:
+                raise InvalidInput(name.replace("_", " "), value, allowed)
+            object.__setattr__(self, name, float(number))
+        if 0 < self.channel_diameter < 20 * self.tolerance:
+            allowed = f"0 for no channels, or at least 20 times the tolerance, {20 * self.tolerance:g} mm"
+            raise InvalidInput("channel diameter", self.channel_diameter, allowed)
+        least = self.channel_diameter + 2 * self.wall
+        if self.channel_diameter and self.thickness < least:
+            needed = f"at least {least:g} mm: the channel, {self.channel_diameter:g}, and twice the wall, {self.wall:g}"
+            raise InvalidInput("thickness", self.thickness, needed, "Make the body thicker or the channel narrower.")

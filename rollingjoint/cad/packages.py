@@ -1,0 +1,21 @@
+"""Packages that only an export needs."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from rollingjoint.errors import InvalidInput
+
+
+def package(name: str) -> Any:
+    """The module of that name.
+
+    Raises:
+        InvalidInput: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        allowed, mend = "a package that is installed", 'Run: pip install "rollingjoint[cad]".'
+        raise InvalidInput("package for the export", name.partition(".")[0], allowed, mend) from None
