@@ -26,6 +26,7 @@ PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (pare
     "hole_arcs": ("m", "n", 2),
     "stiffnesses": ("m",),
 }
+_OF_SURFACES = ("breaks", "coefficients", "starts", "angles")
 _MOST_TURN = 50.0  # rad; a piece that may turn by more is no surface
 _LARGEST = 1e12
 _SAMPLES = 9  # of the relative curvature in every piece
@@ -173,8 +174,11 @@ class DifferentiableChain:
         return dataclasses.replace(self, **chosen)
 
     def surfaces(self) -> Surfaces:
-        """Every surface, (..., n, 2)."""
-        return Surfaces.of(self.breaks, self.coefficients, self.starts, self.angles)
+        """Every surface, (..., n, 2); where one link was expanded to n, they are computed once."""
+        tables = [(getattr(self, name), len(axes)) for name, axes in PARAMETERS.items() if name in _OF_SURFACES]
+        if any(tensor.stride(tensor.ndim - axes) for tensor, axes in tables):
+            return Surfaces.of(*(tensor for tensor, _ in tables))
+        return Surfaces.of(*(tensor.narrow(tensor.ndim - axes, 0, 1) for tensor, axes in tables)).repeated(self.n_links)
 
     def valid(self) -> Tensor:
         """Whether links can roll on each other, (batch): a relative curvature below 0 at 9 places of every piece.
@@ -183,7 +187,7 @@ class DifferentiableChain:
         """
         with torch.no_grad():
             good = self.finite()
-            return good & _rolling(self.where(good).surfaces())
+            return good & _rolling(self.where(good))
 
     def finite(self) -> Tensor:
         """Whether the numbers can be those of a mechanism at all, (batch)."""
@@ -224,17 +228,29 @@ class DifferentiableChain:
         return dataclasses.replace(self, **changed)
 
 
-def _rolling(surfaces: Surfaces) -> Tensor:
+def _rolling(design: DifferentiableChain) -> Tensor:
     """Whether the relative curvature of every joint is below 0 where it is sampled."""
-    joints = surfaces.joints()
+    inside = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES).to(design.breaks)
+    below, above = design.breaks[..., :-1, 1, :], design.breaks[..., 1:, 0, :]
+    if bool((below == above).all()):
+        return _rolling_alike(design, below.diff(dim=-1), inside)
+    joints = design.surfaces().joints()
     low, high = joints.common_range()
     begins = joints.pieces[..., 0]
-    lengths = torch.cat([begins[..., 1:], joints.limits[..., 1:]], -1) - begins
-    inside = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES).to(begins)
+    ends = joints.limits[..., 1:].expand(*begins.shape[:-1], 1)
+    lengths = torch.cat([begins[..., 1:], ends], -1) - begins
     s = (begins[..., None] + lengths[..., None] * inside).flatten(-3).movedim(-1, -2)  # (..., samples, J)
     s = torch.minimum(torch.maximum(s, low[..., None, :]), high[..., None, :])
     curvature = joints.several().at(s[..., None].expand(*s.shape, 2)).curvature()
     return (curvature[..., 0] < curvature[..., 1]).flatten(-2).all(-1) & (low < high).all(-1)
+
+
+def _rolling_alike(design: DifferentiableChain, lengths: Tensor, inside: Tensor) -> Tensor:
+    """The same for joints whose two surfaces have the same pieces, of these lengths (..., J, p)."""
+    degrees = torch.arange(design.coefficients.shape[-1]).to(inside)
+    relative = design.coefficients[..., :-1, 1, :, :] - design.coefficients[..., 1:, 0, :, :]
+    samples = (relative * lengths[..., None] ** degrees) @ (inside ** degrees[:, None])
+    return ((samples < 0) | (lengths[..., None] == 0)).flatten(-3).all(-1)
 
 
 def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.ndarray]:

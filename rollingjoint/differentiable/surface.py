@@ -119,6 +119,14 @@ class Surfaces:
         limits, borders, pieces = self.limits.unsqueeze(-4), self.borders.unsqueeze(-4), self.pieces.unsqueeze(-5)
         return Surfaces(limits, borders, pieces, self.nodes, self.weights)
 
+    def repeated(self, count: int) -> Surfaces:
+        """Of one link (..., 1, 2) the surfaces of so many alike, (..., count, 2)."""
+        limits, borders = (
+            table.expand(*table.shape[:-3], count, *table.shape[-2:]) for table in (self.limits, self.borders)
+        )
+        pieces = self.pieces.expand(*self.pieces.shape[:-4], count, *self.pieces.shape[-3:])
+        return Surfaces(limits, borders, pieces, self.nodes, self.weights)
+
     def joints(self) -> Surfaces:
         """Of links (..., n, 2) the two surfaces of every joint, (..., n - 1, 2): child below, parent above."""
 

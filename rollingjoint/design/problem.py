@@ -1,0 +1,299 @@
+"""A design problem: a space, objectives and limits; the one number that a search makes small, and its gradient."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from rollingjoint.design.objectives import Measured, Objective
+from rollingjoint.design.space import DesignSpace
+from rollingjoint.differentiable import DifferentiableChain
+from rollingjoint.errors import InvalidInput, SolverError, as_floats, as_integer
+from rollingjoint.rolling_chain import RollingChain
+
+Array = NDArray[np.float64]
+Result = TypeVar("Result")
+
+FAILED = 100.0
+"""Cost of a design that cannot be judged, and violation of numbers that are no design."""
+
+_CHUNK = 1024  # designs are solved together at most; measured, docs/design.md
+_FARTHEST = 1e6  # entries of a vector, and what counts of a violation, end here
+
+
+@dataclass(frozen=True)
+class Term:
+    """An objective in the cost: weight × value / scale, with a minus where more is better.
+
+    Raises:
+        InvalidInput: numbers that are not finite, a negative weight, a scale that is not above 0.
+    """
+
+    objective: Objective
+    weight: float = 1.0
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.weight < math.inf:
+            raise InvalidInput("weight", self.weight, "a weight of 0 or more")
+        if not 0 < self.scale < math.inf:
+            raise InvalidInput("scale", self.scale, "a scale above 0")
+
+    @property
+    def factor(self) -> float:
+        """What the cost is per unit of the objective."""
+        return (-1.0 if self.objective.maximise else 1.0) * self.weight / self.scale
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Bounds that an objective must keep to; violated by the excess over the bound's size (or over 1, if that is 0).
+
+    Raises:
+        InvalidInput: NaN, bounds in the wrong order.
+    """
+
+    objective: Objective
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high or not (math.isfinite(self.low) or math.isfinite(self.high)):
+            raise InvalidInput("limit", (self.low, self.high), "low <= high, at least one of them finite")
+
+    def violation(self, values: Tensor) -> Tensor:
+        """By how much values break the bounds, relative, (B,)."""
+        under = _excess(self.low - values, self.low)
+        return under + _excess(values - self.high, self.high)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What designs are worth, rows as they came.
+
+    Attributes:
+        x: vectors of the designs, (B, d).
+        values: of the objectives, physical, (B, terms); of no meaning where not `ok`.
+        limited: of the objectives with limits, (B, limits).
+        margins: of the space, (B, margins), 0 or more for a design that can be built.
+        violation: sum of what margins, limits and the box are broken by, (B,), 0 or more.
+        ok: every equilibrium was found, (B,).
+        feasible: ok and no violation, (B,).
+        cost: what a search makes small, (B,), always finite.
+    """
+
+    x: Array
+    values: Array
+    limited: Array
+    margins: Array
+    violation: Array
+    ok: NDArray[np.bool_]
+    cost: Array
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Rows that are ok and violate nothing."""
+        return self.ok & (self.violation == 0)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Designs of a space, judged.
+
+    The cost of a design is the sum of its terms, and on top penalty × (v + v²) of its violation v: an exact penalty,
+    which is least at a feasible design when `penalty` is larger than what a unit of violation gains. A design that has
+    no equilibrium costs `FAILED` in place of the terms, and its gradient is that of its violation.
+
+    Args:
+        space: of the designs.
+        objectives: the terms of the cost.
+        limits: what the designs must keep to beside the margins of the space.
+        penalty: of a unit of violation, above 0.
+    Raises:
+        InvalidInput: neither an objective nor a limit, a penalty that is not above 0.
+    """
+
+    space: DesignSpace
+    objectives: tuple[Term, ...]
+    limits: tuple[Limit, ...] = ()
+    penalty: float = 10.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "objectives", tuple(self.objectives))
+        object.__setattr__(self, "limits", tuple(self.limits))
+        if not self.objectives and not self.limits:
+            raise InvalidInput("objectives", self.objectives, "at least one Term")
+        if not 0 < self.penalty < math.inf:
+            raise InvalidInput("penalty", self.penalty, "a penalty above 0")
+
+    @property
+    def dimensions(self) -> int:
+        """Length of a vector."""
+        return self.space.dimensions
+
+    @cached_property
+    def distinct(self) -> tuple[Objective, ...]:
+        """The objectives of terms and limits, each once."""
+        judges = [term.objective for term in self.objectives] + [limit.objective for limit in self.limits]
+        return tuple(dict.fromkeys(judges))
+
+    def evaluate(self, x: ArrayLike, threads: int = 1) -> Evaluation:
+        """What designs are worth; a row does not depend on the others beyond rounding.
+
+        Args:
+            x: vectors, (B, d), any numbers; beyond [-1, 1] lies the design at the border, which violates the box.
+            threads: Python threads that share the rows.
+        Raises:
+            InvalidInput: no table of d columns, threads below 1.
+        """
+        rows = self._rows(x)
+        return _evaluation(rows, _chunked(self._judged_once, rows, threads))
+
+    def with_gradient(self, x: ArrayLike, threads: int = 1) -> tuple[Evaluation, Array]:
+        """What designs are worth, and the gradient of their cost, (B, d).
+
+        Args:
+            x, threads: as for `evaluate`.
+        Raises:
+            InvalidInput: as for `evaluate`.
+        """
+        rows = self._rows(x)
+        judged = _chunked(self._differentiated, rows, threads)
+        gradient = np.concatenate([part.numpy() for _, part in judged])
+        return _evaluation(rows, [found for found, _ in judged]), gradient
+
+    def against(self, mechanism: RollingChain) -> Array:
+        """Values of the objectives of a given mechanism, to compare designs with; raises as `measure`."""
+        return measure(mechanism, [term.objective for term in self.objectives])
+
+    def _rows(self, x: ArrayLike) -> Array:
+        rows = as_floats("x", x, f"designs, (B, {self.dimensions})")
+        if rows.ndim != 2 or rows.shape[1] != self.dimensions or not len(rows):
+            raise InvalidInput("shape of x", rows.shape, f"(B, {self.dimensions}), at least one row")
+        return rows
+
+    def _judged_once(self, x: Tensor) -> _Judged:
+        with torch.no_grad():
+            return self._judged(x)
+
+    def _differentiated(self, x: Tensor) -> tuple[_Judged, Tensor]:
+        leaf = x.clone().requires_grad_()
+        with torch.enable_grad():
+            judged = self._judged(leaf)
+            (gradient,) = torch.autograd.grad(judged.cost.sum(), leaf)
+        return judged.detached(), torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def _judged(self, x: Tensor) -> _Judged:
+        """Rows of designs as tensors."""
+        known = torch.isfinite(x).all(-1)
+        vector = torch.where(known[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
+        chain = self.space.chain(vector)
+        margins = torch.nan_to_num(self.space.margins(vector), nan=-1.0).clamp(-_FARTHEST, _FARTHEST)
+        found = {objective: objective.measure(chain) for objective in self.distinct}
+        ok = known
+        for measured in found.values():
+            ok = ok & measured.ok & torch.isfinite(measured.values)
+        values, limited = (
+            _columns([found[entry.objective] for entry in entries], ok) for entries in (self.objectives, self.limits)
+        )
+        broken = torch.relu(-margins).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
+        for column, limit in enumerate(self.limits):
+            broken = broken + torch.where(ok, limit.violation(limited[:, column]), 0.0)
+        violation = torch.where(known, broken, FAILED)
+        factors = torch.tensor([term.factor for term in self.objectives], dtype=torch.float64)
+        worth = torch.where(ok, values @ factors, FAILED)
+        return _Judged(values, limited, margins, violation, ok, worth + self.penalty * (violation + violation.square()))
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Some rows of an evaluation, as tensors."""
+
+    values: Tensor
+    limited: Tensor
+    margins: Tensor
+    violation: Tensor
+    ok: Tensor
+    cost: Tensor
+
+    def detached(self) -> _Judged:
+        """The rows as constants."""
+        return _Judged(*(getattr(self, field.name).detach() for field in fields(self)))
+
+
+def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
+    """Values of objectives of one mechanism, which need not lie in a design space, (objectives,).
+
+    Raises:
+        InvalidInput: another number of tendons or links than the objectives are for.
+        SolverError: no stable equilibrium in one of their cases.
+    """
+    chain = DifferentiableChain.from_mechanism([mechanism])
+    values = []
+    for objective in objectives:
+        with torch.no_grad():
+            measured = objective.measure(chain)
+        if not bool(measured.ok):
+            raise SolverError(f"{objective.name}: {mechanism.name!r} has no stable equilibrium in one of its cases")
+        values.append(float(measured.values))
+    return np.array(values)
+
+
+def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool_]:
+    """Which rows no other row beats, (B,): none is as good in every column and better in one.
+
+    Args:
+        values: (B, k); rows with a NaN are beaten.
+        maximise: whether more is better, of every column.
+    Raises:
+        InvalidInput: shapes that disagree.
+    """
+    table = as_floats("values", values, "numbers (B, k)")
+    signs = np.where(np.array(list(maximise), bool), -1.0, 1.0)
+    if table.ndim != 2 or signs.shape != table.shape[1:]:
+        raise InvalidInput("shape of values", table.shape, f"(B, {len(signs)}), a column for each of `maximise`")
+    costs = table * signs
+    kept = np.all(~np.isnan(costs), axis=1)
+    for row in np.flatnonzero(kept):
+        if kept[row]:
+            kept &= ~((costs >= costs[row]).all(1) & (costs > costs[row]).any(1))
+    return kept
+
+
+def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
+    """What `work` makes of the rows, chunk by chunk, on so many threads."""
+    threads = as_integer("threads", threads, "a whole number, 1 or more", low=1)
+    chunks = torch.as_tensor(rows).split(min(_CHUNK, -(-len(rows) // threads)))
+    if threads == 1:
+        return [work(chunk) for chunk in chunks]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, chunks))
+
+
+def _columns(measured: list[Measured], ok: Tensor) -> Tensor:
+    """Values side by side, (B, columns); finite constants where not ok."""
+    if not measured:
+        return torch.zeros(len(ok), 0, dtype=torch.float64)
+    columns = torch.stack([one.values for one in measured], -1)
+    return torch.where(ok[:, None], columns, torch.nan_to_num(columns.detach(), posinf=0.0, neginf=0.0))
+
+
+def _excess(over: Tensor, bound: float) -> Tensor:
+    if not math.isfinite(bound):
+        return torch.zeros_like(over)
+    return torch.relu(over) / (abs(bound) or 1.0)
+
+
+def _evaluation(x: Array, parts: list[_Judged]) -> Evaluation:
+    """The rows of all chunks."""
+    names = [field.name for field in fields(_Judged)]
+    return Evaluation(x, **{name: np.concatenate([getattr(part, name).numpy() for part in parts]) for name in names})

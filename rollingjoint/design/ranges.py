@@ -1,0 +1,76 @@
+"""Fields of a design space: checked, with lists as tuples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rollingjoint.errors import ConfigError, as_floats, as_integer
+
+_ALLOWED = {  # name: least, most, unit
+    "convexity": (-1.0, 1.0, "1/mm"),
+    "angle": (-1.5, 1.5, "rad"),
+    "height": (0.1, 1000.0, "mm"),
+    "half_width": (0.1, 1000.0, "mm"),
+    "hole": (0.01, 1000.0, "mm"),
+    "stiffness": (1e-6, 1e6, "N/mm"),
+    "smallest_radius": (0.01, 1000.0, "mm"),
+    "wall": (0.1, 1000.0, "mm"),
+}
+_NUMBERS = ("stiffness", "smallest_radius", "wall")
+
+
+def checked(given: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a design space, ranges as pairs of floats.
+
+    Raises:
+        ConfigError: a value that cannot be used.
+    """
+    values = dict(given)
+    values["n_links"] = as_integer("n_links", given["n_links"], "2 or more links, the base included", ConfigError, 2)
+    knots = as_integer("knots", given["knots"], "an odd number of 3 or more", ConfigError, 3)
+    if knots % 2 == 0:
+        raise ConfigError("knots", knots, "an odd number of 3 or more", f"Take {knots + 1}: one knot lies at s = 0.")
+    values["knots"] = knots
+    if given["curve"] not in ("linear", "cubic"):
+        raise ConfigError("curve", given["curve"], '"linear" or "cubic"')
+    for name in ("symmetric", "alike"):
+        if not isinstance(given[name], bool):
+            raise ConfigError(name, given[name], "true or false")
+    for name in _ALLOWED:
+        values[name] = _number(name, given[name]) if name in _NUMBERS else _range(name, given[name])
+    if values["symmetric"] and values["angle"] != (0.0, 0.0):
+        raise ConfigError(
+            "angle", given["angle"], "(0, 0) for symmetric links", "Set symmetric to false, or angle to (0, 0)."
+        )
+    if values["hole"][0] + values["wall"] > values["half_width"][1]:
+        raise ConfigError(
+            "hole",
+            given["hole"],
+            f"holes that can lie {values['wall']:g} mm (wall) inside the ends of the surfaces,"
+            f" {values['half_width'][1] - values['wall']:g} mm or less",
+            "Move the holes inwards, or widen half_width.",
+        )
+    ranges = [values[name] for name in _ALLOWED if name not in _NUMBERS]
+    if all(low == high for low, high in ranges):
+        raise ConfigError("ranges", ranges, "one or more with low < high", "A design space needs a dimension.")
+    return values
+
+
+def _number(name: str, given: object) -> float:
+    least, most, unit = _ALLOWED[name]
+    allowed = f"a number from {least:g} to {most:g} {unit}"
+    number = as_floats(name, given, allowed, ConfigError)
+    if number.ndim or not least <= number <= most:
+        raise ConfigError(name, given, allowed)
+    return float(number)
+
+
+def _range(name: str, given: object) -> tuple[float, float]:
+    least, most, unit = _ALLOWED[name]
+    allowed = f"(low, high) with {least:g} <= low <= high <= {most:g} {unit}"
+    pair = as_floats(name, given, allowed, ConfigError)
+    if pair.shape != (2,) or not np.all((least <= pair) & (pair <= most)) or pair[0] > pair[1]:
+        raise ConfigError(name, given, allowed, "Equal numbers make a constant.")
+    return float(pair[0]), float(pair[1])
