@@ -15,13 +15,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code
+from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
 from agents.config import TrainConfig, load_config
 from agents.fields import check_integer
 from agents.run_folder import RunFolder, RunFolderError, typed_command, write_text
@@ -147,7 +146,7 @@ class Campaign:
     def train(self) -> int:
         """Train what is not finished; the exit code. Nothing that happens to one run stops the others."""
         waiting, failed = self._plan()
-        with _signals() as signals:
+        with signals_seen() as signals:
             failed |= self._work(waiting, signals)
         for member, reason in failed.items():
             print(f"failed: {member}: {reason}", file=sys.stderr)
@@ -226,19 +225,6 @@ class Campaign:
         if code < 0:
             return f"ended by {signal.Signals(-code).name}; the same command goes on with it"
         return errors[-1] if errors else f"exit code {code}: {said[-1] if said else 'nothing said'}; see {log}"
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM as they arrive, in place of what they do otherwise."""
-    seen: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in numbers}
-    try:
-        yield seen
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

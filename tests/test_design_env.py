@@ -25,11 +25,15 @@ ONE_DIMENSION = {
     "episode_steps": 3,
 }
 VARIANTS = {
-    "default": {},
+    "default": {"episode_steps": 4},
     "one dimension, one case": ONE_DIMENSION,
-    "two steps, no force": SMALL | {"episode_steps": 2, "force": (0, 0)},
-    "linear, reference": SMALL | {"start": "reference", "reward": {"improvement": "linear"}},
-    "two links": SMALL | {"space": {"knots": 3, "n_links": 2}},
+    "two links, no force, linear": {
+        "space": {"knots": 3, "n_links": 2},
+        "force": (0, 0),
+        "start": "reference",
+        "reward": {"improvement": "linear"},
+        "episode_steps": 2,
+    },
     "links of their own": {"space": {"alike": False, "symmetric": True, "knots": 3}, "episode_steps": 2},
 }
 variants = pytest.mark.parametrize("settings", VARIANTS.values(), ids=VARIANTS.keys())
@@ -80,10 +84,10 @@ def test_gymnasium_and_stable_baselines_checkers_pass_without_a_warning(settings
 
 def test_the_vector_environment_passes_every_check():
     report = rj_gym.check_vector_env(
-        lambda autoreset_mode: make_vec(3, render_mode="rgb_array", autoreset_mode=autoreset_mode),
-        n_steps=10,
-        max_episode_steps=4,
-        scalar=make,
+        lambda autoreset_mode: make_vec(2, episode_steps=2, render_mode="rgb_array", autoreset_mode=autoreset_mode),
+        n_steps=5,
+        max_episode_steps=2,
+        scalar=lambda: make(episode_steps=2),
     )
     assert report.modes == tuple(AutoresetMode)
     assert not report.skipped
@@ -191,9 +195,6 @@ def test_an_invalid_design_costs_its_violation_counts_as_the_largest_error_and_c
     assert info["reward_terms"]["violation"] == pytest.approx(np.minimum(info["margins"], 0).sum())
     for _ in range(3):
         *_, info = env.step(np.ones(6))
-    assert not info["valid"]  # not there yet: -1 + 3 / 4
-    env.reset(options={"design": LOW_CURVATURE + 0.75 + 0.6})
-    *_, info = env.step(np.ones(6))
     assert info["valid"] and info["error_mm"] < 50.0 and info["reward_terms"]["violation"] == 0
 
 
@@ -316,7 +317,7 @@ def test_options_and_settings_change_what_they_name():
     ("settings", "mend"),
     [
         ({"episode_step": 3}, "episode_steps"),
-        ({"episode_steps": 0}, "whole number"),
+        ({"episode_steps": 0}, ">= 1"),
         ({"space": {"knot": 3}}, "knots"),
         ({"space": {"knots": 4}}, "odd"),
         ({"space": 3}, "DesignSpace"),

@@ -29,6 +29,7 @@ FOLDERS = [
     "agents",
     "agents/baselines",
     "agents/results",
+    "agents/search",
 ]
 
 

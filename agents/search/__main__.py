@@ -1,0 +1,102 @@
+"""Search designs: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
+
+Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md says what was found. The same
+command goes on with a search: finished runs stay, interrupted ones continue after their last batch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
+from agents.fields import check_choice, check_integer
+from agents.run_folder import typed_command
+from agents.search.config import SearchConfig, load_search
+from agents.search.folder import SearchRun
+from agents.search.run import Progress
+from agents.search.workers import DONE, work_on
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
+    parser = argparse.ArgumentParser(prog="python -m agents.search", description="Search designs.")
+    parser.add_argument("config", type=Path, help="YAML file, for example one of configs/search/")
+    parser.add_argument(
+        "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
+    )
+    parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: processors)")
+    parser.add_argument("--force", action="store_true", help="begin runs anew that are there")
+    arguments = parser.parse_args(argv)
+    return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
+
+
+def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    import torch
+
+    from agents.search.problem import check
+    from agents.search.report import write_report
+
+    check_integer("--jobs", arguments.jobs, 1)
+    torch.set_num_threads(1)
+    config = _chosen(load_search(arguments.config), arguments.methods)
+    check(config)
+    out = arguments.out or Path("runs/search") / arguments.config.stem
+    runs = [SearchRun.begin(out / one.run_name, one, command, arguments.force) for one in config.runs()]
+    left = [run.path for run in runs if not run.is_finished]
+    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {arguments.jobs} at a time", flush=True)
+    with signals_seen() as signals:
+        failed = _work(left, config.budget, arguments.jobs, signals)
+    again = " ".join(word for word in command if word != "--force")
+    for path, reason in failed.items():
+        print(f"failed: {path}: {reason}", file=sys.stderr)
+    if signals:
+        print(f"stopped; to go on: {again}")
+        return INTERRUPTED
+    if failed:
+        print(f"{len(failed)} of {len(runs)} runs failed; to try them again: {again}", file=sys.stderr)
+        return FAILED
+    write_report(out)
+    print(f"All {len(runs)} runs are finished; the report is in {out / 'report.md'}")
+    return 0
+
+
+def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig:
+    for name in methods or ():
+        check_choice("--methods", name, tuple(config.methods))
+    return replace(config, methods={name: config.methods[name] for name in methods}) if methods else config
+
+
+def _work(paths: Sequence[Path], budget: int, jobs: int, signals: Sequence[int]) -> dict[Path, str]:
+    """Let the workers finish all runs; why some failed."""
+    hidden = not sys.stderr.isatty() or "CI" in os.environ
+    now, failed, done = dict[Path, Progress](), dict[Path, str](), 0
+    with tqdm(total=budget * len(paths), unit=" designs", disable=hidden, dynamic_ncols=True) as bar:
+        for path, said in work_on(paths, jobs, lambda: bool(signals)):
+            if isinstance(said, Progress):
+                now[path] = said
+                bar.update(sum(one.evaluations for one in now.values()) - bar.n)
+                bar.set_postfix_str(f"best cost {_cost(min(one.best for one in now.values()))}", refresh=False)
+            elif said == DONE:
+                done += 1
+                name, last = "/".join(path.parts[-2:]), now[path]
+                bar.write(f"{done:>4} of {len(paths)}  {name}: best cost {_cost(last.best)}, {last.seconds:.1f} s")
+            else:
+                failed[path] = said
+    return failed
+
+
+def _cost(best: float) -> str:
+    return f"{best:.4g}" if math.isfinite(best) else "none yet"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

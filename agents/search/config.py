@@ -1,0 +1,92 @@
+"""What a search file says: frozen, checked once when built, read from YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from agents.fields import check_integer
+from agents.search.methods import METHODS
+from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
+from rollingjoint.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """A search: one design problem, several methods with equal budgets, each with several seeds.
+
+    Args:
+        objectives: of the cost, each {kind, weight, scale} and the fields of its class; weight 0: only measured.
+        methods: settings by name of a method.
+        space: fields of rollingjoint.design.DesignSpace.
+        limits: to be kept to, each {kind, low, high} and the fields of its class; `reference` as a bound: what the
+            reference mechanism has.
+        held_out: by kind of objective, fields that are other when the best designs are scored again; not used before.
+        reference: the mechanism to compare with, a preset or the path of a mechanism file.
+        budget: designs that every run evaluates; one with its gradient is one.
+        seeds: every method runs once with each.
+    """
+
+    objectives: Sequence[Mapping[str, Any]]
+    methods: Mapping[str, Mapping[str, Any]]
+    space: Mapping[str, Any] = field(default_factory=dict)
+    limits: Sequence[Mapping[str, Any]] = ()
+    held_out: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    reference: str = "five_link"
+    budget: int = 1000
+    seeds: Sequence[int] = (1, 2, 3)
+
+    def __post_init__(self) -> None:
+        entries("objectives", self.objectives)
+        if not isinstance(self.limits, list | tuple):
+            raise ConfigError("limits", self.limits, "a list of limits")
+        for name, settings in mapping("methods", self.methods, tuple(METHODS)).items():
+            mapping(f"methods.{name}", settings, list(settings or {}))
+        if not self.methods:
+            raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
+        text("reference", self.reference)
+        check_integer("budget", self.budget, 1, 10_000_000)
+        for seed in entries("seeds", self.seeds):
+            check_integer("seeds", seed, 0, 2**31 - 1)
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ConfigError("seeds", list(self.seeds), "every seed once")
+        settings = {name: dict(settings or {}) for name, settings in self.methods.items()}
+        object.__setattr__(self, "methods", settings)
+
+    def runs(self) -> Iterator[SearchConfig]:
+        """The same for one method and one seed at a time, in the order of the seeds."""
+        for seed in self.seeds:
+            for name, settings in self.methods.items():
+                yield replace(self, methods={name: settings}, seeds=(seed,))
+
+    @property
+    def run_name(self) -> str:
+        """What a run is called, and its folder: the only method and the only seed."""
+        (method,), (seed,) = self.methods, self.seeds
+        return f"{method}/seed_{seed}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for YAML; load_search reads them."""
+        return {name: _plain(value) for name, value in asdict(self).items()}
+
+
+KEYS = tuple(field.name for field in fields(SearchConfig))
+
+
+def load_search(path: Path) -> SearchConfig:
+    """The search in a YAML file; raises ConfigError naming file and key. What the keys of a part say is checked later.
+
+    agents.search.problem.check builds the problem and the optimisers.
+    """
+    try:
+        return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.mend) from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

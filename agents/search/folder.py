@@ -1,0 +1,142 @@
+"""A run of a search: one method with one seed, in a folder of its own.
+
+config.yaml          the search, with this method and this seed alone
+command.txt          what was typed; a line more whenever the run goes on
+versions.json        Python, packages, platform
+evaluations.jsonl    a line per batch: designs, what was found, seconds so far; a line without its end does not count
+lock                 held by the process that searches
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import shlex
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.file_lock import file_lock
+from agents.run_folder import RunFolderError, versions, write_json, write_text
+from agents.search.config import SearchConfig, load_search
+from agents.search.optimiser import Evaluated
+from rollingjoint.checked_yaml import dump_yaml
+
+COLUMNS = {"x": float, "cost": float, "measured": float, "ok": bool, "feasible": bool, "gradient": float}
+
+
+@dataclass(frozen=True)
+class SearchRun:
+    """Paths of a run, its configuration and its journal."""
+
+    path: Path
+
+    @classmethod
+    def begin(cls, path: Path, config: SearchConfig, command: Sequence[str], force: bool = False) -> SearchRun:
+        """The run at `path`, new or begun; `force` begins it anew.
+
+        Raises RunFolderError where the folder holds something else, another search, or a run that a process works on.
+        """
+        run = cls(path)
+        if path.exists() and any(path.iterdir()):
+            if not run.is_there:
+                raise RunFolderError("run", str(path), "a new folder, or one with a run", "It stays as it is.")
+            if force:
+                with run.locked():
+                    shutil.rmtree(path)
+            elif run.config.to_dict() != config.to_dict():
+                mend = "Another --out begins a new search, --force replaces the runs that are there."
+                raise RunFolderError("run", str(path), "a run of the search that the file describes now", mend)
+        if not run.is_there:
+            write_json(path / "versions.json", versions() | _versions("cma", "ribs", "optuna"))
+            write_text(path / "config.yaml", dump_yaml(config.to_dict()))
+        run = cls(path)
+        if not run.is_finished:
+            commands = path / "command.txt"
+            before = commands.read_text() if commands.is_file() else ""
+            write_text(commands, before + shlex.join(command) + "\n")
+        return run
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the folder holds a run."""
+        return (self.path / "config.yaml").is_file()
+
+    @cached_property
+    def config(self) -> SearchConfig:
+        """The search of this run."""
+        return load_search(self.path / "config.yaml")
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether its budget is used up."""
+        return self.evaluations == self.config.budget
+
+    @property
+    def evaluations(self) -> int:
+        """Designs in the journal."""
+        return sum(len(batch) for batch, _ in self.batches())
+
+    @property
+    def journal(self) -> Path:
+        """The file of the batches."""
+        return self.path / "evaluations.jsonl"
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the run alone; raises RunFolderError where another process holds it."""
+        try:
+            with file_lock(self.path / "lock"):
+                yield
+        except BlockingIOError:
+            mend = "Wait for its end, or stop it."
+            raise RunFolderError("run", str(self.path), "one in which no other process searches", mend) from None
+
+    def batches(self) -> list[tuple[Evaluated, float]]:
+        """All batches and the seconds that had passed after each; raises RunFolderError for a broken journal."""
+        if not self.journal.is_file():
+            return []
+        lines = self.journal.read_bytes().split(b"\n")[:-1]
+        try:
+            return [_batch(json.loads(line)) for line in lines]
+        except (ValueError, KeyError, TypeError) as error:
+            mend = f"{error}. --force begins the run anew."
+            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", mend) from error
+
+    def append(self, evaluated: Evaluated, seconds: float) -> None:
+        """Add a batch: after this it is on the disk, whole."""
+        columns = {name: getattr(evaluated, name) for name in COLUMNS}
+        values = {name: column.tolist() for name, column in columns.items() if column is not None}
+        with self.journal.open("ab") as stream:
+            stream.write(json.dumps({"seconds": seconds, **values}).encode() + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+
+    def cut_off_unfinished_line(self) -> None:
+        """Remove what a killed process or a full disk left of a batch."""
+        content = self.journal.read_bytes() if self.journal.is_file() else b""
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            os.truncate(self.journal, whole)
+
+
+def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:
+    columns = {name: np.array(values[name], kind) for name, kind in COLUMNS.items() if name in values}
+    return Evaluated(**columns), float(values["seconds"])
+
+
+def _versions(*packages: str) -> dict[str, str]:
+    found = {}
+    for name in packages:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found

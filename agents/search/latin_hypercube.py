@@ -1,0 +1,35 @@
+"""Designs that fill the box: every coordinate's range is cut into as many strips as there are designs, one in each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from agents.fields import check_integer
+from agents.search.optimiser import Array, Evaluated, Task
+
+
+@dataclass
+class LatinHypercube:
+    """One Latin hypercube of the whole budget, `batch` designs at a time."""
+
+    task: Task
+    batch: int = 50
+
+    wants_gradient = False
+
+    def __post_init__(self) -> None:
+        check_integer("batch", self.batch, 1)
+        self.left: Array | None = None
+
+    def ask(self, most: int) -> Array:
+        """The next designs, (B, d); the first call, whose `most` is the budget, draws them all."""
+        if self.left is None:
+            from scipy.stats.qmc import LatinHypercube as Sampler
+
+            self.left = 2.0 * Sampler(self.task.dimensions, rng=self.task.generator).random(most) - 1.0
+        count = min(self.batch, most)
+        asked, self.left = self.left[:count], self.left[count:]
+        return asked
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Nothing is learnt."""

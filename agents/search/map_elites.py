@@ -1,0 +1,86 @@
+"""MAP-Elites: the best design of every kind, where two measured values say of what kind a design is.
+
+Source: Mouret and Clune, "Illuminating search spaces by mapping elites" (2015); emitters that improve the archive by
+CMA-ES: Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior space" (GECCO 2020). By
+the package ribs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.fields import check_choice, check_integer, check_number
+from agents.search.optimiser import Array, Evaluated, Task
+from rollingjoint.checked_yaml import entries, point
+from rollingjoint.errors import ConfigError
+
+
+@dataclass
+class MapElites:
+    """An archive of unlike designs, filled by two CMA-ES emitters and one that mixes designs of the archive.
+
+    Args:
+        measures: names of the two measured values that say of what kind a design is.
+        ranges: (low, high) of each; what lies outside counts to the border cells.
+        cells: of the archive along each.
+        batch: designs of an emitter at a time.
+        spread: first standard deviation of the CMA-ES emitters.
+    """
+
+    task: Task
+    measures: Sequence[str]
+    ranges: Sequence[Sequence[float]]
+    cells: Sequence[int] = (20, 20)
+    batch: int = 12
+    spread: float = 0.3
+
+    wants_gradient = False
+
+    def __post_init__(self) -> None:
+        for what in ("measures", "ranges", "cells"):
+            if len(entries(what, getattr(self, what))) != 2:
+                raise ConfigError(what, getattr(self, what), "two entries, one per measure")
+        for name in self.measures:
+            check_choice("measures", name, self.task.names)
+        for low, high in (point("ranges", one) for one in self.ranges):
+            check_number("ranges", high - low, 1e-12)
+        for count in self.cells:
+            check_integer("cells", count, 1, 1000)
+        check_integer("batch", self.batch, 2)
+        check_number("spread", self.spread, 1e-3, 2.0)
+        self.columns = [self.task.names.index(name) for name in self.measures]
+        self._fill()
+
+    def _fill(self) -> None:
+        from ribs.archives import GridArchive
+        from ribs.emitters import EvolutionStrategyEmitter, IsoLineEmitter
+        from ribs.schedulers import Scheduler
+
+        d, seed = self.task.dimensions, self.task.seed
+        ranges = [(low, high) for low, high in self.ranges]
+        archive = GridArchive(solution_dim=d, dims=self.cells, ranges=ranges, seed=seed)
+        box, start = [(-1.0, 1.0)] * d, np.zeros(d)
+        improving = [
+            EvolutionStrategyEmitter(
+                archive, x0=start, sigma0=self.spread, bounds=box, batch_size=self.batch, seed=1000 * seed + place
+            )
+            for place in (1, 2)
+        ]
+        first = self.task.generator.uniform(-1.0, 1.0, (self.batch, d))
+        mixing = IsoLineEmitter(archive, initial_solutions=first, bounds=box, batch_size=self.batch, seed=1000 * seed)
+        self.scheduler = Scheduler(archive, [*improving, mixing])
+
+    def ask(self, most: int) -> Array:
+        """The next designs of all emitters, (B, d), or as many as the budget leaves."""
+        self.asked = self.scheduler.ask()
+        return np.clip(self.asked[:most], -1.0, 1.0)
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Put the designs into the archive; failed ones, whose values mean nothing, into its first cell."""
+        if len(evaluated) == len(self.asked):
+            lowest = np.array([low for low, _ in self.ranges])
+            kinds = np.where(evaluated.ok[:, None], evaluated.measured[:, self.columns], lowest)
+            self.scheduler.tell(-evaluated.cost, kinds)

@@ -1,0 +1,90 @@
+"""What an optimiser is: it asks for designs to be evaluated, and is told what was found.
+
+An optimiser is deterministic: the same task, settings and answers make it ask the same. That is how an interrupted
+search goes on: a new optimiser is told what the journal holds, and stands where the old one stood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an optimiser knows beforehand.
+
+    Args:
+        dimensions: d of the box [-1, 1]^d that is searched.
+        names: of what is measured of a design, objectives first, then limits.
+        seed: of everything random.
+    """
+
+    dimensions: int
+    names: tuple[str, ...] = ()
+    seed: int = 0
+
+    @property
+    def generator(self) -> np.random.Generator:
+        """A new random generator of this seed."""
+        return np.random.default_rng(self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """Designs and what was found about them; rows are designs, everything is finite.
+
+    Args:
+        x: (B, d), in the box.
+        cost: (B,), to be minimised; designs that fail or break a limit have a high one.
+        measured: (B, m) physical values, in the order of Task.names; of no meaning where not `ok`.
+        ok: (B,) the design can be built and all its equilibria were found.
+        feasible: (B,) it keeps all limits, too.
+        gradient: (B, d) of the cost, for optimisers that want it.
+    """
+
+    x: Array
+    cost: Array
+    measured: Array
+    ok: Mask
+    feasible: Mask
+    gradient: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @classmethod
+    def of(cls, evaluation: Any, gradient: Array | None = None) -> Evaluated:
+        """The same from an Evaluation of rollingjoint.design."""
+        measured = np.hstack([evaluation.values, evaluation.limited])
+        return cls(evaluation.x, evaluation.cost, measured, evaluation.ok, evaluation.feasible, gradient)
+
+    @classmethod
+    def joined(cls, batches: Sequence[Evaluated]) -> Evaluated:
+        """The designs of all batches, without gradients."""
+        names = ("x", "cost", "measured", "ok", "feasible")
+        return cls(*(np.concatenate([getattr(batch, name) for batch in batches]) for name in names))
+
+
+class Optimiser(Protocol):
+    """Searches the box. A dataclass whose first field is `task` and whose others are settings with defaults.
+
+    Failed designs, broken limits, equal costs and populations without one valid design raise nothing.
+    """
+
+    @property
+    def wants_gradient(self) -> bool:
+        """Whether `tell` needs the gradients of the cost."""
+
+    def ask(self, most: int) -> Array:
+        """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Take in what was found about the designs that were asked for last, in their order."""

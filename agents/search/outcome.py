@@ -1,0 +1,220 @@
+"""What the runs below a folder found: curves, comparisons, the best designs scored again. Only the folders are read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from agents.run_folder import RunFolderError
+from agents.search.config import SearchConfig
+from agents.search.folder import SearchRun
+from agents.search.methods import METHODS
+from agents.search.optimiser import Array, Evaluated, Mask
+from agents.search.problem import against, design_problem, measured, names
+from rollingjoint.design.problem import Problem, nondominated
+
+N = TypeVar("N", int, float)
+YARDSTICK = "cma_es"  # what it has found at the end is what the other methods have to reach
+BASELINE = "random"
+TITLES = {
+    "random": "random search",
+    "latin_hypercube": "Latin hypercube",
+    "cma_es": "CMA-ES",
+    "bayesian": "Bayesian",
+    "map_elites": "MAP-Elites",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A finished run.
+
+    Args:
+        evaluated: all its designs, (n,).
+        seconds: that had passed when each had been evaluated, (n,); interruptions and resuming left out.
+    """
+
+    method: str
+    seed: int
+    evaluated: Evaluated
+    seconds: Array
+
+    @classmethod
+    def read(cls, run: SearchRun) -> Outcome:
+        """The outcome of a run; raises RunFolderError unless it is finished."""
+        if not run.is_finished:
+            allowed = f"a run of {run.config.budget} evaluations, not {run.evaluations}"
+            raise RunFolderError("run", str(run.path), allowed, "The command in its command.txt goes on with it.")
+        batches = run.batches()
+        seconds = np.concatenate([np.full(len(batch), at) for batch, at in batches])
+        method, seed = next(iter(run.config.methods)), run.config.seeds[0]
+        return cls(method, seed, Evaluated.joined([batch for batch, _ in batches]), seconds)
+
+    @cached_property
+    def best_so_far(self) -> Array:
+        """Least cost of a feasible design after every evaluation, (n,); infinite before the first one."""
+        costs = np.where(self.evaluated.feasible, self.evaluated.cost, np.inf)
+        return np.minimum.accumulate(costs)
+
+    @property
+    def best(self) -> float:
+        """Least cost of a feasible design; infinite where there is none."""
+        return float(self.best_so_far[-1])
+
+    @property
+    def best_x(self) -> Array:
+        """The feasible design of least cost, (d,); where there is none, the one of least cost."""
+        feasible = self.evaluated.feasible
+        costs = np.where(feasible, self.evaluated.cost, np.inf) if feasible.any() else self.evaluated.cost
+        return self.evaluated.x[costs.argmin()]
+
+    def reached(self, cost: float) -> int | None:
+        """Evaluations until a feasible design costs no more; None where none does."""
+        below = self.best_so_far <= cost
+        return int(below.argmax()) + 1 if below.any() else None
+
+
+@dataclass(frozen=True)
+class Search:
+    """All finished runs of one search.
+
+    Args:
+        name: of the folder.
+        config: with all methods and seeds of the runs.
+        outcomes: by method, in the order of the seeds.
+        left_out: why, by folder of a run.
+        command: that was typed last.
+    """
+
+    name: str
+    config: SearchConfig
+    outcomes: Mapping[str, Sequence[Outcome]]
+    left_out: Mapping[Path, str]
+    command: str
+
+    @classmethod
+    def read(cls, out: Path) -> Search:
+        """The runs below a folder; raises RunFolderError where none is finished, or where they differ in the search."""
+        runs = sorted((SearchRun(path.parent) for path in out.glob("*/seed_*/config.yaml")), key=_order)
+        outcomes: dict[str, list[Outcome]] = {}
+        left_out: dict[Path, str] = {}
+        commons: list[SearchConfig] = []
+        methods: dict[str, Mapping[str, object]] = {}
+        seeds, command = set[int](), ""
+        for run in runs:
+            try:
+                outcome = Outcome.read(run)
+            except RunFolderError as error:
+                left_out[run.path] = str(error)
+                continue
+            outcomes.setdefault(outcome.method, []).append(outcome)
+            methods |= run.config.methods
+            seeds.add(outcome.seed)
+            commons.append(replace(run.config, methods={BASELINE: {}}, seeds=(0,)))
+            command = (run.path / "command.txt").read_text().splitlines()[-1]
+        if not outcomes:
+            raise RunFolderError("search", str(out), "a folder with at least one finished run")
+        if any(common != commons[0] for common in commons):
+            raise RunFolderError("search", str(out), "runs of one search", "They differ in more than method and seed.")
+        config = replace(commons[0], methods=methods, seeds=sorted(seeds))
+        return cls(out.resolve().name, config, outcomes, left_out, command)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What was searched."""
+        return design_problem(self.config)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of all that is measured."""
+        return names(self.problem)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of all that is measured."""
+        return tuple(objective.unit for objective in measured(self.problem))
+
+    @property
+    def single(self) -> int | None:
+        """Place of the only objective in the cost; None where there are several."""
+        counted = [place for place, term in enumerate(self.problem.objectives) if term.weight]
+        return counted[0] if len(counted) == 1 else None
+
+    def shown(self, cost: float | Array) -> Array:
+        """Costs of feasible designs as tables and pictures show them: values of the only objective, if there is one."""
+        return np.asarray(cost) / (1.0 if self.single is None else self.problem.objectives[self.single].factor)
+
+    @property
+    def shown_name(self) -> str:
+        """What `shown` gives."""
+        return "cost" if self.single is None else f"{words(self.names[self.single])} [{self.units[self.single]}]"
+
+    @property
+    def all(self) -> list[Outcome]:
+        """All outcomes."""
+        return [outcome for some in self.outcomes.values() for outcome in some]
+
+    @property
+    def winner(self) -> Outcome:
+        """The run with the best design."""
+        return min(self.all, key=lambda outcome: outcome.best)
+
+    @cached_property
+    def goal(self) -> float | None:
+        """The cost that methods have to reach: the median of what CMA-ES ends with; None where it was not run."""
+        if YARDSTICK not in self.outcomes:
+            return None
+        cost = median([outcome.best for outcome in self.outcomes[YARDSTICK]])
+        return cost if math.isfinite(cost) else None
+
+    def reached(self, method: str) -> list[int | None]:
+        """Evaluations until each run of a method costs no more than the goal; None where one never does."""
+        return [None if self.goal is None else one.reached(self.goal) for one in self.outcomes[method]]
+
+    def scored(self, held_out: bool) -> tuple[Evaluated, list[float]]:
+        """The best designs of all runs, in the order of `all`, evaluated again, and the reference's measured values."""
+        problem = design_problem(self.config, held_out)
+        x = np.array([outcome.best_x for outcome in self.all])
+        return Evaluated.of(problem.evaluate(x)), against(self.config, problem)
+
+    @cached_property
+    def everything(self) -> Evaluated:
+        """The designs of all runs."""
+        return Evaluated.joined([outcome.evaluated for outcome in self.all])
+
+    @cached_property
+    def front(self) -> Mask:
+        """Which feasible designs of `everything` no other one beats in all objectives."""
+        values = self.everything.measured[:, : len(self.problem.objectives)]
+        kept = np.zeros(len(values), bool)
+        feasible = np.flatnonzero(self.everything.feasible)
+        if len(feasible):
+            maximise = [term.objective.maximise for term in self.problem.objectives]
+            kept[feasible[nondominated(values[feasible], maximise)]] = True
+        return kept
+
+
+def words(name: str) -> str:
+    """A name as a reader reads it."""
+    return TITLES.get(name, name.replace("_", " "))
+
+
+def plain_number(value: float | Array) -> str:
+    """Four figures; a dash for a number that is not finite."""
+    return f"{float(value):.4g}" if math.isfinite(value) else "–"
+
+
+def median(values: Sequence[N]) -> N:
+    """The middle one, or of an even number the larger of the two in the middle, so that infinite ones stay so."""
+    return sorted(values)[len(values) // 2]
+
+
+def _order(run: SearchRun) -> tuple[int, int]:
+    method, seed = run.path.parent.name, run.path.name.removeprefix("seed_")
+    return list(METHODS).index(method) if method in METHODS else len(METHODS), int(seed) if seed.isdigit() else 0

@@ -1,0 +1,152 @@
+"""Pictures of a search: best so far, the best design beside the reference, MAP-Elites' archive, the Pareto set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from agents.pictures import COLOURS, png
+from agents.search.methods import METHODS
+from agents.search.optimiser import Array
+from agents.search.outcome import Outcome, Search, words
+from agents.search.problem import reference
+from rollingjoint.errors import MechanismError
+from rollingjoint.plot import plot_family
+from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solve import solve_tensions
+
+ARCHIVE = "map_elites"
+RATIOS = (1 / 3, 1 / 3**0.5, 1.0, 3**0.5, 3.0)  # of the tensions, left to right, in which mechanisms are drawn
+TENSION = 10.0  # their sum [N]
+DPI = 110
+
+
+def progress(search: Search) -> bytes:
+    """PNG: best feasible design so far over evaluations and over seconds, per method: median and range of the seeds."""
+    figure = _figure(10.5, 4.4)
+    left, right = figure.subplots(1, 2, sharey=True)
+    lowest = min(outcome.seconds[0] for outcome in search.all)
+    seconds = np.geomspace(max(lowest, 1e-3), max(one.seconds[-1] for one in search.all), 300)
+    for method, outcomes in search.outcomes.items():
+        colour = COLOURS[list(METHODS).index(method) % len(COLOURS)]
+        evaluations = np.arange(1.0, len(outcomes[0].seconds) + 1)
+        _band(left, evaluations, [one.best_so_far for one in outcomes], search, colour, method)
+        _band(right, seconds, [_at(one, seconds) for one in outcomes], search, colour, method)
+    for axes, label in ((left, "evaluations"), (right, "seconds")):
+        axes.set(xlabel=label, xscale="log")
+        axes.xaxis.set_major_formatter("{x:,g}")
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    left.set_ylabel(f"best {search.shown_name}")
+    _focus(left, search)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    return png(figure, DPI)
+
+
+def _band(axes: Axes, x: Array, curves: Sequence[Array], search: Search, colour: str, method: str) -> None:
+    costs = np.sort(np.array(curves), axis=0)
+    curves = (costs[len(costs) // 2], costs[0], costs[-1])
+    middle, low, high = (search.shown(np.where(np.isfinite(one), one, np.nan)) for one in curves)
+    axes.plot(x, middle, color=colour, linewidth=1.8, label=words(method))
+    axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+
+
+def _at(outcome: Outcome, seconds: Array) -> Array:
+    """Best so far at given times, infinite before the first batch."""
+    place = np.searchsorted(outcome.seconds, seconds, side="right")
+    return np.where(place > 0, outcome.best_so_far[place - 1], np.inf)
+
+
+def _focus(axes: Axes, search: Search) -> None:
+    """Show the best, and what four runs in five are better than after a twentieth of the budget."""
+    early = [one.best_so_far[len(one.seconds) // 20] for one in search.all]
+    known = [cost for cost in early if np.isfinite(cost)]
+    if not known or not np.isfinite(search.winner.best):
+        return
+    ends = search.shown(np.array([search.winner.best, np.quantile(known, 0.8)]))
+    room = 0.05 * abs(ends[1] - ends[0]) or 1e-3
+    axes.set_ylim(ends.min() - room, ends.max() + room)
+
+
+def shapes(search: Search, best: RollingChain | None) -> bytes:
+    """PNG: the best design beside the reference, each under the same five pairs of tensions."""
+    drawn = [mechanism for mechanism in (best, reference(search.config)) if mechanism is not None]
+    figure = _figure(5.2 * len(drawn), 5.0)
+    panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
+    for axes, mechanism in zip(panels, drawn, strict=True):
+        tensions = [(TENSION * ratio / (1 + ratio), TENSION / (1 + ratio)) for ratio in RATIOS]
+        found = [solve_tensions(mechanism, pair) for pair in tensions]
+        labels = [f"{left:.1f} N, {right:.1f} N" for left, right in tensions]
+        kept = [(one, label) for one, label in zip(found, labels, strict=True) if one.ok]
+        if kept:
+            plot_family([one for one, _ in kept], [label for _, label in kept], axes, tendons=True, legend=False)
+        axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside right upper", frameon=False, title="left, right tendon")
+    return png(figure, DPI)
+
+
+def archive(search: Search) -> bytes | None:
+    """PNG: the best feasible design of MAP-Elites in every cell of its archive; None where it was not run."""
+    if ARCHIVE not in search.outcomes:
+        return None
+    settings = search.config.methods[ARCHIVE]
+    cells, ranges = settings.get("cells", (20, 20)), np.array(settings["ranges"], float)
+    columns = [search.names.index(name) for name in settings["measures"]]
+    grid = np.full(cells, np.inf)
+    for outcome in search.outcomes[ARCHIVE]:
+        some = outcome.evaluated
+        share = (some.measured[:, columns] - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0])
+        place = np.clip(np.floor(share * cells).astype(int), 0, np.array(cells) - 1)
+        kept = place[some.feasible]
+        np.minimum.at(grid, (kept[:, 0], kept[:, 1]), some.cost[some.feasible])
+    figure = _figure(6.6, 5.0)
+    axes = figure.subplots()
+    shown = search.shown(np.where(np.isfinite(grid), grid, np.nan)).T
+    extent = (ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1])
+    image = axes.imshow(shown, origin="lower", extent=extent, aspect="auto", cmap="viridis")
+    across, up = (f"{words(search.names[place])} [{search.units[place]}]" for place in columns)
+    axes.set(xlabel=across, ylabel=up)
+    axes.set_title(f"best design in {int(np.isfinite(grid).sum())} of {grid.size} cells")
+    figure.colorbar(image, label=search.shown_name)
+    return png(figure, DPI)
+
+
+def front(search: Search) -> bytes | None:
+    """PNG: all feasible designs over the first two objectives, those that no other beats marked; None for one."""
+    if len(search.problem.objectives) < 2 or not search.front.any():
+        return None
+    figure = _figure(7.0, 4.8)
+    axes = figure.subplots()
+    x, y = search.everything.measured[:, :2].T
+    feasible = search.everything.feasible
+    axes.scatter(x[feasible], y[feasible], s=4, color="0.75", label="feasible designs")
+    axes.scatter(x[search.front], y[search.front], s=18, color=COLOURS[1], label="none is better in all")
+    axes.set(xlabel=_label(search, 0), ylabel=_label(search, 1))
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside right upper", frameon=False)
+    return png(figure, DPI)
+
+
+def _label(search: Search, place: int) -> str:
+    aim = "more is better" if search.problem.objectives[place].objective.maximise else "less is better"
+    return f"{words(search.names[place])} [{search.units[place]}], {aim}"
+
+
+def best_mechanism(search: Search) -> RollingChain | None:
+    """The best design as a mechanism; None where it is no valid one."""
+    try:
+        return search.problem.space.mechanism(search.winner.best_x)
+    except MechanismError:
+        return None
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure

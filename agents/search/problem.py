@@ -1,0 +1,149 @@
+"""The design problem of a search file, and the optimisers for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import Any
+
+from agents.search.config import SearchConfig
+from agents.search.methods import make
+from agents.search.optimiser import Optimiser, Task
+from rollingjoint.checked_yaml import mapping, number
+from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
+from rollingjoint.design.objectives import BendingShapes, Objective, TendonTravel, TipRotation, TipTravel
+from rollingjoint.design.problem import Limit, Problem, Term, measure
+from rollingjoint.design.space import DesignSpace
+from rollingjoint.errors import ConfigError, InvalidInput, SolverError
+from rollingjoint.mechanism_file import load_mechanism
+from rollingjoint.rolling_chain import RollingChain
+
+KINDS: dict[str, Any] = {
+    kind.name: kind
+    for kind in (
+        BendingShapes,
+        TipTravel,
+        TipRotation,
+        LateralStiffness,
+        LoadCapacity,
+        TendonTravel,
+        PeakTension,
+    )
+}
+REFERENCE = "reference"
+
+
+def design_problem(config: SearchConfig, held_out: bool = False) -> Problem:
+    """The problem of a search, or that of its held-out scores; raises ConfigError that names the key."""
+    other = config.held_out if held_out else {}
+    mapping("held_out", other, tuple(KINDS))
+    keys = [field.name for field in fields(DesignSpace)]
+    space = mapping("space", config.space, keys)
+    with _located("space"):
+        made = DesignSpace(**{key: _frozen(value) for key, value in space.items()})
+    terms = tuple(_term(f"objectives[{i}]", item, other) for i, item in enumerate(config.objectives))
+    limits = tuple(_limit(f"limits[{i}]", item, config, other) for i, item in enumerate(config.limits))
+    with _located("objectives"):
+        return Problem(made, terms, limits)
+
+
+def check(config: SearchConfig) -> None:
+    """Raise ConfigError unless the problem, the held-out problem and all optimisers can be built and measured."""
+    for held_out in (False, True):
+        problem = design_problem(config, held_out)
+        with _located("held_out" if held_out else "objectives"):
+            problem.evaluate(problem.space.reference()[None])
+            against(config, problem)
+    for run in config.runs():
+        optimiser(run, problem)
+
+
+def optimiser(run: SearchConfig, problem: Problem) -> Optimiser:
+    """The optimiser of a run of one method and one seed; raises ConfigError."""
+    ((name, settings),) = run.methods.items()
+    return make(name, Task(problem.dimensions, names(problem), run.seeds[0]), settings)
+
+
+def measured(problem: Problem) -> list[Objective]:
+    """All that is measured of a design: objectives, then limits."""
+    return [term.objective for term in problem.objectives] + [limit.objective for limit in problem.limits]
+
+
+def names(problem: Problem) -> tuple[str, ...]:
+    """Names of all that is measured; a second one of a kind is "kind 2"."""
+    found: list[str] = []
+    for objective in measured(problem):
+        name = objective.name
+        count = sum(other.split()[0] == name for other in found)
+        found.append(f"{name} {count + 1}" if count else name)
+    return tuple(found)
+
+
+def reference(config: SearchConfig) -> RollingChain:
+    """The mechanism to compare with; raises ConfigError."""
+    with _located("reference"):
+        return load_mechanism(config.reference)
+
+
+def against(config: SearchConfig, problem: Problem) -> list[float]:
+    """All that is measured, of the reference mechanism, in the order of `names`; NaN where it has no equilibrium."""
+    return [_measured(config, objective) for objective in measured(problem)]
+
+
+def _measured(config: SearchConfig, objective: Objective) -> float:
+    try:
+        return float(measure(reference(config), [objective])[0])
+    except SolverError:
+        return math.nan
+
+
+def _term(where: str, item: object, other: Mapping[str, Any]) -> Term:
+    objective, rest = _objective(where, item, ("weight", "scale"), other)
+    values = {key: number(f"{where}.{key}", value) for key, value in rest.items()}
+    with _located(where):
+        return Term(objective, **values)
+
+
+def _limit(where: str, item: object, config: SearchConfig, other: Mapping[str, Any]) -> Limit:
+    objective, rest = _objective(where, item, ("low", "high"), other)
+    bounds = {}
+    for key, value in rest.items():
+        bounds[key] = _measured(config, objective) if value == REFERENCE else number(f"{where}.{key}", value)
+        if not math.isfinite(bounds[key]):
+            raise ConfigError(f"{where}.{key}", value, "a number", f"{config.reference} has no equilibrium there.")
+    with _located(where):
+        return Limit(objective, **bounds)
+
+
+def _objective(
+    where: str, item: object, beside: tuple[str, ...], other: Mapping[str, Any]
+) -> tuple[Any, Mapping[str, Any]]:
+    """The objective that an entry describes, and the values of the keys `beside` it."""
+    kind = mapping(where, item, list(item) if isinstance(item, Mapping) else (), ["kind"])["kind"]
+    mapping(f"{where}.kind", {kind: None}, tuple(KINDS))
+    own = [field.name for field in fields(KINDS[kind])]
+    entry = mapping(f"{where} ({kind})", item, ["kind", *beside, *own])
+    changed = mapping(f"held_out.{kind}", other.get(kind), own)
+    values = {key: value for key, value in entry.items() if key in own} | dict(changed)
+    with _located(where):
+        made = KINDS[kind](**{key: _frozen(value) for key, value in values.items()})
+    return made, {key: entry[key] for key in beside if key in entry}
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+
+
+@contextmanager
+def _located(where: str) -> Iterator[None]:
+    """Says where in the file a complaint arose; a missing or misplaced field is one, too."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+    except InvalidInput as error:
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+    except (TypeError, ValueError) as error:
+        raise ConfigError(where, str(error), "numbers and lists as docs/design_search.md describes them") from error

@@ -1,0 +1,29 @@
+"""Designs drawn evenly from the box: what every other method has to beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from agents.fields import check_integer
+from agents.search.optimiser import Array, Evaluated, Task
+
+
+@dataclass
+class RandomSearch:
+    """Independent uniform designs, `batch` at a time."""
+
+    task: Task
+    batch: int = 50
+
+    wants_gradient = False
+
+    def __post_init__(self) -> None:
+        check_integer("batch", self.batch, 1)
+        self.generator = self.task.generator
+
+    def ask(self, most: int) -> Array:
+        """The next designs, (B, d)."""
+        return self.generator.uniform(-1.0, 1.0, (min(self.batch, most), self.task.dimensions))
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Nothing is learnt."""

@@ -1,0 +1,72 @@
+"""A run from its beginning, or from where it was interrupted, to the end of its budget."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.run_folder import RunFolderError
+from agents.search.folder import SearchRun
+from agents.search.optimiser import Evaluated, Optimiser
+
+AGREEMENT = 1e-9  # largest difference between designs in the journal and those that a resumed optimiser asks for
+
+
+class Progress(NamedTuple):
+    """Designs evaluated, the least cost of a feasible one (infinite before), seconds."""
+
+    evaluations: int
+    best: float
+    seconds: float
+
+
+def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
+    """Go on with a run; yields after every batch, and once before the first.
+
+    Args:
+        problem: `evaluate` and `with_gradient`, as rollingjoint.design.Problem has them.
+        optimiser: new.
+        budget: designs of the whole run, kept exactly.
+    Raises:
+        RunFolderError: the journal does not agree with what the optimiser asks for; another process holds the run.
+    """
+    with run.locked():
+        run.cut_off_unfinished_line()
+        now = _replay(run, optimiser, budget)
+        yield now
+        begun = time.monotonic() - now.seconds
+        while now.evaluations < budget:
+            evaluated = _evaluate(problem, optimiser, optimiser.ask(budget - now.evaluations))
+            optimiser.tell(evaluated)
+            seconds = time.monotonic() - begun
+            run.append(evaluated, seconds)
+            now = _advanced(now, evaluated, seconds)
+            yield now
+
+
+def _evaluate(problem: Any, optimiser: Optimiser, x: np.ndarray) -> Evaluated:
+    if optimiser.wants_gradient:
+        return Evaluated.of(*problem.with_gradient(x))
+    return Evaluated.of(problem.evaluate(x))
+
+
+def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
+    """Tell the optimiser all that the journal holds."""
+    now = Progress(0, np.inf, 0.0)
+    for batch, seconds in run.batches():
+        asked = optimiser.ask(budget - now.evaluations) if now.evaluations < budget else np.empty(0)
+        if asked.shape != batch.x.shape or np.abs(asked - batch.x).max() > AGREEMENT:
+            mend = "Other versions of the packages may have written it (versions.json); --force begins the run anew."
+            allowed = f"after {now.evaluations} evaluations the designs that the method asks for"
+            raise RunFolderError("journal", str(run.journal), allowed, mend)
+        optimiser.tell(batch)
+        now = _advanced(now, batch, seconds)
+    return now
+
+
+def _advanced(now: Progress, evaluated: Evaluated, seconds: float) -> Progress:
+    best = min([now.best, *evaluated.cost[evaluated.feasible].tolist()])
+    return Progress(now.evaluations + len(evaluated), best, seconds)
