@@ -18,7 +18,7 @@ from rollingjoint.errors import ConfigError
 class EnvConfig:
     """The environment: Gymnasium id, copies that are stepped together, and settings.
 
-    For ids of rj_gym the settings are the keys of rj_gym.config.TrackingConfig; else arguments of gymnasium.make.
+    For ids of rj_gym the settings are the keys of TrackingConfig or DesignConfig; else arguments of gymnasium.make.
     """
 
     id: str = "rj_gym/RollingJoint-v0"
@@ -37,10 +37,11 @@ class EnvConfig:
         """Keyword arguments for gymnasium.make; raises ConfigError for settings the environment does not have."""
         if not self.id.startswith("rj_gym/"):
             return dict(self.settings)
-        from rj_gym.config import TrackingConfig
+        from rj_gym import settings_of
 
+        kind = settings_of(self.id)
         try:
-            return {"config": TrackingConfig.from_dict(copy.deepcopy(dict(self.settings)))}
+            return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
         except ConfigError as error:
             raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.mend) from error
 

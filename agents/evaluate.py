@@ -92,7 +92,7 @@ def evaluate_controllers(
 ) -> Report:
     """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
 
-    Environments that are not of rj_gym have no floor.
+    Environments with another task than tracking have no floor.
     """
     from agents.report import Report
 

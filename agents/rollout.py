@@ -27,7 +27,7 @@ class Episodes:
         errors: tip error at the start and after every step, (E, T + 1) [mm]; an early end keeps its last error.
         rewards: sum over the episode, (E,).
         loads: force over time, (E, T + 1, 2) [N]. link: the link that it pulls, (E,). targets: (E, T + 1, 2) [mm].
-            None where the environment is not one of rj_gym.
+            None where the task is not tracking.
     """
 
     seeds: NDArray[np.int64]
@@ -48,8 +48,10 @@ class Episodes:
 
 
 def is_tracking(env: EnvConfig) -> bool:
-    """Whether it is one of rj_gym: with a task, and so with baselines and floors."""
-    return env.id.startswith("rj_gym/")
+    """Whether its task is that of rj_gym.tracking, for which there are baselines and floors."""
+    from rj_gym import IDS
+
+    return env.id in IDS
 
 
 def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], lanes: int = 256) -> Episodes:
@@ -95,7 +97,7 @@ def _side_by_side(
 ) -> Episodes:
     """One episode per seed, all at a time; `watch` is called at every state. Lanes that have ended are not read."""
     envs = _vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
-    task = getattr(envs, "task", None)
+    task = getattr(envs, "task", None) if is_tracking(env) else None
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
     controller.begin(cast(TrackingTask, task), len(seeds))
     drawn = info.get("sampled", {}) if task else {}
@@ -120,7 +122,7 @@ def _vector_env(env: EnvConfig, lanes: int, **arguments: Any) -> VectorEnv[Any, 
     """The native vector environment of rj_gym; else scalar environments one after the other."""
     from agents.build import make_env
 
-    if not is_tracking(env):
+    if not env.id.startswith("rj_gym/"):
         return SyncVectorEnv([partial(make_env, env, **arguments)] * lanes)
     import rj_gym  # noqa: F401  (registers its ids)
 

@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from numbers import Real
-from typing import Any, Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 
-from rollingjoint.checked_yaml import suggestion
+from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
 from rollingjoint.errors import ConfigError
 from rollingjoint.rolling_chain import RollingChain
 
-Range = tuple[float, float]
-
-_LARGEST = sys.float_info.max
-
-
-class _Settings:
-    """Construction from plain dictionaries, shared by every settings class below."""
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """The defaults with `values` on top; nested settings are dictionaries.
-
-        Raises:
-            ConfigError: an unknown key (with the nearest valid one) or a value out of range.
-        """
-        return cls().updated(values)
-
-    def updated(self, values: Mapping[str, Any]) -> Self:
-        """These settings with `values` on top; a nested dictionary changes only the keys that it names."""
-        if not isinstance(values, Mapping):
-            raise ConfigError(type(self).__name__, values, "a dictionary of settings")
-        valid = [f.name for f in fields(self)]  # type: ignore[arg-type]
-        merged = {}
-        for key, value in values.items():
-            if key not in valid:
-                raise ConfigError(
-                    f"{type(self).__name__} key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid)
-                )
-            current = getattr(self, key)
-            nested = isinstance(current, _Settings) and isinstance(value, Mapping)
-            merged[key] = current.updated(value) if nested else value
-        return replace(self, **merged)  # type: ignore[type-var]
-
 
 @dataclass(frozen=True)
-class LoadConfig(_Settings):
+class LoadConfig(Settings):
     """The external force: a dead load at the origin of one moving link, its direction uniform.
 
     Args:
@@ -67,15 +31,15 @@ class LoadConfig(_Settings):
     correlation_steps: float = 15.0
 
     def __post_init__(self) -> None:
-        _set(self, "magnitude", _range("load.magnitude", self.magnitude, low=0.0, unit="N"))
-        _choice("load.link", self.link, ("random", "tip"))
-        _choice("load.process", self.process, ("constant", "step", "ou"))
-        _set(self, "hold_steps", _number("load.hold_steps", self.hold_steps, low=1.0))
-        _set(self, "correlation_steps", _number("load.correlation_steps", self.correlation_steps, low=1e-3))
+        assign(self, "magnitude", checked_range("load.magnitude", self.magnitude, low=0.0, unit="N"))
+        check_choice("load.link", self.link, ("random", "tip"))
+        check_choice("load.process", self.process, ("constant", "step", "ou"))
+        assign(self, "hold_steps", checked_number("load.hold_steps", self.hold_steps, low=1.0))
+        assign(self, "correlation_steps", checked_number("load.correlation_steps", self.correlation_steps, low=1e-3))
 
 
 @dataclass(frozen=True)
-class TargetConfig(_Settings):
+class TargetConfig(Settings):
     """Where the tip should be: tips of unloaded equilibria, so that the unloaded mechanism reaches every target.
 
     Args:
@@ -89,13 +53,13 @@ class TargetConfig(_Settings):
     waypoints: int = 3
 
     def __post_init__(self) -> None:
-        _choice("target.process", self.process, ("fixed", "path"))
-        _set(self, "tension_range", _range("target.tension_range", self.tension_range, low=1e-3, unit="N"))
-        _set(self, "waypoints", _count("target.waypoints", self.waypoints, low=2))
+        check_choice("target.process", self.process, ("fixed", "path"))
+        assign(self, "tension_range", checked_range("target.tension_range", self.tension_range, low=1e-3, unit="N"))
+        assign(self, "waypoints", checked_count("target.waypoints", self.waypoints, low=2))
 
 
 @dataclass(frozen=True)
-class RewardConfig(_Settings):
+class RewardConfig(Settings):
     """Scales and weights of the reward terms.
 
     Args:
@@ -115,15 +79,15 @@ class RewardConfig(_Settings):
     goal_tolerance_mm: float = 2.0
 
     def __post_init__(self) -> None:
-        _set(self, "error_scale_mm", _number("reward.error_scale_mm", self.error_scale_mm, low=1e-3))
+        assign(self, "error_scale_mm", checked_number("reward.error_scale_mm", self.error_scale_mm, low=1e-3))
         for name in ("effort", "smoothness", "failure_penalty"):
-            _set(self, name, _number(f"reward.{name}", getattr(self, name)))
-        _choice("reward.goal", self.goal, ("dense", "sparse"))
-        _set(self, "goal_tolerance_mm", _number("reward.goal_tolerance_mm", self.goal_tolerance_mm, low=1e-6))
+            assign(self, name, checked_number(f"reward.{name}", getattr(self, name)))
+        check_choice("reward.goal", self.goal, ("dense", "sparse"))
+        assign(self, "goal_tolerance_mm", checked_number("reward.goal_tolerance_mm", self.goal_tolerance_mm, low=1e-6))
 
 
 @dataclass(frozen=True)
-class RandomizationConfig(_Settings):
+class RandomizationConfig(Settings):
     """Domain randomisation, drawn anew in every episode; all zero (off) by default.
 
     Args:
@@ -146,7 +110,7 @@ class RandomizationConfig(_Settings):
         highest = {"stiffness_spread": 0.9, "link_tolerance_mm": 2.0, "link_tolerance_rad": 0.2}
         for name in (f.name for f in fields(self)):
             high = highest.get(name, math.inf)
-            _set(self, name, _number(f"randomization.{name}", getattr(self, name), high=high))
+            assign(self, name, checked_number(f"randomization.{name}", getattr(self, name), high=high))
 
     @property
     def sensor_noise(self) -> bool:
@@ -160,7 +124,7 @@ class RandomizationConfig(_Settings):
 
 
 @dataclass(frozen=True)
-class TrackingConfig(_Settings):
+class TrackingConfig(Settings):
     """Everything that defines the tracking task.
 
     Args:
@@ -197,19 +161,19 @@ class TrackingConfig(_Settings):
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, str | RollingChain):
             raise ConfigError("mechanism", self.mechanism, "a preset name, a mechanism file or a RollingChain")
-        _set(self, "episode_steps", _count("episode_steps", self.episode_steps, low=1))
+        assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
         for name in ("action_scale_mm", "command_scale_mm"):
-            _set(self, name, _number(name, getattr(self, name), low=1e-6))
-        _set(self, "tension_range", _range("tension_range", self.tension_range, low=0.0, unit="N"))
+            assign(self, name, checked_number(name, getattr(self, name), low=1e-6))
+        assign(self, "tension_range", checked_range("tension_range", self.tension_range, low=0.0, unit="N"))
         lo, hi = self.tension_range
         if lo == hi:
             raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
-        _choice("start", self.start, ("equal", "random"))
-        _set(self, "start_tension", _number("start_tension", self.start_tension, low=max(lo, 1e-3), high=hi))
-        _set(
+        check_choice("start", self.start, ("equal", "random"))
+        assign(self, "start_tension", checked_number("start_tension", self.start_tension, low=max(lo, 1e-3), high=hi))
+        assign(
             self,
             "start_tension_range",
-            _range("start_tension_range", self.start_tension_range, low=max(lo, 1e-3), high=hi, unit="N"),
+            checked_range("start_tension_range", self.start_tension_range, low=max(lo, 1e-3), high=hi, unit="N"),
         )
         for name in ("observe_tensions", "observe_load"):
             if not isinstance(getattr(self, name), bool):
@@ -220,47 +184,14 @@ class TrackingConfig(_Settings):
         for name, kind in _NESTED.items():
             value = getattr(self, name)
             if isinstance(value, Mapping):
-                _set(self, name, kind.from_dict(value))
+                assign(self, name, kind.from_dict(value))
             elif not isinstance(value, kind):
                 raise ConfigError(name, value, f"a dictionary or a {kind.__name__}")
 
 
-_NESTED: dict[str, type[_Settings]] = {
+_NESTED: dict[str, type[Settings]] = {
     "load": LoadConfig,
     "target": TargetConfig,
     "reward": RewardConfig,
     "randomization": RandomizationConfig,
 }
-
-
-def _set(settings: _Settings, name: str, value: object) -> None:
-    object.__setattr__(settings, name, value)
-
-
-def _choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ConfigError(name, value, " or ".join(map(repr, choices)), suggestion(str(value), choices))
-
-
-def _number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
-        upper = "" if high == math.inf else f" and <= {high:g}"
-        raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")
-    return float(value)  # type: ignore[arg-type]
-
-
-def _count(name: str, value: object, low: int) -> int:
-    number = _number(name, value, low)
-    if number != int(number):
-        raise ConfigError(name, value, f"a whole number >= {low}")
-    return int(number)
-
-
-def _range(name: str, value: object, low: float, high: float = math.inf, unit: str = "") -> Range:
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
-        raise ConfigError(name, value, f"two numbers (low, high) [{unit}]")
-    first, second = (_number(name, number, low, high) for number in value)
-    if first > second:
-        raise ConfigError(name, value, f"low <= high [{unit}]", f"Write ({second:g}, {first:g}).")
-    return first, second

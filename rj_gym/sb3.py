@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from rj_gym.tracking.info import every_lane
-from rj_gym.tracking.vector import RollingJointVectorEnv
 from rollingjoint.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from rj_gym.design.vector import CurvatureDesignVectorEnv
+    from rj_gym.tracking.vector import RollingJointVectorEnv
 
 
 class SB3VecEnv(VecEnv):
@@ -26,7 +29,7 @@ class SB3VecEnv(VecEnv):
         InvalidInput: another autoreset mode.
     """
 
-    def __init__(self, env: RollingJointVectorEnv) -> None:
+    def __init__(self, env: RollingJointVectorEnv | CurvatureDesignVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidInput("autoreset_mode", env.autoreset_mode, "AutoresetMode.SAME_STEP, which SB3 expects")
         self.env = env

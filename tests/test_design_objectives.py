@@ -12,9 +12,11 @@ from rollingjoint import Status, WorldForce, solve_lengths, solve_tensions
 torch = pytest.importorskip("torch")
 
 from rollingjoint.design import loads as loads_module  # noqa: E402 - needs torch
+from rollingjoint.design import sweeps as sweeps_module  # noqa: E402
+from rollingjoint.design.comparison import measure  # noqa: E402
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension  # noqa: E402
 from rollingjoint.design.objectives import BendingShapes, TendonTravel, TipRotation, TipTravel  # noqa: E402
-from rollingjoint.design.problem import measure  # noqa: E402
+from rollingjoint.design.sweeps import shared_sweeps  # noqa: E402
 from rollingjoint.differentiable import DifferentiableChain  # noqa: E402
 
 torch.set_num_threads(1)
@@ -172,6 +174,28 @@ def test_gradients_are_those_of_differences_of_the_compiled_solver(name):
 
         numeric = np.array([richardson(lambda h, e=e: moved(h, e), 1e-2) for e in torch.eye(3)])
         assert own == pytest.approx(numeric, abs=1e-6 * np.abs(numeric).max() + 1e-9)
+
+
+def test_objectives_that_need_the_same_sweep_share_it_and_keep_their_gradients(monkeypatch):
+    judges = TipTravel(), TipRotation(), TendonTravel(), TendonTravel(per_radian=True), TipTravel(cases=4)
+    x = DESIGNS.clone().requires_grad_()
+
+    def total():
+        chain = family(x)
+        return sum(judge.measure(chain).values.sum() for judge in judges)
+
+    apart = torch.autograd.grad(total(), x)[0]
+    solve, solved = sweeps_module.solve_tensions, []
+    monkeypatch.setattr(sweeps_module, "solve_tensions", lambda *a: solved.append(len(a[1])) or solve(*a))
+    with shared_sweeps():
+        (together,) = torch.autograd.grad(total(), x)
+        assert solved == [9, 4]
+        with torch.no_grad():  # a sweep with a graph is no sweep without one, another chain not the same
+            total()
+    assert solved == [9, 4, 9, 4]
+    assert together.numpy() == pytest.approx(apart.numpy(), rel=1e-12)
+    total()
+    assert len(solved) == 4 + len(judges)
 
 
 def test_a_mechanism_has_its_own_shapes_at_no_distance_and_without_a_gradient():

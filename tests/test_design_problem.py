@@ -11,9 +11,10 @@ import rollingjoint as rj
 torch = pytest.importorskip("torch")
 
 from rollingjoint.design import problem as problem_module  # noqa: E402 - needs torch
+from rollingjoint.design.comparison import measure, nondominated  # noqa: E402
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension  # noqa: E402
 from rollingjoint.design.objectives import BendingShapes, Measured, TendonTravel, TipTravel  # noqa: E402
-from rollingjoint.design.problem import FAILED, Limit, Problem, Term, measure, nondominated  # noqa: E402
+from rollingjoint.design.problem import FAILED, Limit, Problem, Term  # noqa: E402
 from rollingjoint.design.space import DesignSpace  # noqa: E402
 from rollingjoint.differentiable import DifferentiableChain  # noqa: E402
 

@@ -20,6 +20,7 @@ from rollingjoint.differentiable import (  # noqa: E402 - needs torch
     solve_tensions,
     spline_pieces,
 )
+from rollingjoint.differentiable import newton as newton_module  # noqa: E402
 from rollingjoint.differentiable import solve as solve_module  # noqa: E402
 from rollingjoint.differentiable.design import PARAMETERS  # noqa: E402
 
@@ -386,6 +387,23 @@ def test_lanes_with_follower_forces_are_left_to_the_compiled_solver(monkeypatch)
     assert asked == [[False, True]] and found.ok.all()
     reference = rj.solve_tensions(rj.five_link(), (6.0, 3.0), [rj.BodyWrench(4, (0.2, 0.0))])
     assert found.tip[1].numpy() == pytest.approx(reference.tip, abs=1e-9)
+
+
+def test_lanes_that_go_on_alone_end_where_they_would_have_ended_together(monkeypatch):
+    base, coefficients, tensions, tables = designs_and_cases()
+    design = base.replace(coefficients=coefficients.detach())[:, None]
+    starts = solve_tensions(design, tensions.detach(), tables).joint_angles
+    starts[2] = 0.0  # the others are at rest
+    put, left = newton_module._Lanes.put, []
+    monkeypatch.setattr(newton_module._Lanes, "put", lambda *a: left.append(int(a[1].sum())) or put(*a))
+    found = []
+    for worth in (0, 64):
+        monkeypatch.setattr(newton_module, "_WORTH", worth)
+        found.append(solve_tensions(design, tensions.detach(), tables, starts=starts))
+    assert left[-1] == 2 and found[0].ok.all()
+    for name in ("joint_angles", "tensions", "stiffness"):
+        one, other = (getattr(part, name).numpy() for part in found)
+        assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
 
 
 def test_starts_choose_the_branch():

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from agents.fields import check_choice, check_integer
-from agents.search.optimiser import Array, Evaluated, Task
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -34,7 +34,7 @@ class Bayesian:
     startup: int = 20
     batch: int = 10
 
-    wants_gradient = False
+    wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
         import optuna

@@ -7,12 +7,12 @@ Auger and Hansen, "A restart CMA evolution strategy with increasing population s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from agents.fields import check_integer, check_number
-from agents.search.optimiser import Array, Evaluated, Task
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 
 @dataclass
@@ -28,7 +28,7 @@ class CmaEs:
     population: int = 0
     spread: float = 0.5
 
-    wants_gradient = False
+    wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
         check_integer("population", self.population, 0)

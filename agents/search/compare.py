@@ -33,7 +33,7 @@ def _command(searches: Sequence[Path], page: Path) -> int:
     from agents.search.outcome import Search, words
     from agents.search.report import Report, draw, table
 
-    before, after = _around(page)
+    before, after = around(page, BEGIN, END)
     reports = [Report(Search.read(out)) for out in searches]
     sections = []
     for report in reports:
@@ -52,13 +52,13 @@ def _command(searches: Sequence[Path], page: Path) -> int:
     return 0
 
 
-def _around(page: Path) -> tuple[str, str]:
-    """The text of the page before and after its generated part; raises RunFolderError where it has no such part."""
+def around(page: Path, begin: str, end: str) -> tuple[str, str]:
+    """The text of a page before and after its generated part; raises RunFolderError where it has no such part."""
     text = page.read_text("utf-8")
-    before, begun, rest = text.partition(BEGIN)
-    _, ended, after = rest.partition(END)
+    before, begun, rest = text.partition(begin)
+    _, ended, after = rest.partition(end)
     if not begun or not ended:
-        raise RunFolderError("page", str(page), f"a page with the lines {BEGIN} and {END}")
+        raise RunFolderError("page", str(page), f"a page with the lines {begin} and {end}")
     return before, after
 
 

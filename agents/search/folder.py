@@ -16,7 +16,7 @@ import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml
 
-COLUMNS = {"x": float, "cost": float, "measured": float, "ok": bool, "feasible": bool, "gradient": float}
+COLUMNS = {field.name: bool if field.name in ("ok", "feasible") else float for field in fields(Evaluated)}
 
 
 @dataclass(frozen=True)

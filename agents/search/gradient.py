@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from agents.fields import check_integer, check_number
-from agents.search.optimiser import Array, Evaluated, Task
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 ARMIJO = 1e-4  # share of the decrease promised by the slope that a step has to keep
 SMALLEST_STEP = 1e-6  # largest entry of a step below which a start is at rest
@@ -35,7 +36,7 @@ class Gradient:
     memory: int = 10
     longest_step: float = 0.5
 
-    wants_gradient = True
+    wants: ClassVar[Derivatives] = "gradient"
 
     def __post_init__(self) -> None:
         check_integer("starts", self.starts, 1)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from agents.fields import check_integer
-from agents.search.optimiser import Array, Evaluated, Task
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 
 @dataclass
@@ -15,7 +16,7 @@ class LatinHypercube:
     task: Task
     batch: int = 50
 
-    wants_gradient = False
+    wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
         check_integer("batch", self.batch, 1)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from agents.fields import check_choice, check_integer, check_number
-from agents.search.optimiser import Array, Evaluated, Task
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 from rollingjoint.checked_yaml import entries, point
 from rollingjoint.errors import ConfigError
 
@@ -37,7 +38,7 @@ class MapElites:
     batch: int = 12
     spread: float = 0.3
 
-    wants_gradient = False
+    wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
         for what in ("measures", "ranges", "cells"):

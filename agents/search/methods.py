@@ -17,6 +17,7 @@ METHODS = {
     "cma_es": "cma_es.CmaEs",
     "bayesian": "bayesian.Bayesian",
     "gradient": "gradient.Gradient",
+    "sqp": "sqp.Sqp",
     "map_elites": "map_elites.MapElites",
 }
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Derivatives = Literal["", "gradient", "jacobian"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,9 @@ class Evaluated:
         measured: (B, m) physical values, in the order of Task.names; of no meaning where not `ok`.
         ok: (B,) the design can be built and all its equilibria were found.
         feasible: (B,) it keeps all limits, too.
+        worth, constraints: (B,), (B, c) what the cost is without penalty; the constraints, 0 or more where kept.
         gradient: (B, d) of the cost, for optimisers that want it.
+        jacobian: (B, 1 + c, d) of worth and constraints, likewise.
     """
 
     x: Array
@@ -55,16 +58,20 @@ class Evaluated:
     measured: Array
     ok: Mask
     feasible: Mask
+    worth: Array | None = None
+    constraints: Array | None = None
     gradient: Array | None = None
+    jacobian: Array | None = None
 
     def __len__(self) -> int:
         return len(self.x)
 
     @classmethod
-    def of(cls, evaluation: Any, gradient: Array | None = None) -> Evaluated:
+    def of(cls, evaluation: Any, **derivatives: Array) -> Evaluated:
         """The same from an Evaluation of rollingjoint.design."""
-        measured = np.hstack([evaluation.values, evaluation.limited])
-        return cls(evaluation.x, evaluation.cost, measured, evaluation.ok, evaluation.feasible, gradient)
+        names = ["x", "cost", "ok", "feasible", *(["worth", "constraints"] if "jacobian" in derivatives else [])]
+        columns: dict[str, Any] = {name: getattr(evaluation, name) for name in names} | derivatives
+        return cls(measured=np.hstack([evaluation.values, evaluation.limited]), **columns)
 
     @classmethod
     def joined(cls, batches: Sequence[Evaluated]) -> Evaluated:
@@ -80,8 +87,8 @@ class Optimiser(Protocol):
     """
 
     @property
-    def wants_gradient(self) -> bool:
-        """Whether `tell` needs the gradients of the cost."""
+    def wants(self) -> Derivatives:
+        """What `tell` needs beside the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
 
     def ask(self, most: int) -> Array:
         """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""

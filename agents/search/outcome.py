@@ -17,7 +17,8 @@ from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array, Evaluated, Mask
 from agents.search.problem import against, design_problem, measured, names
-from rollingjoint.design.problem import Problem, nondominated
+from rollingjoint.design.comparison import nondominated
+from rollingjoint.design.problem import Problem
 
 N = TypeVar("N", int, float)
 YARDSTICK = "cma_es"  # what it has found at the end is what the other methods have to reach

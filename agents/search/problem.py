@@ -12,9 +12,10 @@ from agents.search.config import SearchConfig
 from agents.search.methods import make
 from agents.search.optimiser import Optimiser, Task
 from rollingjoint.checked_yaml import mapping, number
+from rollingjoint.design.comparison import measure
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
 from rollingjoint.design.objectives import BendingShapes, Objective, TendonTravel, TipRotation, TipTravel
-from rollingjoint.design.problem import Limit, Problem, Term, measure
+from rollingjoint.design.problem import Limit, Problem, Term
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.mechanism_file import load_mechanism

@@ -27,7 +27,7 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
     """Go on with a run; yields after every batch, and once before the first.
 
     Args:
-        problem: `evaluate` and `with_gradient`, as rollingjoint.design.Problem has them.
+        problem: `evaluate`, `with_gradient` and `with_jacobian`, as rollingjoint.design.Problem has them.
         optimiser: new.
         budget: designs of the whole run, kept exactly.
     Raises:
@@ -39,7 +39,7 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
         yield now
         begun = time.monotonic() - now.seconds
         while now.evaluations < budget:
-            evaluated = _evaluate(problem, optimiser, optimiser.ask(budget - now.evaluations))
+            evaluated = evaluated_by(problem, optimiser, optimiser.ask(budget - now.evaluations))
             optimiser.tell(evaluated)
             seconds = time.monotonic() - begun
             run.append(evaluated, seconds)
@@ -47,9 +47,14 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
             yield now
 
 
-def _evaluate(problem: Any, optimiser: Optimiser, x: np.ndarray) -> Evaluated:
-    if optimiser.wants_gradient:
-        return Evaluated.of(*problem.with_gradient(x))
+def evaluated_by(problem: Any, optimiser: Optimiser, x: np.ndarray) -> Evaluated:
+    """What the problem says of designs, with the derivatives that the optimiser wants."""
+    if optimiser.wants == "gradient":
+        evaluation, gradient = problem.with_gradient(x)
+        return Evaluated.of(evaluation, gradient=gradient)
+    if optimiser.wants == "jacobian":
+        evaluation, jacobian = problem.with_jacobian(x)
+        return Evaluated.of(evaluation, jacobian=jacobian)
     return Evaluated.of(problem.evaluate(x))
 
 

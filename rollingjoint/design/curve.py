@@ -19,7 +19,7 @@ from rollingjoint.profile import Profile
 Array = NDArray[np.float64]
 
 _CELLS = 32  # at least so many over a surface
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,16 +27,18 @@ class Curve:
     """Matrices that take the free knot values (f,) of a surface to its curvature and turning, at half width 1.
 
     Attributes:
+        symmetric: whether the curvature is even in s; then control, turning and turning_inside begin at s = 0.
         places: of the free knots, (f,), within [-1, 1].
         breaks: all knots, (p + 1,).
         pieces: to the coefficients of the curvature, (p, k, f).
         grid: borders of equal cells, all knots among them, 0 in the middle, (cells + 1,).
         control: to Bernstein coefficients of the curvature in every cell, which enclose it, (r, f).
         turning: to the turning from 0 to the grid, (cells + 1, f).
-        turning_inside: to the turning from 0 to quadrature nodes inside the cells, (cells, 4, f).
+        turning_inside: to the turning from 0 to quadrature nodes inside the cells, (cells, 3, f).
         values: to the curvature on the grid, (cells + 1, f).
     """
 
+    symmetric: bool
     places: Tensor
     breaks: Tensor
     pieces: Tensor
@@ -48,20 +50,23 @@ class Curve:
 
     def angles(self, knot_values: Tensor, half_width: Tensor) -> Tensor:
         """Turning from s = 0 to the grid, (..., cells + 1) [rad]; half width (...)."""
-        return half_width[..., None] * (knot_values @ self.turning.T)
+        turned = half_width[..., None] * (knot_values @ self.turning.T)
+        return torch.cat([-turned[..., 1:].flip(-1), turned], -1) if self.symmetric else turned
 
     def points(self, knot_values: Tensor, angle: Tensor, half_width: Tensor) -> Tensor:
         """Grid points of child surfaces that start at 0 with a tangent angle (...), complex (..., cells + 1) [mm].
 
         Args:
             knot_values: convexities, (..., f) [1/mm]: the curvature is their negative.
-            angle, half_width: (...) [rad, mm].
+            angle, half_width: (...) [rad, mm]; the angle is 0 if symmetric.
         """
         inside = half_width[..., None] * (knot_values @ self.turning_inside.flatten(0, 1).T)
         theta = (angle[..., None] - inside).unflatten(-1, (-1, len(_NODES)))
         weights = torch.as_tensor(0.5 * _WEIGHTS) * (self.grid[1] - self.grid[0])
         chords = half_width[..., None] * torch.complex(torch.cos(theta) @ weights, torch.sin(theta) @ weights)
         reached = torch.cat([torch.zeros_like(chords[..., :1]), chords.cumsum(-1)], -1)
+        if self.symmetric:
+            return torch.cat([-reached[..., 1:].conj().flip(-1), reached], -1)
         return reached - reached[..., len(self.grid) // 2, None]
 
 
@@ -79,17 +84,20 @@ def curve(knots: int, kind: str, symmetric: bool) -> Curve:
     grid[cells // 2] = 0.0
     inside = 0.5 * (grid[:-1] + grid[1:])[:, None] + 0.5 * np.diff(grid)[:, None] * _NODES
 
+    first = cells // 2 if symmetric else 0  # of the cells that are looked at
+
     def matrix(values: list[Array]) -> Tensor:
         return torch.as_tensor(np.stack(values, -1))
 
     return Curve(
+        symmetric,
         torch.as_tensor(breaks[half:] if symmetric else breaks),
         torch.as_tensor(breaks),
         matrix([profile.coefficients for profile in profiles]),
         torch.as_tensor(grid),
-        matrix([_bernstein(profile, grid, degree) for profile in profiles]),
-        matrix([profile.turning(grid) for profile in profiles]),
-        matrix([profile.turning(inside) for profile in profiles]),
+        matrix([_bernstein(profile, grid[first:], degree) for profile in profiles]),
+        matrix([profile.turning(grid[first:]) for profile in profiles]),
+        matrix([profile.turning(inside[first:]) for profile in profiles]),
         matrix([profile.curvature(grid) for profile in profiles]),
     )
 

@@ -1,9 +1,14 @@
 """When a design is valid, as smooth margins: five numbers that are 0 or more for a design that can be built.
 
 Each is a smooth minimum, from below, over dense samples of every joint or link. docs/design.md says what they mean.
+The samples are made as powers, -100 times what they say, so that a matrix product can make them with all constants.
+Of surfaces that are even in s those samples are left out whose mirror images are there, which count twice.
 """
 
 from __future__ import annotations
+
+import functools
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,10 +21,11 @@ MARGINS = ("rolling", "clearance", "radius", "holes", "thickness")
 """The names of the margins, in order."""
 
 _SHARPNESS = 100.0
-_BLOCK = 256
+_BLOCK = 512
 _CONTACT_STEP = 4  # cells between the contacts at which a joint is looked at
 _PAIR_STEP = 2  # cells between the points of which all pairs are looked at
 _CHORD = 0.15  # least distance of two points over their distance along the surfaces
+_ROUNDING = 1e-9  # of places
 _CLEARANCE = 0.3  # least distance of the surfaces over that of surfaces with the least curvature
 
 
@@ -38,119 +44,183 @@ def _block(numbers: Numbers, smallest_radius: float, wall: float) -> Tensor:
         _holes(sampled, wall),
         _thickness(sampled, smallest_radius, wall),
     ]
-    return torch.stack([_smallest(column) for column in columns], -1)
+    return torch.stack(columns, -1) / -_SHARPNESS
 
 
-def _smallest(values: Tensor) -> Tensor:
-    """A smooth minimum from below of all but the first axis."""
-    return -torch.logsumexp(-_SHARPNESS * values.flatten(1), -1) / _SHARPNESS
+def _summed(powers: Tensor) -> Tensor:
+    """The logarithm of the sum of the exponentials of all but the first axis."""
+    return torch.logsumexp(powers.flatten(1), -1)
 
 
 class _Sampled:
-    """The distinct surfaces of designs on the grid, as child surfaces at the origin; a parent surface is the mirror."""
+    """The distinct surfaces of designs on the grid, as child surfaces at the origin; a parent surface is the mirror.
+
+    Attributes:
+        points: complex (B, S, N) [mm].
+        half_turns: exp(i tangent angle / 2), (B, S, N).
+        values: convexities, (B, S, N) [1/mm].
+        control_counts: logarithm of how often each Bernstein coefficient of a curvature counts, (r,).
+    """
 
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
         self.curve: Curve = numbers.curve
         self.width = numbers.half_width  # (B,)
         wide = self.width[:, None].expand(numbers.convexity.shape[:-1])
-        self.theta = numbers.angle[..., None] - self.curve.angles(numbers.convexity, wide)  # (B, S, N)
-        self.points = self.curve.points(numbers.convexity, numbers.angle, wide)  # (B, S, N)
+        angles = 0.5 * (numbers.angle[..., None] - self.curve.angles(numbers.convexity, wide))
+        self.half_turns = torch.complex(torch.cos(angles), torch.sin(angles))
+        self.points = self.curve.points(numbers.convexity, numbers.angle, wide)
+        self.values = numbers.convexity @ self.curve.values.T
+        self.control_counts = _counts(torch.arange(len(self.curve.control)), self.curve.symmetric)
+
+
+def _counts(places: Tensor, symmetric: bool) -> Tensor:
+    """Logarithm of how often samples count that are looked at for s >= 0 only, if symmetric: twice where s > 0."""
+    return torch.log(1.0 + (places > _ROUNDING).to(torch.float64) * symmetric)
 
 
 def _rolling(sampled: _Sampled) -> Tensor:
-    numbers = sampled.numbers
-    control = numbers.convexity @ sampled.curve.control.T
+    numbers, scale = sampled.numbers, _SHARPNESS * sampled.width
     child, parent = numbers.structure.joints.T
-    relative = control[:, child] + control[:, parent]
-    return sampled.width[:, None, None] * (relative - LEAST_CURVATURE)
+    relative = numbers.convexity[:, child] + numbers.convexity[:, parent]
+    powers = -scale[:, None, None] * relative @ sampled.curve.control.T
+    return _summed(powers + sampled.control_counts) + scale * LEAST_CURVATURE
 
 
 def _radius(sampled: _Sampled, smallest_radius: float) -> Tensor:
-    control = smallest_radius * (sampled.numbers.convexity @ sampled.curve.control.T)
-    return torch.stack([1.0 - control, 1.0 + control], 1)
+    control = _SHARPNESS * smallest_radius * sampled.numbers.convexity @ sampled.curve.control.T
+    return _summed(torch.stack([control, -control], 1) + sampled.control_counts) - _SHARPNESS
+
+
+class _Places(NamedTuple):
+    """At which contacts and places joints are looked at.
+
+    Attributes:
+        contacts: on the grid, (C,).
+        nearness: 1 / squared arc length from every contact to the grid, 0 at the contact, (C, N).
+        apart: power of what stands at the contact: next to nothing, (C, N).
+        far: of every row of pairs of points, the place among the contacts, (R,).
+        moved: and that of the point above among every second one, (R,).
+        closeness: 1 / squared arc length from it to every second point below, 0 at itself, (R, P).
+        weights: of the pairs, (R × P).
+    """
+
+    contacts: Tensor
+    nearness: Tensor
+    apart: Tensor
+    far: Tensor
+    moved: Tensor
+    closeness: Tensor
+    weights: Tensor
+
+
+@functools.lru_cache
+def _places(cells: int, symmetric: bool) -> _Places:
+    middle, grid = cells // 2, torch.linspace(-1.0, 1.0, cells + 1, dtype=torch.float64)
+    contacts = torch.arange(middle if symmetric else middle % _CONTACT_STEP, cells + 1, _CONTACT_STEP)
+    nearness = _inverse_squares(grid[contacts, None] - grid)
+    places = grid[::_PAIR_STEP]
+    far, moved = torch.cartesian_prod(torch.arange(0, len(contacts), 2), torch.arange(len(places))).T
+    once = (far > 0) | (places[moved] > -_ROUNDING) | (not symmetric)  # in the middle one half mirrors the other
+    far, moved = far[once], moved[once]
+    counts = _counts(torch.where(far > 0, 0.0, places[moved]), symmetric)[:, None]
+    closeness = _inverse_squares(places[moved, None] - places)
+    missed = 0.5 * (places[1] - places[0]).square()  # curves that cross have samples nearer than that
+    weights = torch.where(closeness > 0, torch.exp(_SHARPNESS * (missed * closeness + _CHORD**2) + counts), 0.0)
+    apart = torch.where(nearness > 0, 0.0, -10.0 * _SHARPNESS)
+    return _Places(contacts, nearness, apart, far, moved, closeness, weights.flatten())
+
+
+def _inverse_squares(distances: Tensor) -> Tensor:
+    """1 / squared distances; 0 for a distance of 0."""
+    return torch.where(distances == 0, 0.0, 1.0 / distances.square())
 
 
 def _clearance(sampled: _Sampled) -> Tensor:
-    """Clearance of the surfaces of every joint at contacts all over the range, (B, ...).
+    """Clearance of the surfaces of every joint at contacts all over the range, (B,).
 
     Surfaces that meet, meet either at one arc length or at two. At one: from the child's point to the parent's, along
     the normal of the mean of both tangents, over half the squared distance from the contact; near the contact that is
     the relative curvature. At two: the distance over that of the arc lengths.
     """
-    structure, grid = sampled.numbers.structure, sampled.curve.grid
-    middle = len(grid) // 2
-    contacts = torch.arange(middle if structure.symmetric else middle % _CONTACT_STEP, len(grid), _CONTACT_STEP)
-    child, parent = structure.joints.T
+    places = _places(len(sampled.curve.grid) - 1, sampled.curve.symmetric)
+    child, parent = sampled.numbers.structure.joints.T
     below, above = sampled.points[:, child], sampled.points[:, parent].conj()  # (B, J, N) in their links' frames
-    theta, beyond = sampled.theta[:, child], -sampled.theta[:, parent]
-    turn = _turned(theta - beyond)[..., contacts]  # from the frame of the link above to that of the link below
-    shift = below[..., contacts] - turn * above[..., contacts]
-    width = sampled.width[:, None, None]
-    normal = _turned(0.5 * (theta + beyond))  # of the mean tangent, for each of the two in its own frame
-    back = _turned(0.5 * (beyond - theta))[..., contacts]
-    apart = _imaginary(
-        torch.stack([turn * back, shift * back, -back], -1),
-        torch.stack([normal.conj() * above, normal.conj(), normal.conj() * below], -2),
-    )
-    near = _over_squares(2.0 * apart / width[..., None], grid[contacts, None] - grid)
-    far = _distances(turn[..., ::2], shift[..., ::2], below[..., ::_PAIR_STEP], above[..., ::_PAIR_STEP])
-    places = grid[::_PAIR_STEP]
-    missed = 0.5 * (places[1] - places[0]).square()  # curves that cross have samples nearer than that
-    chords = _over_squares(far / width[..., None, None].square() - missed, places[:, None] - places)
-    least = _CLEARANCE * LEAST_CURVATURE * width
-    return torch.cat([near.flatten(1) - least[..., 0], chords.flatten(1) - _CHORD**2], -1)
+    first, second = sampled.half_turns[:, child], sampled.half_turns[:, parent].conj()
+    ahead = (first * second.conj())[..., places.contacts]  # half the turn from the frame above to that below
+    turn = ahead.square()
+    shift = below[..., places.contacts] - turn * above[..., places.contacts]
+    near = _near(sampled.width, places, ahead, shift, first * second, below, above)
+    below, above = below[..., ::_PAIR_STEP], above[..., ::_PAIR_STEP]
+    moved = turn[..., places.far] * above[..., places.moved] + shift[..., places.far]
+    return torch.logaddexp(near, _far(sampled.width, places, moved, below))
 
 
-def _over_squares(values: Tensor, distances: Tensor) -> Tensor:
-    """Values over squared distances; where the distance is 0 a harmless 10."""
-    square = distances.square()
-    return torch.addcmul(10.0 * (square == 0), values, torch.where(square > 0, 1.0 / square, 0.0))
+def _near(
+    width: Tensor, places: _Places, ahead: Tensor, shift: Tensor, normal: Tensor, below: Tensor, above: Tensor
+) -> Tensor:
+    """At one arc length: the imaginary part of a product of complex matrices, (..., C, 3) and (..., 3, N)."""
+    scale = (-2.0 * _SHARPNESS / width)[:, None, None, None]
+    back = ahead.conj()
+    left = scale * _flat(torch.stack([ahead, shift * back, -back], -1))
+    right = _flat(1j * torch.stack([normal * above.conj(), normal, normal * below.conj()], -1))
+    powers = torch.addcmul(places.apart, left @ right.mT, places.nearness)
+    return _summed(powers) + _SHARPNESS * _CLEARANCE * LEAST_CURVATURE * width
 
 
-def _distances(turn: Tensor, shift: Tensor, below: Tensor, above: Tensor) -> Tensor:
-    """Squared distances of points (..., N) of two links posed by turn and shift (..., C), (..., C, N, N) [mm²]."""
-    moved = turn[..., None] * above[..., None, :] + shift[..., None]  # (..., C, N)
-    left = torch.stack([torch.ones_like(moved.real), moved.abs().square(), -2.0 * moved.real, -2.0 * moved.imag], -1)
-    right = torch.stack([below.abs().square(), torch.ones_like(below.real), below.real, below.imag], -2)
-    return left @ right[..., None, :, :]
+def _far(width: Tensor, places: _Places, moved: Tensor, below: Tensor) -> Tensor:
+    """At two: squared distances of points above, (..., R), and below, (..., P)."""
+    scale = (-_SHARPNESS / width.square())[:, None, None, None]
+    one = torch.ones_like(below.real)
+    left = torch.stack([_square(moved), torch.ones_like(moved.real), moved.real, moved.imag], -1)
+    right = scale * torch.stack([one, _square(below), -2.0 * below.real, -2.0 * below.imag], -1)
+    powers = (left @ right.mT).mul_(places.closeness)
+    return (powers.exp_().flatten(-2) @ places.weights).sum(-1).log()
 
 
-def _imaginary(left: Tensor, right: Tensor) -> Tensor:
-    """Imaginary part of a product of complex matrices."""
-    return torch.cat([left.imag, left.real], -1) @ torch.cat([right.real, right.imag], -2)
+def _flat(values: Tensor) -> Tensor:
+    """Complex numbers (..., k) as pairs of real ones, (..., 2 k)."""
+    return torch.view_as_real(values).flatten(-2)
+
+
+def _square(values: Tensor) -> Tensor:
+    return values.real.square() + values.imag.square()
 
 
 def _holes(sampled: _Sampled, wall: float) -> Tensor:
-    numbers, width = sampled.numbers, sampled.width
-    edge = 1.0 - (numbers.hole + wall) / width[:, None]  # (B, 2)
-    places = numbers.hole / width[:, None] * torch.tensor([-1.0, 1.0])
+    numbers, width = sampled.numbers, sampled.width[:, None]
+    sides = slice(1, 2) if sampled.curve.symmetric else slice(0, 2)
+    hole = numbers.hole[:, sides]
+    edge = 1.0 - (hole + wall) / width  # (B, H)
+    places = hole / width * torch.tensor([-1.0, 1.0])[sides]
     child, parent = numbers.structure.joints.T
-    values = numbers.convexity @ sampled.curve.values.T
-    at = _interpolated(sampled, values, places)  # (B, S, 2)
-    local = (at[:, :, None] - sampled.points[..., None]) * _turned(-sampled.theta)[..., None]  # (B, S, N, 2)
-    height = -(local[:, child] + local[:, parent]).imag  # (B, J, N, 2)
-    kappa = (values[:, child] + values[:, parent])[..., None]
-    square = (places[:, None, :] - sampled.curve.grid[:, None]).square()[:, None] * width[:, None, None, None].square()
+    at = _interpolated(sampled, places)  # (B, S, H)
+    away = at[:, :, None] - sampled.points[..., None]  # (B, S, N, H)
+    turned = sampled.half_turns.square()[..., None]
+    local = away.imag * turned.real - away.real * turned.imag
+    kappa = sampled.values[:, child] + sampled.values[:, parent]  # (B, J, N)
+    square = ((places[:, None, :] - sampled.curve.grid[:, None]) * width[..., None]).square()
     soft = 0.01
-    gap = (2.0 * height + kappa * soft) / (square + soft)
-    crossing = width[:, None, None, None] * (gap - _CLEARANCE * LEAST_CURVATURE)
-    return torch.cat([edge, crossing.flatten(1)], -1)
+    gap = (soft * kappa[..., None] - 2.0 * (local[:, child] + local[:, parent])) / (square[:, None] + soft)
+    crossing = width[..., None, None] * (gap - _CLEARANCE * LEAST_CURVATURE)
+    powers = -_SHARPNESS * torch.cat([edge, crossing.flatten(1)], -1)
+    return _summed(powers) + torch.log(torch.tensor(2.0 / hole.shape[1], dtype=torch.float64))
 
 
-def _interpolated(sampled: _Sampled, values: Tensor, places: Tensor) -> Tensor:
-    """Points of every surface at places (B, 2) in half widths, (B, S, 2): quintic Hermite polynomials in the cells."""
+def _interpolated(sampled: _Sampled, places: Tensor) -> Tensor:
+    """Points of every surface at places (B, H) in half widths, (B, S, H): quintic Hermite polynomials in the cells."""
     grid = sampled.curve.grid
     step = grid[1] - grid[0]
     cell = ((places.detach() - grid[0]) / step).long().clamp(0, len(grid) - 2)
     t = ((places - grid[cell]) / step)[:, None, :]
     index = cell[:, None, :].expand(-1, sampled.points.shape[1], -1)
     length = step * sampled.width[:, None, None]
-    tangents = _turned(sampled.theta) * length
-    bends = -1j * tangents * values * length
-    (p, q), (a, b), (c, d) = (
-        (table.gather(-1, index), table.gather(-1, index + 1)) for table in (sampled.points, tangents, bends)
-    )
+
+    def end(index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        tangent = sampled.half_turns.gather(-1, index).square() * length
+        return sampled.points.gather(-1, index), tangent, -1j * tangent * sampled.values.gather(-1, index) * length
+
+    (p, a, c), (q, b, d) = end(index), end(index + 1)
     chord = q - p
     cubic = 10 * chord - 6 * a - 4 * b - 1.5 * c + 0.5 * d
     quartic = -15 * chord + 8 * a + 7 * b + 1.5 * c - d
@@ -160,17 +230,17 @@ def _interpolated(sampled: _Sampled, values: Tensor, places: Tensor) -> Tensor:
 
 def _thickness(sampled: _Sampled, smallest_radius: float, wall: float) -> Tensor:
     numbers, width = sampled.numbers, sampled.width
-    points = sampled.points[..., ::_PAIR_STEP]
     step = _PAIR_STEP * (sampled.curve.grid[1] - sampled.curve.grid[0]) * width
-    parent, child = numbers.structure.links.T
-    top, bottom = points[:, child], points[:, parent]
-    height = numbers.height[..., None, None]
     reach = wall + 1.0
-    across = (top.real[..., None] - bottom.real[..., None, :]).square() / (2.0 * reach)
-    apart = height + top.imag[..., None] + bottom.imag[..., None, :] + across
     missed = step.square() / 8.0 * (1.0 / reach + 2.0 / smallest_radius)  # between the samples
-    return (apart - wall - missed[:, None, None, None]) / height
-
-
-def _turned(angle: Tensor) -> Tensor:
-    return torch.complex(torch.cos(angle), torch.sin(angle))
+    parent, child = numbers.structure.links.T
+    bottom, top = (sampled.points[:, side, ::_PAIR_STEP] for side in (parent, child))
+    half = slice(bottom.shape[-1] // 2 if sampled.curve.symmetric else 0, None)
+    counts = _counts(sampled.curve.grid[::_PAIR_STEP][half], sampled.curve.symmetric)
+    top = top[..., half]
+    scale = (-_SHARPNESS / numbers.height)[..., None, None]  # (B, L, 1, 1)
+    rest = top.imag + (numbers.height - wall - missed[:, None])[..., None]
+    left = torch.stack([torch.ones_like(rest), top.real.square() / (2.0 * reach) + rest, top.real], -1)
+    across = bottom.real.square() / (2.0 * reach) + bottom.imag
+    right = torch.stack([across, torch.ones_like(across), bottom.real / -reach], -1)
+    return _summed(left @ (scale * right).mT + counts[:, None])

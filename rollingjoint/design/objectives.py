@@ -15,6 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.errors import InvalidInput, as_floats, as_integer
@@ -144,7 +145,7 @@ class _Sweep:
         return self.tension * np.stack([ratios, np.ones_like(ratios)], -1) / (1.0 + ratios[:, None])
 
     def _swept(self, chain: DifferentiableChain) -> Equilibria:
-        return solve_tensions(chain[:, None], constant(self.tensions, chain))
+        return swept(chain, self.tensions)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -14,10 +14,12 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.design.comparison import measure
+from rollingjoint.design.margins import MARGINS
 from rollingjoint.design.objectives import Measured, Objective
 from rollingjoint.design.space import DesignSpace
-from rollingjoint.differentiable import DifferentiableChain
-from rollingjoint.errors import InvalidInput, SolverError, as_floats, as_integer
+from rollingjoint.design.sweeps import shared_sweeps
+from rollingjoint.errors import InvalidInput, as_floats, as_integer
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -70,10 +72,10 @@ class Limit:
         if not self.low <= self.high or not (math.isfinite(self.low) or math.isfinite(self.high)):
             raise InvalidInput("limit", (self.low, self.high), "low <= high, at least one of them finite")
 
-    def violation(self, values: Tensor) -> Tensor:
-        """By how much values break the bounds, relative, (B,)."""
-        under = _excess(self.low - values, self.low)
-        return under + _excess(values - self.high, self.high)
+    def slacks(self, values: Tensor) -> list[Tensor]:
+        """How far values are inside each finite bound, relative to its size, (B,) each; negative where it is broken."""
+        sides = ((values - self.low, self.low), (self.high - values, self.high))
+        return [inside / (abs(bound) or 1.0) for inside, bound in sides if math.isfinite(bound)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,8 @@ class Evaluation:
         ok: every equilibrium was found, (B,).
         feasible: ok and no violation, (B,).
         cost: what a search makes small, (B,), always finite.
+        worth: the sum of the terms, without the penalty, or `FAILED`, (B,).
+        constraints: the margins, then how far every limit is kept, relative, (B, constraints), 0 or more where kept.
     """
 
     x: Array
@@ -98,6 +102,8 @@ class Evaluation:
     violation: Array
     ok: NDArray[np.bool_]
     cost: Array
+    worth: Array
+    constraints: Array
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
@@ -171,6 +177,18 @@ class Problem:
         gradient = np.concatenate([part.numpy() for _, part in judged])
         return _evaluation(rows, [found for found, _ in judged]), gradient
 
+    def with_jacobian(self, x: ArrayLike) -> tuple[Evaluation, Array]:
+        """What designs are worth, and the Jacobian of worth and constraints, (B, 1 + constraints, d).
+
+        Args:
+            x: as for `evaluate`.
+        Raises:
+            InvalidInput: as for `evaluate`.
+        """
+        rows = self._rows(x)
+        judged = _chunked(self._linearised, rows, 1)
+        return _evaluation(rows, [found for found, _ in judged]), np.concatenate([part for _, part in judged])
+
     def against(self, mechanism: RollingChain) -> Array:
         """Values of the objectives of a given mechanism, to compare designs with; raises as `measure`."""
         return measure(mechanism, [term.objective for term in self.objectives])
@@ -192,26 +210,41 @@ class Problem:
             (gradient,) = torch.autograd.grad(judged.cost.sum(), leaf)
         return judged.detached(), torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
+    def _linearised(self, x: Tensor) -> tuple[_Judged, Array]:
+        """Every row stands there once for each part, so that one pass back is enough."""
+        bounds = [bound for limit in self.limits for bound in (limit.low, limit.high)]
+        count = 1 + len(MARGINS) + sum(map(math.isfinite, bounds))
+        leaf = x.repeat_interleave(count, 0).requires_grad_()
+        with torch.enable_grad():
+            judged = self._judged(leaf)
+            parts = torch.cat([judged.worth[:, None], judged.constraints], 1)
+            own = parts.view(len(x), count, count).diagonal(dim1=1, dim2=2)
+            (gradient,) = torch.autograd.grad(own.sum(), leaf)
+        jacobian = torch.nan_to_num(gradient, nan=0.0).view(len(x), count, -1)
+        return judged.detached()[::count], jacobian.numpy()
+
     def _judged(self, x: Tensor) -> _Judged:
         """Rows of designs as tensors."""
         known = torch.isfinite(x).all(-1)
         vector = torch.where(known[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
         chain = self.space.chain(vector)
         margins = torch.nan_to_num(self.space.margins(vector), nan=-1.0).clamp(-_FARTHEST, _FARTHEST)
-        found = {objective: objective.measure(chain) for objective in self.distinct}
+        with shared_sweeps():
+            found = {objective: objective.measure(chain) for objective in self.distinct}
         ok = known
         for measured in found.values():
             ok = ok & measured.ok & torch.isfinite(measured.values)
         values, limited = (
             _columns([found[entry.objective] for entry in entries], ok) for entries in (self.objectives, self.limits)
         )
-        broken = torch.relu(-margins).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
-        for column, limit in enumerate(self.limits):
-            broken = broken + torch.where(ok, limit.violation(limited[:, column]), 0.0)
+        slacks = [slack for limit, column in zip(self.limits, limited.T, strict=True) for slack in limit.slacks(column)]
+        constraints = torch.cat([margins, *(torch.where(ok, slack, 0.0)[:, None] for slack in slacks)], 1)
+        broken = torch.relu(-constraints).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
         violation = torch.where(known, broken, FAILED)
         factors = torch.tensor([term.factor for term in self.objectives], dtype=torch.float64)
         worth = torch.where(ok, values @ factors, FAILED)
-        return _Judged(values, limited, margins, violation, ok, worth + self.penalty * (violation + violation.square()))
+        cost = worth + self.penalty * (violation + violation.square())
+        return _Judged(values, limited, margins, violation, ok, cost, worth, constraints)
 
 
 @dataclass(frozen=True)
@@ -224,49 +257,16 @@ class _Judged:
     violation: Tensor
     ok: Tensor
     cost: Tensor
+    worth: Tensor
+    constraints: Tensor
 
     def detached(self) -> _Judged:
         """The rows as constants."""
         return _Judged(*(getattr(self, field.name).detach() for field in fields(self)))
 
-
-def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
-    """Values of objectives of one mechanism, which need not lie in a design space, (objectives,).
-
-    Raises:
-        InvalidInput: another number of tendons or links than the objectives are for.
-        SolverError: no stable equilibrium in one of their cases.
-    """
-    chain = DifferentiableChain.from_mechanism([mechanism])
-    values = []
-    for objective in objectives:
-        with torch.no_grad():
-            measured = objective.measure(chain)
-        if not bool(measured.ok):
-            raise SolverError(f"{objective.name}: {mechanism.name!r} has no stable equilibrium in one of its cases")
-        values.append(float(measured.values))
-    return np.array(values)
-
-
-def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool_]:
-    """Which rows no other row beats, (B,): none is as good in every column and better in one.
-
-    Args:
-        values: (B, k); rows with a NaN are beaten.
-        maximise: whether more is better, of every column.
-    Raises:
-        InvalidInput: shapes that disagree.
-    """
-    table = as_floats("values", values, "numbers (B, k)")
-    signs = np.where(np.array(list(maximise), bool), -1.0, 1.0)
-    if table.ndim != 2 or signs.shape != table.shape[1:]:
-        raise InvalidInput("shape of values", table.shape, f"(B, {len(signs)}), a column for each of `maximise`")
-    costs = table * signs
-    kept = np.all(~np.isnan(costs), axis=1)
-    for row in np.flatnonzero(kept):
-        if kept[row]:
-            kept &= ~((costs >= costs[row]).all(1) & (costs > costs[row]).any(1))
-    return kept
+    def __getitem__(self, rows: slice) -> _Judged:
+        """Some of the rows."""
+        return _Judged(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
@@ -285,12 +285,6 @@ def _columns(measured: list[Measured], ok: Tensor) -> Tensor:
         return torch.zeros(len(ok), 0, dtype=torch.float64)
     columns = torch.stack([one.values for one in measured], -1)
     return torch.where(ok[:, None], columns, torch.nan_to_num(columns.detach(), posinf=0.0, neginf=0.0))
-
-
-def _excess(over: Tensor, bound: float) -> Tensor:
-    if not math.isfinite(bound):
-        return torch.zeros_like(over)
-    return torch.relu(over) / (abs(bound) or 1.0)
 
 
 def _evaluation(x: Array, parts: list[_Judged]) -> Evaluation:

@@ -6,6 +6,7 @@ Source: docs/theory.md, section 7.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -21,6 +22,7 @@ _ARMIJO = 1e-4
 _ROUNDING = 1e-14  # of the magnitude of the energy terms
 _NEGLIGIBLE = 1e-8  # N·mm/rad
 _SMALLEST_PIVOT = 1e-10  # of the largest entry
+_WORTH = 64  # lanes; as many more than half must have arrived before the others go on alone
 
 
 def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -30,17 +32,34 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
         lane has arrived, (...).
     """
-    bounds = _Bounds(geometry, s)
-    s = torch.minimum(torch.maximum(s, bounds.first), bounds.last)
+    problem = _Problem(geometry, law, loads, _Bounds(geometry, s))
+    s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
     current = _Lanes.at(geometry, law, loads, s)
-    alpha = torch.ones_like(current.energy)
-    stuck = (loads.body != 0).any(-1) & torch.ones_like(alpha, dtype=torch.bool)  # follower forces have no energy
-    for _ in range(_MOST_STEPS):
+    follow = (loads.body != 0).any(-1).expand(current.energy.shape)  # such forces have no energy
+    current, stuck = _descended(problem, current, torch.ones_like(current.energy), follow, _MOST_STEPS)
+    held = problem.bounds.held(current.phi, current.residual)
+    arrived = (current.worst(held) <= current.goal) & ~stuck
+    return current.s, held, arrived & _definite(current.H, held)
+
+
+def _descended(problem: _Problem, current: _Lanes, alpha: Tensor, stuck: Tensor, most: int) -> tuple[_Lanes, Tensor]:
+    """The lanes at rest, as far as so many steps lead, and which are stuck, (...); alpha (...) scales the first step.
+
+    When few lanes are left of many, they go on alone: no lane notices.
+    """
+    geometry, law, loads, bounds = problem
+    for taken in range(most):
         held = bounds.held(current.phi, current.residual)
         arrived = current.worst(held) <= current.goal
         active = ~(arrived | stuck)
-        if not bool(active.any()):
+        left = int(active.sum())
+        if left == 0:
             break
+        if 2 * left <= active.numel() - _WORTH:
+            part = _descended(
+                problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
+            )
+            return current.put(active, part[0]), stuck.index_put((active,), part[1])
         step = _step(current, bounds, held)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
         trial = _Lanes.at(geometry, law, loads, bounds.contacts(phi, current, alpha[..., None] * step))
@@ -48,9 +67,7 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
         current = current.replaced(trial, better)
         alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
         stuck = stuck | (alpha < _SMALLEST_STEP)
-    held = bounds.held(current.phi, current.residual)
-    arrived = (current.worst(held) <= current.goal) & ~stuck
-    return current.s, held, arrived & _definite(current.H, held)
+    return current, stuck
 
 
 class _Lanes(NamedTuple):
@@ -89,8 +106,18 @@ class _Lanes(NamedTuple):
 
     def replaced(self, other: _Lanes, where: Tensor) -> _Lanes:
         """The other's lanes where said."""
+        if bool(where.all()):
+            return other
         pairs = zip(self, other, strict=True)
         return _Lanes(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
+
+    def chosen(self, lanes: Tensor) -> _Lanes:
+        """Some of the lanes, (A, ...), of a mask (...)."""
+        return _Lanes(*(values[lanes] for values in self))
+
+    def put(self, lanes: Tensor, part: _Lanes) -> _Lanes:
+        """The lanes with those of a mask, (...), as in the part."""
+        return _Lanes(*(values.index_put((lanes,), new) for values, new in zip(self, part, strict=True)))
 
 
 class _Bounds:
@@ -113,6 +140,39 @@ class _Bounds:
         """Contacts near the angles phi: two corrections, which near rest are exact; exactly an end at an end."""
         s = self._geometry.contacts(phi, lanes.s + step / lanes.kappa, 2)
         return torch.where(phi <= self.smallest, self.last, torch.where(phi >= self.largest, self.first, s))
+
+
+class _Problem(NamedTuple):
+    """What does not change on the way."""
+
+    geometry: Geometry
+    law: Law
+    loads: Loads
+    bounds: _Bounds
+
+    def chosen(self, lanes: Tensor) -> _Problem:
+        """That of some of the lanes, of a mask (...); they have one leading axis, (A)."""
+
+        def rows(values: Tensor, axes: int = 1) -> Tensor:
+            return values.expand(*lanes.shape, *values.shape[values.ndim - axes :])[lanes]
+
+        whole, surfaces = self.geometry, self.geometry.joints
+        joints = replace(
+            surfaces,
+            limits=rows(surfaces.limits, 3),
+            borders=rows(surfaces.borders, 3),
+            pieces=rows(surfaces.pieces, 4),
+        )
+        geometry = replace(
+            whole,
+            joints=joints,
+            below=rows(whole.below, 2),
+            above=rows(whole.above, 2),
+            channels=rows(whole.channels),
+        )
+        loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
+        first = rows(self.bounds.first)
+        return _Problem(geometry, self.law.each(rows), loads, _Bounds(geometry, first))
 
 
 def _step(lanes: _Lanes, bounds: _Bounds, held: Tensor) -> Tensor:

@@ -1,0 +1,119 @@
+"""Sequential quadratic programming: descents that know the constraints one by one, not as a penalty.
+
+Every step minimises a quadratic model of the worth under the constraints made linear; so it goes along a limit where
+L-BFGS on a penalised cost bounces off it. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
+programming" (1988); Nocedal and Wright, Numerical Optimization (2006), chapter 18.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from agents.fields import check_integer
+from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+
+SMALLEST_GAIN = 1e-9  # of worth, at which a descent is at rest
+MOST_STEPS = 200
+
+
+@dataclass
+class Sqp:
+    """SLSQP from several starts, each begun anew elsewhere when it is at rest.
+
+    Args:
+        starts: descents side by side, from random designs.
+    """
+
+    task: Task
+    starts: int = 2
+
+    wants: ClassVar[Derivatives] = "jacobian"
+
+    def __post_init__(self) -> None:
+        check_integer("starts", self.starts, 1)
+        self.generator = self.task.generator
+        self.descents = [self._descent() for _ in range(self.starts)]
+
+    def ask(self, most: int) -> Array:
+        """The next point of every descent, (B, d)."""
+        return np.array([descent.point for descent in self.descents[:most]])
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Every descent goes on, and begins anew where it is at rest."""
+        assert evaluated.worth is not None, "this optimiser wants Jacobians"
+        assert evaluated.constraints is not None and evaluated.jacobian is not None
+        rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, strict=True)
+        for place, (worth, constraints, jacobian) in enumerate(rows):
+            if not self.descents[place].tell(_Answer(float(worth), constraints, jacobian)):
+                self.descents[place] = self._descent()
+
+    def _descent(self) -> Descent:
+        return Descent(self.generator.uniform(-1.0, 1.0, self.task.dimensions))
+
+
+class _Answer(NamedTuple):
+    """What was found about a point."""
+
+    worth: float
+    constraints: Array
+    jacobian: Array  # (1 + constraints, d)
+
+
+class Descent:
+    """One descent, turned inside out: SLSQP runs in a thread of its own and waits there for what it asks.
+
+    `point` is to be evaluated next.
+    """
+
+    def __init__(self, start: Array) -> None:
+        self.point = start
+        self.asked: SimpleQueue[Array | None] = SimpleQueue()
+        self.answers: SimpleQueue[_Answer] = SimpleQueue()
+        self.known: tuple[Array, _Answer] | None = None
+        threading.Thread(target=self._minimise, args=(start,), daemon=True).start()
+        self._wait()
+
+    def tell(self, answer: _Answer) -> bool:
+        """Go on to the next point; False where the descent is at rest."""
+        self.answers.put(answer)
+        return self._wait()
+
+    def _wait(self) -> bool:
+        point = self.asked.get()
+        if point is not None:
+            self.point = np.clip(point, -1.0, 1.0)
+        return point is not None
+
+    def _minimise(self, start: Array) -> None:
+        from scipy.optimize import minimize
+
+        constraints = {
+            "type": "ineq",
+            "fun": lambda x: self._answer(x).constraints,
+            "jac": lambda x: self._answer(x).jacobian[1:],
+        }
+        options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
+        try:
+            minimize(
+                lambda x: self._answer(x).worth,
+                start,
+                jac=lambda x: self._answer(x).jacobian[0],
+                bounds=[(-1.0, 1.0)] * len(start),
+                constraints=constraints,
+                method="SLSQP",
+                options=options,
+            )
+        finally:
+            self.asked.put(None)
+
+    def _answer(self, x: Array) -> _Answer:
+        """What was found about a point, asked for once."""
+        if self.known is None or not np.array_equal(self.known[0], x):
+            self.asked.put(x.copy())
+            self.known = x.copy(), self.answers.get()
+        return self.known[1]

@@ -1,0 +1,144 @@
+"""A policy that designs beside other methods, on tasks that none has seen: python -m agents.search.unseen runs/design.
+
+Tasks are episodes of the policy's environment. Every method evaluates as many designs, the policy that with which the
+episode begins and those of its changes. A result is the smallest error of a valid design among them. With --page the
+table goes between the two marks of a page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.command_line import exit_code
+from agents.config import EnvConfig
+from agents.fields import check_integer
+from agents.run_folder import RunFolder, typed_command, write_text
+from agents.search.compare import around
+from agents.search.methods import make
+from agents.search.optimiser import Array, Task
+from agents.search.run import evaluated_by
+from rollingjoint.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rj_gym import CurvatureDesignVectorEnv
+
+BEGIN, END = "<!-- begin: python -m agents.search.unseen -->", "<!-- end -->"
+FIRST_SEED = 3_000_000  # of the tasks; used by nothing else
+METHODS: Mapping[str, Mapping[str, Any]] = {  # and what suits a budget of a few designs
+    "random": {},
+    "latin_hypercube": {},
+    "cma_es": {},
+    "gradient": {"starts": 2},
+    "sqp": {"starts": 2},
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command: 0 compared, 2 an error."""
+    parser = argparse.ArgumentParser(prog="python -m agents.search.unseen", description="Judge a policy that designs.")
+    parser.add_argument("run", type=Path, help="run folder of a policy trained on rj_gym/CurvatureDesign-v0")
+    parser.add_argument("--tasks", type=int, default=100, help="tasks (default 100)")
+    parser.add_argument("--budget", type=int, default=20, help="designs that each method evaluates (default 20)")
+    parser.add_argument("--page", type=Path, help="page with the two marks")
+    arguments = parser.parse_args(argv)
+    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)))
+
+
+def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    check_integer("--tasks", arguments.tasks, 1)
+    run = RunFolder.open(arguments.run)
+    env = run.config().env
+    from rj_gym import DESIGN_IDS
+
+    if env.id not in DESIGN_IDS:
+        raise ConfigError("env.id", env.id, f"a policy trained on {', '.join(DESIGN_IDS)}")
+    check_integer("--budget", arguments.budget, 2, env.arguments()["config"].episode_steps + 1)
+    parts = around(arguments.page, BEGIN, END) if arguments.page else ("", "")
+    text = compared(run, env, arguments.tasks, arguments.budget)
+    print(text)
+    if arguments.page:
+        about = f"```sh\n{shlex.join(command)}\n```"
+        write_text(arguments.page, "\n\n".join([parts[0] + BEGIN, about, text, END + parts[1]]))
+    return 0
+
+
+def compared(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> str:
+    """The smallest errors of the policy and of every method on the tasks, as a table with a sentence."""
+    import torch
+
+    torch.set_num_threads(1)
+    found = {"policy": _timed(lambda: _policy_errors(run, env, tasks, budget))}
+    for name in METHODS:
+        found[name] = _timed(lambda name=name: _method_errors(name, env, tasks, budget))  # type: ignore[misc]
+    head = (
+        "| method | mean | median | 95 % below | better than the policy | seconds a task |\n|:--|--:|--:|--:|--:|--:|"
+    )
+    rows = [_row(name, errors, found["policy"][0], seconds / tasks) for name, (errors, seconds) in found.items()]
+    says = (
+        f"Smallest error [mm] of a valid design among {budget}, on {tasks} tasks (seeds from {FIRST_SEED:,}); a method "
+        "has the seed of its task. Seconds are wall time; the policy works on all tasks at once."
+    )
+    return "\n".join([head, *rows]) + "\n\n" + says
+
+
+def _timed(work: Callable[[], Array]) -> tuple[Array, float]:
+    begin = time.monotonic()
+    return work(), time.monotonic() - begin
+
+
+def _row(name: str, errors: Array, policy: Array, seconds: float) -> str:
+    numbers = [f"{value:.2f}" for value in (errors.mean(), np.median(errors), np.percentile(errors, 95))]
+    better = "" if name == "policy" else f"{100 * np.mean(errors < policy):.0f} %"
+    return "| " + " | ".join([name.replace("_", " "), *numbers, better, f"{seconds:.2f}"]) + " |"
+
+
+def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
+    """Smallest error of the policy on every task, (tasks,) [mm]."""
+    from agents.controller import Seen
+    from agents.policy import Policy
+
+    policy, envs = Policy.load(run), _environments(env, tasks)
+    observation, info = envs.reset(seed=FIRST_SEED)
+    errors = [info["error_mm"]]
+    for _ in range(budget - 1):
+        observation, _, _, _, info = envs.step(policy.act(Seen(observation, None)))
+        errors.append(info["error_mm"])
+    return np.min(errors, axis=0)
+
+
+def _method_errors(name: str, env: EnvConfig, tasks: int, budget: int) -> Array:
+    """Smallest error of a method on every task, (tasks,) [mm]; where no design was valid, the environment's largest."""
+    from rollingjoint.design import BendingShapes, Problem, Term
+
+    envs = _environments(env, tasks)
+    sampled = envs.reset(seed=FIRST_SEED)[1]["sampled"]
+    space, errors = envs.config.space, np.full(tasks, envs.config.largest_error_mm)
+    for task in range(tasks):
+        origins = np.pad(sampled["targets"][task], ((0, 0), (1, 0), (0, 0)))  # the base stays at the origin
+        wanted = (sampled["tensions"][task], origins, sampled["forces"][task])
+        problem = Problem(space, (Term(BendingShapes(*(part.tolist() for part in wanted))),))
+        optimiser, left = make(name, Task(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
+        while left:
+            evaluated = evaluated_by(problem, optimiser, optimiser.ask(left))
+            optimiser.tell(evaluated)
+            left -= len(evaluated)
+            errors[task] = min([errors[task], *evaluated.cost[evaluated.feasible].tolist()])
+    return errors
+
+
+def _environments(env: EnvConfig, lanes: int) -> CurvatureDesignVectorEnv:
+    from rj_gym import CurvatureDesignVectorEnv
+
+    return CurvatureDesignVectorEnv(lanes, **env.arguments())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

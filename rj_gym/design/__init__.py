@@ -1,0 +1,1 @@
+"""The design task: change the curvatures of a mechanism until it bends as wanted. It needs torch."""

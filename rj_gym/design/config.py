@@ -1,0 +1,115 @@
+"""Frozen settings of the design environments: built from keywords, dictionaries or YAML, checked once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
+from rollingjoint.checked_yaml import suggestion
+from rollingjoint.design import DesignSpace
+from rollingjoint.errors import ConfigError, as_floats
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class DesignRewardConfig(Settings):
+    """What improvement counts and what a bad design costs.
+
+    Args:
+        improvement: "log": log((error before + offset_mm) / (error after + offset_mm)), the same for halving a large
+            error and a small one; or "linear": (error before - error after) / error_scale_mm.
+        offset_mm: error below which "log" gains little more [mm].
+        error_scale_mm: improvement that "linear" counts as 1 [mm].
+        violation: weight of the sum of the margins' shortfalls below 0.
+        failure: subtracted where a valid design has no equilibrium in some case.
+    """
+
+    improvement: str = "log"
+    offset_mm: float = 0.5
+    error_scale_mm: float = 10.0
+    violation: float = 1.0
+    failure: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_choice("reward.improvement", self.improvement, ("log", "linear"))
+        for name in ("offset_mm", "error_scale_mm"):
+            assign(self, name, checked_number(f"reward.{name}", getattr(self, name), low=1e-3))
+        for name in ("violation", "failure"):
+            assign(self, name, checked_number(f"reward.{name}", getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class DesignConfig(Settings):
+    """Everything that defines the design task.
+
+    Args:
+        space: the designs, a DesignSpace or a dictionary of its fields.
+        tensions: tensions of the two tendons in every case, (K, 2) [N].
+        force: range of the uniform magnitude of the force at the tip, drawn for every case; uniform direction [N].
+        start: "random" valid designs, or the "reference" of the space.
+        episode_steps: steps until the episode is truncated.
+        action_scale: change of the design vector, whose box is [-1, 1], by an action of 1.
+        largest_error_mm: error of a design that is not valid or has no equilibrium, and the largest of any [mm].
+        reward: nested settings, also a dictionary.
+    Raises:
+        ConfigError: a value out of range, with the range.
+    """
+
+    space: DesignSpace = field(default_factory=lambda: DesignSpace(symmetric=False))
+    tensions: Rows = ((4.0, 4.0), (6.0, 3.0), (3.0, 6.0))
+    force: Range = (0.0, 0.3)
+    start: str = "random"
+    episode_steps: int = 20
+    action_scale: float = 0.25
+    largest_error_mm: float = 50.0
+    reward: DesignRewardConfig = field(default_factory=DesignRewardConfig)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.space, Mapping):
+            assign(self, "space", changed_space(DesignSpace(symmetric=False), self.space))
+        if not isinstance(self.space, DesignSpace):
+            raise ConfigError("space", self.space, "a DesignSpace or a dictionary of its fields")
+        assign(self, "tensions", tension_rows("tensions", self.tensions))
+        assign(self, "force", checked_range("force", self.force, low=0.0, unit="N"))
+        check_choice("start", self.start, ("random", "reference"))
+        assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
+        assign(self, "action_scale", checked_number("action_scale", self.action_scale, low=1e-6, high=2.0))
+        assign(self, "largest_error_mm", checked_number("largest_error_mm", self.largest_error_mm, low=1e-3))
+        if isinstance(self.reward, Mapping):
+            assign(self, "reward", DesignRewardConfig.from_dict(self.reward))
+        if not isinstance(self.reward, DesignRewardConfig):
+            raise ConfigError("reward", self.reward, "a dictionary or a DesignRewardConfig")
+
+    def updated(self, values: Mapping[str, Any]) -> Self:
+        """These settings with `values` on top; a nested dictionary changes only the keys that it names."""
+        if isinstance(values, Mapping) and isinstance(values.get("space"), Mapping):
+            values = {**values, "space": changed_space(self.space, values["space"])}
+        return super().updated(values)
+
+    @property
+    def cases(self) -> int:
+        """K, the number of tension pairs."""
+        return len(self.tensions)
+
+
+def changed_space(space: DesignSpace, values: Mapping[str, Any]) -> DesignSpace:
+    """The space with these fields changed; ConfigError for keys and values that it does not have."""
+    valid = [f.name for f in fields(space)]
+    for key in values:
+        if key not in valid:
+            raise ConfigError("space key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid))
+    return replace(space, **values)
+
+
+def tension_rows(what: str, values: Rows | Sequence[Sequence[float]]) -> Rows:
+    """Tensions of two tendons in one case or more, (K, 2) [N], as tuples; ConfigError unless all are above 0."""
+    allowed = "one or more pairs of tensions above 0 [N]"
+    rows = as_floats(what, values, allowed, ConfigError)
+    if rows.ndim != 2 or rows.shape[1] != 2 or len(rows) == 0 or not np.all(np.isfinite(rows) & (rows > 0)):
+        raise ConfigError(what, values, allowed)
+    return tuple(tuple(row) for row in rows.tolist())

@@ -1,0 +1,131 @@
+"""The drawing of the design task: what the present design does in every case, over what it should do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
+from rj_gym.design.lanes import Lanes
+from rollingjoint.equilibrium import Status
+from rollingjoint.outline import link_outline, to_world
+from rollingjoint.rolling_chain import RollingChain
+
+if TYPE_CHECKING:
+    import pygame
+
+Array = NDArray[np.float64]
+
+_CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80), (150, 90, 170), (200, 150, 40))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a picture shows.
+
+    Args:
+        mechanism: the present design; where it is not valid the reference, of which only the base is drawn.
+        poses: of its links in every case, (K, n, 3) [mm, rad]. ok: whether they are equilibria, (K,).
+        targets: origins of the moving links, (K, n - 1, 2) [mm].
+        tensions, forces: (K, 2) [N].
+        case_errors: (K,) [mm]. error: in all cases [mm].
+        valid: whether the present design is.
+        step, steps: taken, and of the whole episode.
+    """
+
+    mechanism: RollingChain
+    poses: Array
+    ok: NDArray[np.bool_]
+    targets: Array
+    tensions: Array
+    forces: Array
+    case_errors: Array
+    error: float
+    valid: bool
+    step: int
+    steps: int
+
+
+def scene(lanes: Lanes, lane: int = 0) -> Scene:
+    """What a picture of one lane shows."""
+    task, episodes, judged = lanes.task, lanes.episodes, lanes.judged
+    valid = bool((judged.margins[lane] >= 0).all())
+    design = lanes.designs[lane] if valid else task.space.reference()
+    mechanism, poses = task.drawn(design, episodes.tensions[lane], episodes.forces[lane])
+    return Scene(
+        mechanism=mechanism,
+        poses=poses,
+        ok=judged.status[lane] <= Status.AT_LIMIT,
+        targets=episodes.targets[lane],
+        tensions=episodes.tensions[lane],
+        forces=episodes.forces[lane],
+        case_errors=judged.case_errors[lane],
+        error=float(judged.error[lane]),
+        valid=valid,
+        step=int(lanes.steps[lane]),
+        steps=task.config.episode_steps,
+    )
+
+
+class DesignRenderer(Screen[Scene]):
+    """Draws scenes of mechanisms of about this length [mm]; the view is fixed, so pictures of a run line up."""
+
+    def __init__(self, length: float) -> None:
+        super().__init__(_DesignCanvas(length))
+
+
+class _DesignCanvas(Canvas):
+    """The drawing of the design task."""
+
+    def draw(self, scene: Scene) -> pygame.Surface:
+        """The scene at the picture's size."""
+        self.begin(scene.mechanism.links[0])
+        for places in scene.targets:
+            self._target(places)
+        for case in np.flatnonzero(scene.ok):
+            self._links(scene.mechanism, scene.poses[case], _color(case))
+        for places, force in zip(scene.targets, scene.forces, strict=True):
+            self._places(places)
+            self._force(places[-1], force)
+        self._caption(scene)
+        return self.finished()
+
+    def _target(self, places: Array) -> None:
+        """The line through the wanted origins, from the base on."""
+        self.line(np.concatenate([np.zeros((1, 2)), places]), 1.0, blend(BACKGROUND, TARGET, 0.5))
+
+    def _places(self, places: Array) -> None:
+        for place in places:
+            self.ring(place, 2.0, 0.7, TARGET)
+
+    def _links(self, mechanism: RollingChain, poses: Array, color: Color) -> None:
+        for link, pose in zip(mechanism.links[1:], poses[1:], strict=True):
+            outline = to_world(pose, link_outline(link))
+            self.fill(outline, blend(BACKGROUND, color, 0.3))
+            self.line(outline, 0.6, blend(EDGE, color, 0.6))
+        self.line(poses[:, :2], 0.8, color)
+        for pose in poses[1:]:
+            self.disc(pose[:2], 1.3, color)
+
+    def _force(self, begin: Array, force: Array) -> None:
+        """An arrow of 40 mm per N on a mechanism of 100 mm."""
+        size = float(np.hypot(*force))
+        if size > 0:
+            end = begin + force * min(40.0, 40.0 / size) * self.unit
+            self.line([begin, end], 1.0, LOAD)
+            self.disc(end, 1.4, LOAD)
+
+    def _caption(self, scene: Scene) -> None:
+        self.text(f"step {scene.step} / {scene.steps}", (24, 22), 30, INK)
+        text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
+        self.text(text, (24, 54), 30, TARGET)
+        for case, (left, right) in enumerate(scene.tensions):
+            self.text(f"{left:.1f} N, {right:.1f} N", (500, 24 + 26 * case), 24, FAINT)
+            self.text(f"{scene.case_errors[case]:.2f} mm", (620, 24 + 26 * case), 24, _color(case))
+
+
+def _color(case: int | np.integer) -> Color:
+    return _CASE_COLORS[case % len(_CASE_COLORS)]

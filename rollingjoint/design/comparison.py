@@ -1,0 +1,55 @@
+"""Comparing designs: objectives of any mechanism, and designs that no other one beats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.design.objectives import Objective
+from rollingjoint.differentiable import DifferentiableChain
+from rollingjoint.errors import InvalidInput, SolverError, as_floats
+from rollingjoint.rolling_chain import RollingChain
+
+Array = NDArray[np.float64]
+
+
+def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
+    """Values of objectives of one mechanism, which need not lie in a design space, (objectives,).
+
+    Raises:
+        InvalidInput: another number of tendons or links than the objectives are for.
+        SolverError: no stable equilibrium in one of their cases.
+    """
+    chain = DifferentiableChain.from_mechanism([mechanism])
+    values = []
+    for objective in objectives:
+        with torch.no_grad():
+            measured = objective.measure(chain)
+        if not bool(measured.ok):
+            raise SolverError(f"{objective.name}: {mechanism.name!r} has no stable equilibrium in one of its cases")
+        values.append(float(measured.values))
+    return np.array(values)
+
+
+def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool_]:
+    """Which rows no other row beats, (B,): none is as good in every column and better in one.
+
+    Args:
+        values: (B, k); rows with a NaN are beaten.
+        maximise: whether more is better, of every column.
+    Raises:
+        InvalidInput: shapes that disagree.
+    """
+    table = as_floats("values", values, "numbers (B, k)")
+    signs = np.where(np.array(list(maximise), bool), -1.0, 1.0)
+    if table.ndim != 2 or signs.shape != table.shape[1:]:
+        raise InvalidInput("shape of values", table.shape, f"(B, {len(signs)}), a column for each of `maximise`")
+    costs = table * signs
+    kept = np.all(~np.isnan(costs), axis=1)
+    for row in np.flatnonzero(kept):
+        if kept[row]:
+            kept &= ~((costs >= costs[row]).all(1) & (costs > costs[row]).any(1))
+    return kept
