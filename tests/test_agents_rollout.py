@@ -173,5 +173,5 @@ def test_an_environment_without_a_tip_error_is_refused(countdown):
 
 
 def test_an_unknown_id_of_ours_is_refused_in_one_line():
-    with pytest.raises(ConfigError, match="can make"):
+    with pytest.raises(ConfigError, match="expected one of rj_gym/RollingJoint-v0"):
         run_episodes(EnvConfig("rj_gym/RollingJoint-v9"), Zeros(), [3])

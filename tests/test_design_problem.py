@@ -11,12 +11,13 @@ import rollingjoint as rj
 torch = pytest.importorskip("torch")
 
 from rollingjoint.design import problem as problem_module  # noqa: E402 - needs torch
+from rollingjoint.design import sweeps  # noqa: E402
 from rollingjoint.design.comparison import measure, nondominated  # noqa: E402
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension  # noqa: E402
-from rollingjoint.design.objectives import BendingShapes, Measured, TendonTravel, TipTravel  # noqa: E402
+from rollingjoint.design.objectives import BendingShapes, Measured, TendonTravel, TipRotation, TipTravel  # noqa: E402
 from rollingjoint.design.problem import FAILED, Limit, Problem, Term  # noqa: E402
 from rollingjoint.design.space import DesignSpace  # noqa: E402
-from rollingjoint.differentiable import DifferentiableChain  # noqa: E402
+from rollingjoint.differentiable import DifferentiableChain, solve_tensions  # noqa: E402
 
 torch.set_num_threads(1)
 
@@ -108,6 +109,30 @@ def test_the_gradient_is_that_of_the_cost(row):
     numeric = numeric_gradient(problem, x)
     assert gradient[0] == pytest.approx(numeric, abs=1e-6 * np.abs(numeric).max())
     assert np.abs(gradient).max() > 0
+
+
+@pytest.mark.parametrize("row", range(5))
+def test_the_jacobian_is_that_of_worth_and_constraints(row):
+    x, problem = rows()[row], everything()
+    found, jacobian = problem.with_jacobian(x[None])
+    assert jacobian.shape == (1, 1 + found.constraints.shape[1], len(x))
+    assert found.cost == pytest.approx(problem.evaluate(x[None]).cost, rel=1e-9)
+    steps = 1e-5 * np.eye(len(x))
+    ends = [problem.evaluate(x + sign * steps) for sign in (1, -1)]
+    on, back = (np.column_stack([end.worth, end.constraints]) for end in ends)
+    numeric = ((on - back) / 2e-5).T
+    assert jacobian[0] == pytest.approx(numeric, abs=1e-5 * np.abs(numeric).max())
+
+
+def test_objectives_with_the_same_sweep_solve_it_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(sweeps, "solve_tensions", lambda *case: asked.append(case) or solve_tensions(*case))
+    terms = (Term(TipTravel()), Term(TipRotation()), Term(TendonTravel()))
+    together, gradient = Problem(SPACE, terms).with_gradient(SPACE.reference()[None])
+    assert len(asked) == 1
+    alone = [Problem(SPACE, (term,)).with_gradient(SPACE.reference()[None]) for term in terms]
+    assert together.cost == pytest.approx(sum(found.cost for found, _ in alone), rel=1e-12)
+    assert gradient == pytest.approx(sum(own for _, own in alone), rel=1e-9, abs=1e-9)
 
 
 @dataclass(frozen=True)

@@ -65,55 +65,72 @@ class _Answer(NamedTuple):
 
 
 class Descent:
-    """One descent, turned inside out: SLSQP runs in a thread of its own and waits there for what it asks.
-
-    `point` is to be evaluated next.
-    """
+    """One descent; `point` is to be evaluated next. SLSQP runs in a thread of its own and waits there for answers."""
 
     def __init__(self, start: Array) -> None:
         self.point = start
-        self.asked: SimpleQueue[Array | None] = SimpleQueue()
-        self.answers: SimpleQueue[_Answer] = SimpleQueue()
-        self.known: tuple[Array, _Answer] | None = None
-        threading.Thread(target=self._minimise, args=(start,), daemon=True).start()
+        self.inside = _Inside()
+        threading.Thread(target=self.inside.minimise, args=(start,), daemon=True).start()
         self._wait()
+
+    def __del__(self) -> None:
+        self.inside.answers.put(None)  # lets the thread end
 
     def tell(self, answer: _Answer) -> bool:
         """Go on to the next point; False where the descent is at rest."""
-        self.answers.put(answer)
+        self.inside.answers.put(answer)
         return self._wait()
 
     def _wait(self) -> bool:
-        point = self.asked.get()
+        point = self.inside.asked.get()
         if point is not None:
             self.point = np.clip(point, -1.0, 1.0)
         return point is not None
 
-    def _minimise(self, start: Array) -> None:
+
+class _GivenUp(Exception):
+    """Nobody will answer any more."""
+
+
+class _Inside:
+    """SLSQP's side of a descent."""
+
+    def __init__(self) -> None:
+        self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
+        self.answers: SimpleQueue[_Answer | None] = SimpleQueue()  # None: given up
+        self.known: tuple[Array, _Answer] | None = None
+
+    def minimise(self, start: Array) -> None:
+        """Minimise from a start, asking for every point."""
         from scipy.optimize import minimize
 
         constraints = {
             "type": "ineq",
-            "fun": lambda x: self._answer(x).constraints,
-            "jac": lambda x: self._answer(x).jacobian[1:],
+            "fun": lambda x: self.answer(x).constraints,
+            "jac": lambda x: self.answer(x).jacobian[1:],
         }
         options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
         try:
             minimize(
-                lambda x: self._answer(x).worth,
+                lambda x: self.answer(x).worth,
                 start,
-                jac=lambda x: self._answer(x).jacobian[0],
+                jac=lambda x: self.answer(x).jacobian[0],
                 bounds=[(-1.0, 1.0)] * len(start),
                 constraints=constraints,
                 method="SLSQP",
                 options=options,
             )
+        except _GivenUp:
+            return
         finally:
             self.asked.put(None)
 
-    def _answer(self, x: Array) -> _Answer:
+    def answer(self, x: Array) -> _Answer:
         """What was found about a point, asked for once."""
         if self.known is None or not np.array_equal(self.known[0], x):
             self.asked.put(x.copy())
-            self.known = x.copy(), self.answers.get()
+            found = self.answers.get()
+            if found is None:
+                raise _GivenUp
+            self.known = x.copy(), found
         return self.known[1]
