@@ -27,6 +27,7 @@ TITLES = {
     "random": "random search",
     "latin_hypercube": "Latin hypercube",
     "cma_es": "CMA-ES",
+    "sqp": "SQP",
     "bayesian": "Bayesian",
     "map_elites": "MAP-Elites",
 }

@@ -17,7 +17,8 @@ import numpy as np
 from agents.fields import check_integer
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
-SMALLEST_GAIN = 1e-9  # of worth, at which a descent is at rest
+SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest
+INSIDE = 1e-6  # by how much constraints are to be kept: one broken by rounding is broken
 MOST_STEPS = 200
 
 
@@ -106,15 +107,17 @@ class _Inside:
 
         constraints = {
             "type": "ineq",
-            "fun": lambda x: self.answer(x).constraints,
+            "fun": lambda x: self.answer(x).constraints - INSIDE,
             "jac": lambda x: self.answer(x).jacobian[1:],
         }
         options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
         try:
+            steepest = np.abs(self.answer(start).jacobian[0]).max()
+            scale = 1.0 / steepest if steepest else 1.0  # SLSQP takes the second derivatives for 1 at first
             minimize(
-                lambda x: self.answer(x).worth,
+                lambda x: scale * self.answer(x).worth,
                 start,
-                jac=lambda x: self.answer(x).jacobian[0],
+                jac=lambda x: scale * self.answer(x).jacobian[0],
                 bounds=[(-1.0, 1.0)] * len(start),
                 constraints=constraints,
                 method="SLSQP",
