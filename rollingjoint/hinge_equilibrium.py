@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint._jit import direct
 from rollingjoint._kernels.arrays import TendonLaw
 from rollingjoint._kernels.hinge_arrays import HingeResults, Hinges, new_hinge_results
 from rollingjoint._kernels.hinge_batch import hinge_stiffness_of, solve_hinge_lanes
@@ -138,7 +139,7 @@ def solve_hinge_batch(
     results = new_hinge_results(len(starts), starts.shape[1], laws.low.shape[1])
 
     def work(first: int, last: int) -> None:
-        solve_hinge_lanes(chain, designs, laws, tables, starts, results, first, last)
+        direct(solve_hinge_lanes, chain, designs, laws, tables, starts, results, first, last)
 
     run_lanes(work, len(starts), starts.shape[1])
     return HingeEquilibrium(mechanism, tables, *results)
@@ -149,7 +150,7 @@ def solve_hinge_lane(mechanism: HingeChain, law: TendonLaw, table: Array, start:
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     results = new_hinge_results(1, len(start), len(law.low))
     designs = np.zeros(1, np.int64)
-    solve_hinge_lanes(mechanism.arrays, designs, laws, table[None], start[None], results, 0, 1)
+    direct(solve_hinge_lanes, mechanism.arrays, designs, laws, table[None], start[None], results, 0, 1)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
     return HingeEquilibrium(mechanism, table, *HingeResults._make([*[array[0] for array in arrays], *numbers]))

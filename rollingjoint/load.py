@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,15 +103,15 @@ def _spatial_rows(load: Load, n_links: int) -> list[list[float]]:
             both = [*wrench, *none] if isinstance(load, WorldForce) else [*none, *wrench]
             return [[link_index(load.link, n_links), *_triple("load point", load.point, unset=(0.0, 0.0)), *both]]
         case Gravity():
-            points = [(0.0, 0.0, 0.0)] * n_links if load.points is None else load.points
-            weights, at = _weights(load, points, n_links)
+            weights, at = _weights(load, np.zeros((n_links, 3)) if load.points is None else load.points, n_links)
+            centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
             direction = np.array(_triple("Gravity direction", load.direction))
             norm = float(np.linalg.norm(direction))
-            if norm == 0:
-                raise InvalidInput("Gravity direction", load.direction, "a direction other than (0, 0, 0)")
-            forces = (weights[:, None] * direction / norm).tolist()
-            centres = [_triple("load point", point) for point in at]
-            return [[k, *centres[k], *force, *[0.0] * 9] for k, force in enumerate(forces)]
+            if norm == 0 or centres.shape != (n_links, 3):
+                raise InvalidInput("Gravity", load, "a direction other than (0, 0, 0), and points (x, y, z)")
+            rows = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
+            rows[:, 0], rows[:, 1:4], rows[:, 4:7] = np.arange(n_links), centres, weights[:, None] * direction / norm
+            return rows.tolist()
     raise InvalidInput("load", load, "WorldForce, BodyWrench or Gravity, all in three dimensions")
 
 
@@ -143,8 +144,8 @@ def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
 
 
 def _weights(
-    load: Gravity, points: Sequence[Pair | Triple], n_links: int
-) -> tuple[NDArray[np.float64], list[Pair | Triple]]:
+    load: Gravity, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
+) -> tuple[NDArray[np.float64], list[Any]]:
     """Weights and points of all links, as many as there are links."""
     allowed = f"{n_links} weights [N] (and points), one per link, the base included"
     weights, at = as_floats("Gravity weights", load.weights, allowed), list(points)

@@ -1,5 +1,6 @@
 """One equilibrium of a hinge chain from one start: the Newton iteration of every family on hinges, and its way on.
 
+Long chains whose loads all have a potential take the steps in O(n) of long_chain.py, with generators of their own.
 Where the energy decides, an unstable equilibrium is left downhill and counted. Where something has no potential, or
 Newton ends nowhere, the overdamped motion from the start follows, then loads and tendons grow from nothing.
 """
@@ -16,11 +17,10 @@ from rollingjoint._kernels.arrays import UNSTABLE, TendonLaw
 from rollingjoint._kernels.family import rebound
 from rollingjoint._kernels.hinge_arrays import END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS
 from rollingjoint._kernels.hinge_chain import evaluate, fill_generators, stiffness
-from rollingjoint._kernels.long_chain import Sweep
+from rollingjoint._kernels.long_chain import DENSE_JOINTS, Sweep
 from rollingjoint._kernels.newton import mark_free, move
 from rollingjoint._kernels.solve import begin
 
-DENSE_HINGES = 1_000
 _MAX_ESCAPES = 8
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
@@ -145,7 +145,7 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
 def solve_hinges(chain, law, loads, start, rest, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = _has_potential(chain, loads)
-    n = start.size if conservative and start.size > DENSE_HINGES else 0
+    n = start.size if conservative and start.size > DENSE_JOINTS else 0
     sweep = new_sweep(n, law.low.size)
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
