@@ -82,7 +82,7 @@ class HingeChain:
         name: for tables and pictures.
     Raises:
         MechanismError: wrong counts, holes that meet at rest.
-    Source: flexible-joint paper, sec. II; docs/theory.md, section 7.
+    Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
     """
 
     beads: Sequence[Bead]

@@ -1,6 +1,6 @@
 """A spatial hinge chain at one configuration: poses, tendons, loads, energy, residual, stiffness.
 
-Symbols as in docs/theory.md, section 7: a axis, c hinge, r = dV/dtheta (residual), H = dr/dtheta (stiffness).
+Symbols as in docs/theory.md, section 8: a axis, c hinge, r = dV/dtheta (residual), H = dr/dtheta (stiffness).
 """
 
 from __future__ import annotations
