@@ -134,17 +134,17 @@ class HingeChain:
     @cached_property
     def stiffnesses(self) -> Array:
         """Tendon stiffnesses, (m,) [N/mm]."""
-        return np.array([tendon.stiffness for tendon in self.tendons])
+        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
 
     @cached_property
     def neutral_angles(self) -> Array:
         """Rest angles of the hinges, (n - 1,) [rad]."""
-        return np.array([bead.rest_angle for bead in self.beads], float)
+        return _constant(np.array([bead.rest_angle for bead in self.beads], float))
 
     @cached_property
     def neutral_lengths(self) -> Array:
         """Tendon lengths at the rest angles, (m,) [mm]."""
-        return self.tendon_lengths(self.neutral_angles)
+        return _constant(self.tendon_lengths(self.neutral_angles))
 
     @cached_property
     def joint_limits(self) -> Array:
@@ -154,7 +154,7 @@ class HingeChain:
             for i, j in np.argwhere(self._crosses):
                 low, high = _open_range(self._gaps[i, j, :3], _CLOSED * self.beads[i].gap)
                 limits[i] = max(limits[i, 0], low), min(limits[i, 1], high)
-        return limits
+        return _constant(limits)
 
     @cached_property
     def arrays(self) -> Hinges:
@@ -249,6 +249,12 @@ class HingeChain:
         if theta.ndim == 0 or theta.shape[-1] != self.n_joints:
             raise InvalidInput("joint angles", joint_angles, allowed)
         return theta
+
+
+def _constant(array: Array) -> Array:
+    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
+    array.setflags(write=False)
+    return array
 
 
 def _open_range(gap: Array, smallest: float) -> tuple[float, float]:

@@ -210,6 +210,22 @@ def test_a_soft_arm_has_a_stable_equilibrium_however_it_is_held_and_pulled(direc
     assert np.all(by_length.ok)
 
 
+def test_couples_on_the_last_bead_balance_an_arm_that_stands_which_newton_from_rest_does_not_find():
+    rng = np.random.default_rng(3)
+    arm = flexible_arm("end_couple")
+    tensions = rng.uniform(0, 5, (12, 8)) * (rng.random((12, 8)) < 0.5)
+    found = solve_tensions_batch(arm, tensions, [arm.gravity(UPRIGHT)])
+    assert np.all(found.ok)
+    assert np.median(found.iterations) > 30  # an overdamped motion, or growing loads
+
+
+def test_what_an_arm_has_computed_once_cannot_be_overwritten():
+    arm = small_arm()
+    for name in ("joint_limits", "neutral_angles", "neutral_lengths", "stiffnesses"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(arm, name)[0] = 0.0
+
+
 def test_every_lane_is_the_single_solve_to_the_last_bit():
     rng = np.random.default_rng(7)
     arm, load = small_arm(), [small_arm().gravity(HORIZONTAL)]
