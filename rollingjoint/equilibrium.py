@@ -1,56 +1,28 @@
-"""Equilibria: what a solve returns, and how it ended."""
+"""Equilibria of planar rolling chains: what a solve returns."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rollingjoint._kernels.batch import stiffness_of
 from rollingjoint._kernels.forward import arc_lengths_of
-from rollingjoint.errors import InvalidInput, SolverError
+from rollingjoint.errors import InvalidInput
 from rollingjoint.lanes import Chain, Problem, Results, TendonLaw, designs_of, new_results, solve_range
 from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solution import Solution, Status
 
 Array = NDArray[np.float64]
 
-
-class Status(IntEnum):
-    """How a solve ended."""
-
-    CONVERGED = 0
-    AT_LIMIT = 1
-    INDETERMINATE = 2
-    UNSTABLE = 3
-    NOT_CONVERGED = 4
-    INVALID_INPUT = 5
-
-    @property
-    def message(self) -> str:
-        """What it means and what to do, one line."""
-        return _MESSAGES[self]
-
-    @staticmethod
-    def usable(status: ArrayLike) -> NDArray[np.bool_]:
-        """True where the result is a stable equilibrium, at a surface limit or not."""
-        return np.asarray(status) <= Status.AT_LIMIT
+__all__ = ["Equilibrium", "Status", "pack", "solve_lane"]
 
 
-_MESSAGES = {
-    Status.CONVERGED: "stable equilibrium",
-    Status.AT_LIMIT: "equilibrium with a contact at the end of its surface: a stop would have to hold that joint",
-    Status.INDETERMINATE: "slack: nothing holds some joints; the pose is the admissible one nearest the start",
-    Status.UNSTABLE: "unstable equilibrium: the smallest eigenvalue of the stiffness is negative",
-    Status.NOT_CONVERGED: "not converged: the residual is above 1e-8 N·mm; try another start or smaller loads",
-    Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
     Attributes:
@@ -82,15 +54,6 @@ class Equilibrium:
     iterations: int | NDArray[np.int64]
     status: Status | NDArray[np.int64]
 
-    def __repr__(self) -> str:
-        name = self.mechanism.name if isinstance(self.mechanism, RollingChain) else "several mechanisms"
-        if np.ndim(self.status):
-            codes, counts = np.unique(self.status, return_counts=True)
-            found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
-            return f"<Equilibrium of {name!r}, {len(self.poses)} lanes: {found or 'none'}>"
-        x, y = self.tip
-        return f"<Equilibrium of {name!r}: {Status(int(self.status)).name}, tip at ({x:.3f}, {y:.3f}) mm>"
-
     @property
     def chain(self) -> RollingChain:
         """The mechanism of every lane.
@@ -103,12 +66,6 @@ class Equilibrium:
         raise InvalidInput("equilibrium", self, "one mechanism", "Take that of a lane: equilibrium.mechanism[lane].")
 
     @property
-    def ok(self) -> bool | NDArray[np.bool_]:
-        """True for a stable equilibrium (Status CONVERGED or AT_LIMIT)."""
-        usable = Status.usable(self.status)
-        return bool(usable) if usable.ndim == 0 else usable
-
-    @property
     def tip(self) -> Array:
         """Origin of the last link, (2,) [mm]."""
         return self.poses[..., -1, :2]
@@ -118,45 +75,30 @@ class Equilibrium:
         """(n - 1,) contact point on both surfaces [mm]."""
         return arc_lengths_of(*self._designs, self._lanes(self.joint_angles)).reshape(self.joint_angles.shape)
 
-    @cached_property
-    def free_joints(self) -> NDArray[np.bool_]:
-        """(n - 1,) False where the contact is at the end of a surface."""
-        chain, designs = self._designs
-        low, high = np.moveaxis(chain.joints[designs, :, :2], -1, 0).reshape(2, *self.joint_angles.shape)
-        return (self.joint_angles > low + 1e-12) & (self.joint_angles < high - 1e-12)
+    @property
+    def pose_jacobian(self) -> Array:
+        """(n, 3, n - 1) d link poses (x, y, angle) / d joint angles [mm/rad, 1]."""
+        arm = self.poses[..., :, None, :2] - self.contact_points[..., None, :, :]
+        n = self.poses.shape[-2]
+        moves = np.tri(n, n - 1, -1)  # joint i moves link k > i
+        return np.stack([-arm[..., 1] * moves, arm[..., 0] * moves, np.broadcast_to(moves, arm.shape[:-1])], axis=-2)
 
-    @cached_property
-    def stiffness(self) -> Array:
-        """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
-        known = np.asarray(self.status) != Status.INVALID_INPUT
-        loads = np.where(known[..., None, None], self.loads, 0.0)
-        angles = self._lanes(self.joint_angles)
-        H = np.empty((*angles.shape, angles.shape[1]))
-        tendons = self._lanes(self.tensions), self._lanes(self.tendon_stiffness)
-        stiffness_of(*self._designs, *tendons, self._lanes(loads, axes=2), angles, H)
-        return H.reshape(*self.joint_angles.shape, angles.shape[1])
+    def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
+        """(3, n - 1) d (x, y, angle) of a body point [mm], default the link's origin, / d joint angles [mm/rad, 1]."""
+        px, py = (0.0, 0.0) if point is None else point
+        pose = self.poses[..., link, :]
+        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+        where = pose[..., :2] + np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
+        arm = where[..., None, :] - self.contact_points
+        jacobian = np.stack([-arm[..., 1], arm[..., 0], np.ones_like(arm[..., 0])], axis=-2)
+        jacobian[..., link:] = 0.0
+        return jacobian
 
     @cached_property
     def _designs(self) -> tuple[Chain, NDArray[np.int64]]:
-        """The arrays of the mechanisms, and which of them each lane has."""
         return designs_of(self.mechanism, np.size(self.status))
 
-    def _lanes(self, values: Array, axes: int = 1) -> Array:
-        """A copy with a leading axis of lanes, in the form that kernels are compiled for."""
-        return np.array(values, float, order="C").reshape(np.size(self.status), *values.shape[values.ndim - axes :])
-
-    @cached_property
-    def smallest_eigenvalue(self) -> float | Array:
-        """Smallest real part of the eigenvalues of the stiffness over the free joints [N·mm/rad]; inf if none is free.
-
-        Positive: stable; its size is the distance from snap-through.
-        """
-        free = self.free_joints
-        masked = np.where(free[..., :, None] & free[..., None, :], self.stiffness, 0.0)
-        values = np.linalg.eigvals(masked + np.eye(free.shape[-1]) * np.where(free, 0.0, _FAR)[..., None, :])
-        smallest = values.real.min(axis=-1)
-        smallest = np.where(free.any(axis=-1), smallest, np.inf)
-        return float(smallest) if smallest.ndim == 0 else smallest
+    _fill_stiffness = staticmethod(stiffness_of)
 
     @property
     def pressing_margins(self) -> Array:
@@ -167,19 +109,7 @@ class Equilibrium:
         """(n - 1,) friction × normal - |tangential| contact force [N]: negative means that the links would slip."""
         return friction * self.contact_forces[..., 1] - np.abs(self.contact_forces[..., 0])
 
-    def require(self) -> Equilibrium:
-        """This equilibrium.
 
-        Raises:
-            SolverError: when it is not a stable equilibrium.
-        """
-        if not np.all(self.ok):
-            statuses = sorted({Status(code) for code in np.ravel(self.status)} - {Status.CONVERGED, Status.AT_LIMIT})
-            raise SolverError("; ".join(f"{status.name}: {status.message}" for status in statuses))
-        return self
-
-
-_FAR = 1e15  # eigenvalue given to joints that are held
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 

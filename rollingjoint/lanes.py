@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
+_T = TypeVar("_T")
 
 __all__ = [
     "PENDING",
@@ -57,9 +58,9 @@ def stack(mechanisms: Sequence[RollingChain]) -> Chain:
     return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
 
 
-def distinct(mechanism: RollingChain | Sequence[RollingChain]) -> tuple[RollingChain, ...]:
+def distinct(mechanisms: Sequence[_T]) -> tuple[_T, ...]:
     """The different ones of the mechanisms, in the order in which they come first."""
-    return (mechanism,) if isinstance(mechanism, RollingChain) else tuple(dict.fromkeys(mechanism))
+    return tuple(dict.fromkeys(mechanisms))
 
 
 def designs_of(mechanism: RollingChain | Sequence[RollingChain], n_lanes: int) -> tuple[Chain, NDArray[np.int64]]:

@@ -2,12 +2,14 @@
 
 One row acts on one body point x of one link and is the sum of everything a row can hold:
 world force + body force turned with the link + spring k (anchor - x), and a moment.
+Planar chains take pairs (x, y) and a moment; spatial ones triples (x, y, z) throughout, and no springs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,11 @@ from rollingjoint.errors import InvalidInput, as_floats, as_integer
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
 """Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
 
+SPATIAL_LOAD_COLUMNS = ("link", *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"))
+"""Columns of a spatial table: link, body point [mm], world force, world moment, body force, body moment [N, N·mm]."""
+
 Pair = tuple[float, float]
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -25,9 +31,9 @@ class WorldForce:
     """A force of fixed direction (a dead load) at a body point, and a moment [N, N·mm, mm]."""
 
     link: int
-    force: Pair
-    moment: float = 0.0
-    point: Pair = (0.0, 0.0)
+    force: Pair | Triple
+    moment: float | Triple = 0.0
+    point: Pair | Triple = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -35,9 +41,9 @@ class BodyWrench:
     """A force that turns with the link (a follower load) at a body point, and a moment [N, N·mm, mm]."""
 
     link: int
-    force: Pair
-    moment: float = 0.0
-    point: Pair = (0.0, 0.0)
+    force: Pair | Triple
+    moment: float | Triple = 0.0
+    point: Pair | Triple = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,8 @@ class Gravity:
     """The weight of every link [N], base first, acting along `direction` at body points (default: link origins)."""
 
     weights: Sequence[float]
-    direction: Pair = (0.0, -1.0)
-    points: Sequence[Pair] | None = None
+    direction: Pair | Triple = (0.0, -1.0)
+    points: Sequence[Pair | Triple] | None = None
 
 
 Load = WorldForce | BodyWrench | Spring | Gravity
@@ -68,18 +74,55 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
     Raises:
         InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
+    return _table(loads, n_links, _rows, len(LOAD_COLUMNS))
+
+
+def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
+    """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, 16).
+
+    Raises:
+        InvalidInput: as load_table; a spring.
+    """
+    return _table(loads, n_links, _spatial_rows, len(SPATIAL_LOAD_COLUMNS))
+
+
+def _table(
+    loads: Sequence[Load], n_links: int, rows_of: Callable[[Load, int], list[list[float]]], n_columns: int
+) -> NDArray[np.float64]:
     if not isinstance(loads, list | tuple) and (isinstance(loads, Load) or not isinstance(loads, Iterable)):
         raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
-    rows = [row for load in loads for row in _rows(load, n_links)]
-    return np.array(rows, dtype=float).reshape(len(rows), len(LOAD_COLUMNS))
+    rows = [row for load in loads for row in rows_of(load, n_links)]
+    return np.array(rows, dtype=float).reshape(len(rows), n_columns)
+
+
+def _spatial_rows(load: Load, n_links: int) -> list[list[float]]:
+    none = [0.0] * 6
+    match load:
+        case WorldForce() | BodyWrench():
+            wrench = [*_triple("load force", load.force), *_triple("load moment", load.moment, unset=0.0)]
+            both = [*wrench, *none] if isinstance(load, WorldForce) else [*none, *wrench]
+            return [[link_index(load.link, n_links), *_triple("load point", load.point, unset=(0.0, 0.0)), *both]]
+        case Gravity():
+            weights, at = _weights(load, np.zeros((n_links, 3)) if load.points is None else load.points, n_links)
+            centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
+            direction = np.array(_triple("Gravity direction", load.direction))
+            norm = float(np.linalg.norm(direction))
+            if norm == 0 or centres.shape != (n_links, 3):
+                raise InvalidInput("Gravity", load, "a direction other than (0, 0, 0), and points (x, y, z)")
+            rows = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
+            rows[:, 0], rows[:, 1:4], rows[:, 4:7] = np.arange(n_links), centres, weights[:, None] * direction / norm
+            return rows.tolist()
+    raise InvalidInput("load", load, "WorldForce, BodyWrench or Gravity, all in three dimensions")
 
 
 def _rows(load: Load, n_links: int) -> list[list[float]]:
     match load:
         case WorldForce():
-            return [_row(load, n_links, world=_pair("load force", load.force), moment=load.moment)]
+            moment = _number("load moment", load.moment)
+            return [_row(load, n_links, world=_pair("load force", load.force), moment=moment)]
         case BodyWrench():
-            return [_row(load, n_links, body=_pair("load force", load.force), moment=load.moment)]
+            moment = _number("load moment", load.moment)
+            return [_row(load, n_links, body=_pair("load force", load.force), moment=moment)]
         case Spring():
             return [_row(load, n_links, spring=load.stiffness, anchor=_pair("spring anchor", load.anchor))]
         case Gravity():
@@ -88,11 +131,7 @@ def _rows(load: Load, n_links: int) -> list[list[float]]:
 
 
 def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
-    allowed = f"{n_links} weights [N] (and points), one per link, the base included"
-    weights = as_floats("Gravity weights", load.weights, allowed)
-    points = [(0.0, 0.0)] * n_links if load.points is None else list(load.points)
-    if weights.shape != (n_links,) or len(points) != n_links:
-        raise InvalidInput("Gravity weights", load.weights, allowed)
+    weights, points = _weights(load, [(0.0, 0.0)] * n_links if load.points is None else load.points, n_links)
     dx, dy = _pair("Gravity direction", load.direction)
     norm = float(np.hypot(dx, dy))
     if norm == 0:
@@ -102,6 +141,17 @@ def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
     return [
         _row(WorldForce(link, force, point=point), n_links, world=force) for link, (force, point) in enumerate(acting)
     ]
+
+
+def _weights(
+    load: Gravity, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
+) -> tuple[NDArray[np.float64], list[Any]]:
+    """Weights and points of all links, as many as there are links."""
+    allowed = f"{n_links} weights [N] (and points), one per link, the base included"
+    weights, at = as_floats("Gravity weights", load.weights, allowed), list(points)
+    if weights.shape != (n_links,) or len(at) != n_links:
+        raise InvalidInput("Gravity weights", load.weights, allowed)
+    return weights, at
 
 
 def _row(
@@ -115,7 +165,7 @@ def _row(
     anchor: Pair = (0.0, 0.0),
 ) -> list[float]:
     point = _pair("load point", load.point)
-    numbers = _number("load moment", moment), _number("spring stiffness", spring)
+    numbers = moment, _number("spring stiffness", spring)
     return [link_index(load.link, n_links), *point, *world, *body, *numbers, *anchor]
 
 
@@ -134,16 +184,27 @@ def link_index(link: int, n_links: int) -> int:
     return index % n_links
 
 
-def _number(what: str, value: float) -> float:
+def _number(what: str, value: float | Triple) -> float:
     try:
-        return float(value)
+        return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(what, value, "a number") from None
 
 
-def _pair(what: str, values: Pair) -> Pair:
+def _pair(what: str, values: Pair | Triple) -> Pair:
     try:
-        x, y = values
+        x, y = values  # type: ignore[misc]
         return float(x), float(y)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(what, values, "two numbers (x, y)") from None
+
+
+def _triple(what: str, values: object, unset: object = None) -> Triple:
+    """Three numbers; zeros for the default of a planar load."""
+    if type(values) is type(unset) and values == unset:
+        return 0.0, 0.0, 0.0
+    array = as_floats(what, values, "three numbers (x, y, z)")
+    if array.shape != (3,):
+        raise InvalidInput(what, values, "three numbers (x, y, z)")
+    x, y, z = array.tolist()
+    return x, y, z

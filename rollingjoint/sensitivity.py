@@ -1,22 +1,24 @@
 """Derivatives of an equilibrium by the implicit function theorem: dphi/dx = -H⁻¹ dr/dx.
 
-Joints whose contact is at the end of a surface stay there. Every function takes one Equilibrium or a batch.
+Joints whose contact is at the end of a surface stay there. Every function takes one Solution or a batch.
 Source: docs/theory.md, sections 4 and 5.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import link_index
+from rollingjoint.solution import Solution
 
 Array = NDArray[np.float64]
 
 
-def dlengths_dtensions(equilibrium: Equilibrium) -> Array:
+def dlengths_dtensions(equilibrium: Solution) -> Array:
     """d tendon lengths / d tensions, (m, m) [mm/N]: symmetric, negative semidefinite where the equilibrium is stable.
 
     Raises:
@@ -25,7 +27,7 @@ def dlengths_dtensions(equilibrium: Equilibrium) -> Array:
     return np.swapaxes(equilibrium.tendon_rates, -1, -2) @ _dangles_dtensions(equilibrium)
 
 
-def dposes_dtensions(equilibrium: Equilibrium) -> Array:
+def dposes_dtensions(equilibrium: Solution) -> Array:
     """d link poses / d tensions, (n, 3, m) [mm/N, rad/N], the other tensions held.
 
     Raises:
@@ -34,7 +36,7 @@ def dposes_dtensions(equilibrium: Equilibrium) -> Array:
     return _dposes(equilibrium, _dangles_dtensions(equilibrium))
 
 
-def dposes_dlengths(equilibrium: Equilibrium) -> Array:
+def dposes_dlengths(equilibrium: Solution) -> Array:
     """d link poses / d commanded lengths, (n, 3, m) [mm/mm, rad/mm]; zero for a slack or yielding tendon.
 
     Raises:
@@ -43,7 +45,7 @@ def dposes_dlengths(equilibrium: Equilibrium) -> Array:
     return _dposes(equilibrium, _dangles_dlengths(equilibrium))
 
 
-def dtensions_dlengths(equilibrium: Equilibrium) -> Array:
+def dtensions_dlengths(equilibrium: Solution) -> Array:
     """d tensions / d commanded lengths, (m, m) [N/mm]; a row or column of zeros for a slack or yielding tendon.
 
     Raises:
@@ -54,40 +56,37 @@ def dtensions_dlengths(equilibrium: Equilibrium) -> Array:
     return k * (dlengths - np.eye(k.shape[-2]))
 
 
-def dposes_dload(equilibrium: Equilibrium, link: int, point: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """d link poses / d (fx, fy, moment) acting on a body point of a link, (n, 3, 3) [mm/N, rad/N, mm/(N·mm), ...].
+def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None = None) -> Array:
+    """d link poses / d (force, moment) acting on a body point of a link, (n, 3, 3) [mm/N, rad/N, mm/(N·mm), ...].
+
+    Planar: (fx, fy, moment); spatial: (fx, fy, fz, mx, my, mz), (n, 6, 6).
 
     Args:
         equilibrium: under given tensions or given lengths; the other input stays as it was given.
         link: where the load acts, -1 is the tip.
-        point: body point [mm].
+        point: body point [mm]; default: the origin.
     Raises:
         SolverError: when the equilibrium is not stable.
         InvalidInput: a link that does not exist.
     """
-    link = link_index(link, equilibrium.poses.shape[-2])
-    pose = equilibrium.poses[..., link, :]
-    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    where = pose[..., :2] + np.stack([cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]], axis=-1)
-    arm = where[..., None, :] - equilibrium.contact_points
-    torque = np.stack([-arm[..., 1], arm[..., 0], np.ones_like(arm[..., 0])], axis=-1)
-    torque[..., link:, :] = 0.0
+    jacobian = equilibrium.point_jacobian(link_index(link, equilibrium.tendon_rates.shape[-2] + 1), point)
+    torque = np.swapaxes(jacobian, -1, -2)
     return _dposes(equilibrium, _respond(equilibrium, equilibrium.stiffness, torque))
 
 
-def _dangles_dtensions(equilibrium: Equilibrium) -> Array:
-    rates, k = equilibrium.tendon_rates, equilibrium.tendon_stiffness
-    tension_stiffness = equilibrium.stiffness - (rates * k[..., None, :]) @ np.swapaxes(rates, -1, -2)
-    return _respond(equilibrium, tension_stiffness, -rates)
+def _dangles_dtensions(equilibrium: Solution) -> Array:
+    torques, rates, k = equilibrium.torques_per_tension, equilibrium.tendon_rates, equilibrium.tendon_stiffness
+    tension_stiffness = equilibrium.stiffness - (torques * k[..., None, :]) @ np.swapaxes(rates, -1, -2)
+    return _respond(equilibrium, tension_stiffness, -torques)
 
 
-def _dangles_dlengths(equilibrium: Equilibrium) -> Array:
+def _dangles_dlengths(equilibrium: Solution) -> Array:
     return _respond(
-        equilibrium, equilibrium.stiffness, equilibrium.tendon_rates * equilibrium.tendon_stiffness[..., None, :]
+        equilibrium, equilibrium.stiffness, equilibrium.torques_per_tension * equilibrium.tendon_stiffness[..., None, :]
     )
 
 
-def joint_response(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array:
+def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
     """Change of the joint angles under joint torques, (n - 1, k) both [rad, N·mm], joints at a limit held.
 
     Raises:
@@ -99,7 +98,7 @@ def joint_response(equilibrium: Equilibrium, stiffness: Array, torque: Array) ->
     return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)
 
 
-def _respond(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array:
+def _respond(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
     """joint_response of a stable equilibrium."""
     try:
         return joint_response(equilibrium.require(), stiffness, torque)
@@ -112,10 +111,6 @@ def _respond(equilibrium: Equilibrium, stiffness: Array, torque: Array) -> Array
         ) from None
 
 
-def _dposes(equilibrium: Equilibrium, dangles: Array) -> Array:
+def _dposes(equilibrium: Solution, dangles: Array) -> Array:
     """Chain d joint angles (n - 1, k) to d link poses (n, 3, k)."""
-    arm = equilibrium.poses[..., :, None, :2] - equilibrium.contact_points[..., None, :, :]
-    n = equilibrium.poses.shape[-2]
-    moves = np.tri(n, n - 1, -1)  # joint i moves link k > i
-    jacobian = np.stack([-arm[..., 1] * moves, arm[..., 0] * moves, np.broadcast_to(moves, arm.shape[:-1])], axis=-2)
-    return jacobian @ dangles[..., None, :, :]
+    return equilibrium.pose_jacobian @ dangles[..., None, :, :]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from rollingjoint.errors import MechanismError, as_floats, as_integer
+
+_T = TypeVar("_T")
 
 DEFAULT_STIFFNESS = 5.0
 """Tendon stiffness [N/mm]: E A / L of a 0.28 mm polyethylene braid (E about 20 GPa along the braid, A = 0.062 mm²)
@@ -52,12 +55,9 @@ class Tendon:
             raise MechanismError("tendon holes", self.holes, "(parent hole, child hole) for every link") from None
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
-        stiffness = as_floats("tendon stiffness", self.stiffness, "a positive number [N/mm]", MechanismError)
-        if stiffness.ndim > 0 or not 0 < stiffness < np.inf:
-            raise MechanismError("tendon stiffness", self.stiffness, "a positive number [N/mm]")
         object.__setattr__(self, "holes", holes)
         object.__setattr__(self, "end", as_integer("tendon end", self.end, "the number of a link", MechanismError))
-        object.__setattr__(self, "stiffness", float(stiffness))
+        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
 
     @classmethod
     def on_surfaces(cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS) -> Tendon:
@@ -66,19 +66,68 @@ class Tendon:
 
     def last_link(self, n_links: int) -> int:
         """Index of the link where the tendon ends, counted from 0."""
-        last = self.end + n_links if self.end < 0 else self.end
-        if not 1 <= last < n_links:
-            raise MechanismError("tendon end", self.end, f"a moving link, 1 to {n_links - 1} or -1 to {1 - n_links}")
-        return last
+        return _last_link(self.end, n_links)
 
     def link_holes(self, n_links: int) -> Sequence[tuple[Hole, Hole]]:
         """(parent hole, child hole) for every link that the tendon passes."""
-        passed = self.last_link(n_links) + 1
-        if len(self.holes) == 1:
-            return tuple(self.holes) * passed
-        if len(self.holes) != passed:
-            raise MechanismError("number of tendon hole pairs", len(self.holes), f"{passed}, links 0 to {passed - 1}")
-        return self.holes
+        return _one_per_link("number of tendon hole pairs", self.holes, self.last_link(n_links) + 1)
+
+
+@dataclass(frozen=True)
+class BeadTendon:
+    """A tendon of a spatial hinge chain, from the base to link `end`, straight through every bead.
+
+    Args:
+        holes: (x, y) of every link from 0 to `end` in its frame [mm]. A single one stands for the same on every link.
+        end: the link where it is fixed; -1 is the tip.
+        stiffness: tension per mm of stretch [N/mm].
+    Raises:
+        MechanismError: a hole that is no point; an end that is no whole number; a stiffness that is not positive.
+    """
+
+    holes: Sequence[tuple[float, float]]
+    end: int = -1
+    stiffness: float = DEFAULT_STIFFNESS
+
+    def __post_init__(self) -> None:
+        allowed = "at least one finite point (x, y) [mm]"
+        holes = as_floats("tendon holes", self.holes, allowed, MechanismError)
+        if holes.ndim != 2 or holes.shape[1] != 2 or not len(holes) or not np.all(np.isfinite(holes)):
+            raise MechanismError("tendon holes", self.holes, allowed)
+        object.__setattr__(self, "holes", tuple((float(x), float(y)) for x, y in holes))
+        object.__setattr__(self, "end", as_integer("tendon end", self.end, "the number of a link", MechanismError))
+        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+
+    def last_link(self, n_links: int) -> int:
+        """Index of the link where the tendon ends, counted from 0."""
+        return _last_link(self.end, n_links)
+
+    def link_holes(self, n_links: int) -> Sequence[tuple[float, float]]:
+        """The hole of every link that the tendon passes."""
+        return _one_per_link("number of tendon holes", self.holes, self.last_link(n_links) + 1)
+
+
+def _stiffness(value: object) -> float:
+    stiffness = as_floats("tendon stiffness", value, "a positive number [N/mm]", MechanismError)
+    if stiffness.ndim > 0 or not 0 < stiffness < np.inf:
+        raise MechanismError("tendon stiffness", value, "a positive number [N/mm]")
+    return float(stiffness)
+
+
+def _last_link(end: int, n_links: int) -> int:
+    last = end + n_links if end < 0 else end
+    if not 1 <= last < n_links:
+        raise MechanismError("tendon end", end, f"a moving link, 1 to {n_links - 1} or -1 to {1 - n_links}")
+    return last
+
+
+def _one_per_link(what: str, holes: Sequence[_T], passed: int) -> Sequence[_T]:
+    """The holes of the links that a tendon passes."""
+    if len(holes) == 1:
+        return tuple(holes) * passed
+    if len(holes) != passed:
+        raise MechanismError(what, len(holes), f"{passed}, links 0 to {passed - 1}")
+    return holes
 
 
 def _hole(hole: Hole) -> Hole:
