@@ -42,7 +42,6 @@ def _solve_rolling_batch(
 class Family(NamedTuple):
     """What differs between planar rolling chains and spatial hinge chains."""
 
-    kind: type
     load_columns: tuple[str, ...]
     load_table: Callable[[Sequence[Load], int], Array]
     designs_of: Callable[[Any, int], tuple[Any, NDArray[np.int64]]]
@@ -50,10 +49,8 @@ class Family(NamedTuple):
     solve_batch: Callable[[Any, Any, NDArray[np.int64], TendonLaw, Array, Array], Any]
 
 
-_ROLLING = Family(RollingChain, LOAD_COLUMNS, load_table, designs_of, solve_lane, _solve_rolling_batch)
-_HINGED = Family(
-    HingeChain, SPATIAL_LOAD_COLUMNS, spatial_load_table, hinge_designs_of, solve_hinge_lane, solve_hinge_batch
-)
+_ROLLING = Family(LOAD_COLUMNS, load_table, designs_of, solve_lane, _solve_rolling_batch)
+_HINGED = Family(SPATIAL_LOAD_COLUMNS, spatial_load_table, hinge_designs_of, solve_hinge_lane, solve_hinge_batch)
 
 
 def family_of(mechanism: Mechanism) -> Family:

@@ -43,6 +43,7 @@ def test_flexible_arm_reference_equilibria(case, model):
         found = solve_lengths(arm, case["lengths"], loads)
         assert found.tensions == pytest.approx(expected["tensions"], abs=1e-6)
     assert found.status is Status.CONVERGED
+    assert found.iterations <= 10  # quadratic: the O(n) step is Newton's
     assert found.joint_angles == pytest.approx(expected["joint_angles"], abs=1e-10)
     assert found.tip == pytest.approx(expected["tip"], abs=1e-6)
     assert found.lengths == pytest.approx(expected["lengths"], abs=1e-6)
@@ -243,6 +244,20 @@ def test_every_lane_is_the_single_solve_to_the_last_bit():
             for name in ("joint_angles", "poses", "tensions", "lengths", "tendon_rates", "status", "iterations"):
                 assert np.array_equal(getattr(lanes, name)[2691 + lane], getattr(one, name)), name
         assert np.array_equal(lanes.stiffness[-1], one.stiffness)
+
+
+def test_lanes_may_have_loads_and_starts_of_their_own():
+    rng = np.random.default_rng(8)
+    arm, tensions = small_arm(), rng.uniform(0, 8, (3, 4))
+    loads = [[WorldForce(-1, rng.normal(size=3))] for _ in range(3)]
+    singles = [
+        solve_tensions(arm, tau, load, start=np.full(4, 0.02 * k))
+        for k, (tau, load) in enumerate(zip(tensions, loads, strict=True))
+    ]
+    tables = np.array([one.loads for one in singles])
+    lanes = solve_tensions_batch(arm, tensions, tables, np.outer(range(3), np.full(4, 0.02)))
+    assert np.array_equal(lanes.joint_angles, [one.joint_angles for one in singles])
+    assert lanes.iterations.tolist() == [one.iterations for one in singles]
 
 
 def test_lanes_may_have_mechanisms_of_their_own():

@@ -100,7 +100,7 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
 def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, share_of_loads):
     """Equilibrium by letting loads and tendons grow from nothing at the rest pose, each stage from the one before.
 
-    The last two arguments are scratch space.
+    Without a potential an unstable equilibrium is followed too. The last two arguments are scratch space.
     """
     n, m = state.angle.size, state.length.size
     last, slack = np.empty(n), np.empty(m)
@@ -125,7 +125,7 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
             last[i] = state.angle[i]
         status, iterations, worst, left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
         count += iterations
-        if status < UNSTABLE:
+        if status < UNSTABLE or (status == UNSTABLE and not conservative):
             done, stage, escapes = share, 2.0 * stage, escapes + left
             if share == 1.0:
                 break
