@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -43,5 +44,15 @@ class _Events(TensorBoardOutputFormat):
     """Writes events; TensorBoard drops those of an interrupted run that lie behind `steps`."""
 
     def __init__(self, folder: Path, steps: int) -> None:
+        _wait_for_a_later_name(folder)
         self.writer = SummaryWriter(str(folder), purge_step=steps + 1 if steps else None)
         self._is_closed = False
+
+
+def _wait_for_a_later_name(folder: Path) -> None:
+    """Until a new file of events comes after those that are there: TensorBoard reads them in the order of their names.
+
+    The names hold the second in which the files were made.
+    """
+    seconds = [int(path.name.split(".")[3]) for path in folder.glob("events.out.tfevents.*")]
+    time.sleep(min(max(max(seconds, default=0) + 1 - time.time(), 0.0), 1.0))

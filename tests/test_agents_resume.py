@@ -18,6 +18,7 @@ from agents.file_lock import file_lock
 from agents.policy import Policy
 from agents.rollout import run_episodes
 from agents.run_folder import RunFolder
+from agents.training_log import _Events
 
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
@@ -265,3 +266,10 @@ def test_files_that_may_not_grow_end_training_with_one_line(limit, whole, tmp_pa
     assert child.stderr.count("\n") == 1
     assert train.main(["--resume", str(run)]) == 0
     assert weights(run) == weights(whole["ppo"])
+
+
+def test_the_events_of_a_later_writer_are_read_later(tmp_path):
+    for steps in (0, 40, 80):
+        _Events(tmp_path, steps).writer.close()
+    seconds = [int(path.name.split(".")[3]) for path in tmp_path.iterdir()]
+    assert len(set(seconds)) == 3
