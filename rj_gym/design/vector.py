@@ -20,6 +20,7 @@ from rj_gym.design.options import checked_options
 from rj_gym.design.render import DesignRenderer, scene
 from rj_gym.design.task import Fixed, design_task
 from rj_gym.tracking.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rollingjoint.errors import InvalidInput, as_integer
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ class CurvatureDesignVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDAr
         self.task = design_task(config, overrides)
         self.render_mode = render_mode
         self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
-        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.space.dimensions,), np.float32)
         self.single_observation_space = observation_space(self.config)
@@ -91,9 +92,9 @@ class CurvatureDesignVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDAr
             InvalidInput: seeds or options that cannot be used; no episode has changed then.
         """
         fixed_options = dict(options or {})
-        mask = self._checked_mask(fixed_options.pop("reset_mask", None))
+        mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
         fixed = checked_options(fixed_options, self.task)
-        for lane, lane_seed in enumerate(self._checked_seeds(seed)):
+        for lane, lane_seed in enumerate(checked_seeds(seed, self.num_envs)):
             if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
                 self._generators[lane] = seeding.np_random(lane_seed)[0]
         sampled = self._begin(mask, fixed)
@@ -170,32 +171,3 @@ class CurvatureDesignVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDAr
         if not fresh.all():
             infos |= masked_info({"reward_terms": self._lanes.reward_info()}, ~fresh)
         return infos
-
-    def _checked_mask(self, mask: object) -> Mask:
-        if mask is None:
-            return np.ones(self.num_envs, bool)
-        chosen = np.asarray(mask)
-        if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
-            raise InvalidInput(
-                "options['reset_mask']", mask, f"{self.num_envs} booleans, one per lane, at least one of them True"
-            )
-        if not self._begun and not chosen.all():
-            raise InvalidInput("options['reset_mask']", mask, "all True: no lane has begun yet")
-        return chosen.copy()
-
-    def _checked_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + lane for lane in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InvalidInput("seed", seed, f"a number, or {self.num_envs} numbers, one per lane")
-        return seed
-
-
-def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        allowed = f"an AutoresetMode or one of {', '.join(repr(known.value) for known in AutoresetMode)}"
-        raise InvalidInput("autoreset_mode", mode, allowed) from None

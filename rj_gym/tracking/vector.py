@@ -31,6 +31,7 @@ from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
 from rj_gym.tracking.spaces import goal_observation, lane_observations, observation_space
 from rj_gym.tracking.task import TrackingTask
+from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rollingjoint.errors import InvalidInput, as_integer
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.task = TrackingTask(config.updated(overrides))
         self.render_mode = render_mode
         self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
-        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
         self.single_observation_space = observation_space(self.task, self.goal)
@@ -106,9 +107,9 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             InvalidInput: seeds or options that cannot be used; nothing has changed then.
         """
         fixed_options = dict(options or {})
-        mask = self._checked_mask(fixed_options.pop("reset_mask", None))
+        mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
         fixed = checked_options(fixed_options, self.config, self.task.mechanism)
-        for lane, lane_seed in enumerate(self._checked_seeds(seed)):
+        for lane, lane_seed in enumerate(checked_seeds(seed, self.num_envs)):
             if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
                 self._generators[lane] = seeding.np_random(lane_seed)[0]
         sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
@@ -245,27 +246,6 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         steps = int(self._lanes.state.readings[lane, STEP])
         return renderer.picture(self._lanes.scene(np.array(self._trail)[-(steps + 1) :, lane], lane))
 
-    def _checked_mask(self, mask: object) -> Mask:
-        if mask is None:
-            return np.ones(self.num_envs, bool)
-        chosen = np.asarray(mask)
-        if chosen.shape != (self.num_envs,) or chosen.dtype != bool or not chosen.any():
-            raise InvalidInput(
-                "options['reset_mask']", mask, f"{self.num_envs} booleans, one per lane, at least one of them True"
-            )
-        if not self._begun and not chosen.all():
-            raise InvalidInput("options['reset_mask']", mask, "all True: no lane has begun yet")
-        return chosen.copy()
-
-    def _checked_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + lane for lane in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InvalidInput("seed", seed, f"a number, or {self.num_envs} numbers, one per lane")
-        return seed
-
 
 class RollingJointGoalVectorEnv(RollingJointVectorEnv):
     """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""
@@ -286,11 +266,3 @@ class RollingJointGoalVectorEnv(RollingJointVectorEnv):
     def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
         success = readings[:, ERROR] <= self.config.reward.goal_tolerance_mm
         return {"reward_terms": terms, "is_success": success}
-
-
-def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        allowed = f"an AutoresetMode or one of {', '.join(repr(known.value) for known in AutoresetMode)}"
-        raise InvalidInput("autoreset_mode", mode, allowed) from None
