@@ -23,7 +23,7 @@ from typing import Any
 from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
 from agents.config import TrainConfig, load_config
 from agents.fields import check_integer
-from agents.run_folder import RunFolder, RunFolderError, typed_command, write_text
+from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
 from rj_gym.config import TrackingConfig
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
@@ -123,8 +123,8 @@ def is_finished(run: RunFolder) -> bool:
 
 
 def training_seconds(run: RunFolder) -> float:
-    """Wall time of the training, interruptions left out, to the last row of its log [s]; 0 where there is none."""
-    return max((float(row.get("time/time_elapsed") or 0) for row in rows(run.progress)), default=0.0)
+    """Processor time of the training to the last row of its log [s]; 0 where there is none."""
+    return max((float(row.get(PROCESSOR) or 0) for row in rows(run.progress)), default=0.0)
 
 
 def rows(table: Path) -> list[dict[str, str]]:

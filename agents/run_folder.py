@@ -40,6 +40,7 @@ from rollingjoint.errors import InvalidInput
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
+PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which other work does not stretch
 
 
 class RunFolderError(InvalidInput):

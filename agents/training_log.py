@@ -11,9 +11,10 @@ from typing import Any
 from stable_baselines3.common.logger import CSVOutputFormat, Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.run_folder import RunFolder
+from agents.run_folder import PROCESSOR, RunFolder
 
 ITERATIONS = "time/iterations"
+ELAPSED = "time/time_elapsed"
 
 
 def training_log(run: RunFolder, steps: int = 0) -> Logger:
@@ -30,14 +31,22 @@ class _Rows(CSVOutputFormat):
         rows = list(csv.DictReader(self.file))
         self.keys = list(rows[0]) if rows else []
         self.separator, self.quotechar = ",", '"'
-        self.iterations = max((int(row[ITERATIONS]) for row in rows if row.get(ITERATIONS)), default=0)
+        self.iterations = int(_largest(rows, ITERATIONS))
+        self.seconds = _largest(rows, PROCESSOR) - time.process_time()
         self.file.seek(0, os.SEEK_END)
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
-        """Add a row; iterations are counted from the beginning of the run."""
+        """Add a row; iterations and processor time are counted from the beginning of the run."""
         if ITERATIONS in key_values:
             key_values = key_values | {ITERATIONS: self.iterations + key_values[ITERATIONS]}
+        if ELAPSED in key_values:
+            key_values = key_values | {PROCESSOR: round(self.seconds + time.process_time(), 3)}
         super().write(key_values, key_excluded, step)
+
+
+def _largest(rows: list[dict[str, str]], column: str) -> float:
+    """The largest number in a column; 0 where there is none."""
+    return max((float(row[column]) for row in rows if row.get(column)), default=0.0)
 
 
 class _Events(TensorBoardOutputFormat):

@@ -101,6 +101,8 @@ def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, t
     assert weights(run) == weights(whole[name])
     assert weights(run, "best/policy.zip") == weights(whole[name], "best/policy.zip")
     assert (run / "evaluations.csv").read_text() == (whole[name] / "evaluations.csv").read_text()
+    seconds = [float(value) for (value,) in columns(run, "time/processor_seconds") if value]
+    assert seconds == sorted(seconds) and seconds[0] > 0  # goes on where the interrupted process had come to
     logged = ["time/total_timesteps", "time/iterations", "rollout/ep_rew_mean", "train/loss", "evaluation/mean_mm"]
     assert columns(run, *logged) == columns(whole[name], *logged)
     assert len(set(events(run))) == len(events(run)) > 1

@@ -91,7 +91,10 @@ def _write(scored: Sequence[Scored], seeds: range, left_out: Mapping[Path, str],
 
     images = {
         "results_learning_steps.png": (pictures.learning_curves(scored, over_time=False), LEARNING.format("steps")),
-        "results_learning_time.png": (pictures.learning_curves(scored, over_time=True), LEARNING.format("wall time")),
+        "results_learning_time.png": (
+            pictures.learning_curves(scored, over_time=True),
+            LEARNING.format("processor time"),
+        ),
         "results_distribution.png": (pictures.distributions(scored), SHARES),
     }
     if any(one.beyond for one in scored):

@@ -258,8 +258,7 @@ def _measured(scored: Sequence[Scored], about: About) -> str:
     lines = [
         f"Scored on {about.machine}. {about.versions}.",
         f"Trained on {about.trained_with}.",
-        "Training time is wall time, evaluations during training included, with as many runs at a time as the first "
-        "command says.",
+        "Training time is processor time, evaluations during training included.",
         f"Training seeds: {_seeds_of(recipes)}.",
         f"Seeds of environments: {_used(recipes)}; here {about.seeds[0]} to {about.seeds[-1]}.",
         "Every policy is the one of its run with the smallest error in the evaluations during training (`best/`).",

@@ -42,11 +42,11 @@ LONGEST = 60  # pictures in an animation; of longer episodes every second one is
 
 
 def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
-    """PNG: mean tip error in the evaluations during training, over steps or over wall time; a panel per task.
+    """PNG: mean tip error in the evaluations during training, over steps or over processor time; a panel per task.
 
     Line: median over the seeds; band: smallest to largest.
     """
-    label = "minutes of training" if over_time else "thousand steps"
+    label = "minutes of processor time" if over_time else "thousand steps"
     figure, panels = _panels(len(scored), label, "mean tip error [mm]")
     for axes, one in zip(panels, scored, strict=True):
         axes.set(title=one.task.title)

@@ -17,7 +17,7 @@ from agents.controller import Array
 from agents.parameters import PARAMETERS
 from agents.policy import Policy
 from agents.rollout import is_tracking
-from agents.run_folder import RunFolder, RunFolderError
+from agents.run_folder import PROCESSOR, RunFolder, RunFolderError
 from rj_gym.config import TrackingConfig
 from rollingjoint.errors import RollingJointError
 
@@ -27,10 +27,10 @@ POLICY = "best"  # the one with the smallest error in the evaluations during tra
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run: its configuration, its seed, its wall time [s], its evaluations during training.
+    """A finished run: its configuration, its seed, its processor time [s], its evaluations during training.
 
     Args:
-        curve: steps done, mean tip error [mm] and wall time [s] at every evaluation, (3, evaluations).
+        curve: steps done, mean tip error [mm] and processor time [s] at every evaluation, (3, evaluations).
     """
 
     folder: RunFolder
@@ -161,7 +161,7 @@ def _run_folders(root: Path) -> Iterator[Path]:
 def _curve(folder: RunFolder) -> Array:
     found = rows(folder.evaluations)
     steps, errors = (np.array([float(row[name]) for row in found]) for name in ("steps", "mean_mm"))
-    names = ("time/total_timesteps", "time/time_elapsed")
+    names = ("time/total_timesteps", PROCESSOR)
     log = [[float(row[name]) for name in names] for row in rows(folder.progress) if all(row.get(n) for n in names)]
     done, seconds = np.array(log).T
     return np.stack([steps, errors, np.interp(steps, done, seconds)])
