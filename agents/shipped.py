@@ -223,7 +223,7 @@ def entry_names(settings: TrackingConfig, goal: bool) -> tuple[str, ...]:
 
 def _mechanism_of(settings: TrackingConfig) -> RollingChain:
     chosen = settings.mechanism
-    return load_mechanism(chosen) if isinstance(chosen, str) else chosen
+    return load_mechanism(chosen, RollingChain) if isinstance(chosen, str) else chosen
 
 
 def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from rollingjoint.errors import ConfigError
+from rollingjoint.errors import ConfigError, InvalidInput
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -90,12 +91,17 @@ def entries(where: str, value: object) -> Sequence[Any]:
     return value
 
 
+def numbered(where: str, value: object) -> Iterator[tuple[str, Any]]:
+    """The entries of a list that is not empty, each with its place, such as "arm.yaml: links[2]"."""
+    return ((f"{where}[{i}]", entry) for i, entry in enumerate(entries(where, value)))
+
+
 def number_table(where: str, value: object) -> list[Any]:
     """Numbers, or rows of numbers of one width."""
     items = entries(where, value)
     if not isinstance(items[0], list | tuple):
         return numbers(where, items)
-    rows = [numbers(f"{where}[{i}]", row) for i, row in enumerate(items)]
+    rows = [numbers(place, row) for place, row in numbered(where, items)]
     if len({len(row) for row in rows}) > 1:
         raise ConfigError(where, value, "rows of the same length", "Fill the shorter rows with zeros.")
     return rows
@@ -103,7 +109,7 @@ def number_table(where: str, value: object) -> list[Any]:
 
 def numbers(where: str, value: object) -> list[float]:
     """A list of finite numbers that is not empty."""
-    return [number(f"{where}[{i}]", item) for i, item in enumerate(entries(where, value))]
+    return [number(place, item) for place, item in numbered(where, value)]
 
 
 def point(where: str, value: object) -> tuple[float, float]:
@@ -136,3 +142,14 @@ def text(where: str, value: object) -> str:
     if not isinstance(value, str):
         raise ConfigError(where, value, "text", "Put it in quotes.")
     return value
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Says where in the file what is built from it complained."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except InvalidInput as error:
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error

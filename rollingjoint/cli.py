@@ -20,7 +20,7 @@ from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
 from rollingjoint.mechanism_file import load_mechanism
-from rollingjoint.presets import PRESETS
+from rollingjoint.presets import PRESETS, five_link
 from rollingjoint.rolling_chain import RollingChain
 from rollingjoint.solve import solve_lengths, solve_tensions
 
@@ -47,7 +47,7 @@ def _solve(args: argparse.Namespace) -> int:
     if not 0 <= args.friction <= _LARGEST_FRICTION:
         raise InvalidInput("--friction", args.friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
     _check_picture(args.plot)
-    equilibrium = _equilibrium(args, load_mechanism(args.mechanism))
+    equilibrium = _equilibrium(args, load_mechanism(args.mechanism, RollingChain))
     text = report.as_json(equilibrium, args.friction) if args.json else report.as_table(equilibrium, args.friction)
     print(text)
     if args.plot:
@@ -57,7 +57,7 @@ def _solve(args: argparse.Namespace) -> int:
 
 def _plot(args: argparse.Namespace) -> int:
     _check_picture(args.out)
-    mechanism = load_mechanism(args.mechanism)
+    mechanism = load_mechanism(args.mechanism, RollingChain)
     if args.tensions is None and args.lengths is None:
         _refuse_idle_options(args)
         _draw(mechanism, args.out)
@@ -71,7 +71,7 @@ def _plot(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    mechanism = load_mechanism(args.mechanism)
+    mechanism = load_mechanism(args.mechanism, RollingChain)
     if args.tensions is None and args.lengths is None:
         _refuse_idle_options(args)
         print(*command.export_files(mechanism, args), sep="\n")
@@ -93,7 +93,7 @@ def _mechanisms(args: argparse.Namespace) -> int:
 
 def _warmup(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    mechanism = PRESETS["five_link"]()
+    mechanism = five_link()
     taut = solve_tensions(mechanism, [1.0, 1.0])
     slack = solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the solver for all cases
     assert taut.stiffness.shape == (mechanism.n_joints,) * 2 and slack.arc_lengths.shape == (mechanism.n_joints,)

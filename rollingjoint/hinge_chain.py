@@ -18,8 +18,9 @@ from rollingjoint.tendon import BeadTendon
 Array = NDArray[np.float64]
 
 TENDON_MODELS = ("exact", "linear", "end_couple")
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _CLOSED = 1e-3  # of the gap between two beads: what is left of it where a hinge ends
+_UNIT = 1e-14  # how far from 1 rounding leaves the length of a unit vector
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,11 @@ class Bead:
             raise MechanismError("bead gap", self.gap, f"less than the spacing, {self.spacing:g} mm")
         if not 0 <= _numbers("weight", self.weight, ())[()] < np.inf:
             raise MechanismError("bead weight", self.weight, "0 or more [N]")
-        axis = _numbers("axis", _AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, (3,))
+        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, (3,))
         length = float(np.linalg.norm(axis))
         if not 0 < length < np.inf:
             raise MechanismError("bead axis", self.axis, "a direction other than (0, 0, 0)")
+        length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
         object.__setattr__(self, "axis", tuple((axis / length).tolist()))
         low, high = _numbers("limits", self.limits, (2,))
         if not -2 * np.pi <= low < _numbers("rest_angle", self.rest_angle, ())[()] < high <= 2 * np.pi:

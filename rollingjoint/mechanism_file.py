@@ -1,65 +1,63 @@
-"""Mechanism files: YAML <-> RollingChain, documented in docs/mechanism-files.md.
+"""Mechanism files: YAML <-> RollingChain or HingeChain, documented in docs/mechanism-files.md.
 
 Nothing in a file is evaluated; every complaint names the file, the place in it and the mend.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import yaml
 
-from rollingjoint.checked_yaml import (
-    entries,
-    mapping,
-    number,
-    number_table,
-    numbers,
-    point,
-    read_yaml,
-    suggestion,
-    text,
-    whole_number,
-)
-from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.presets import PRESETS, preset
-from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import Link, RollingChain
-from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
+from rollingjoint.checked_yaml import mapping, read_yaml, suggestion
+from rollingjoint.errors import ConfigError
+from rollingjoint.families import Mechanism
+from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.hinge_chain_file import hinge_chain_from_dict, hinge_chain_to_dict
+from rollingjoint.presets import HINGE_CHAINS, PRESETS, ROLLING_CHAINS, preset
+from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.rolling_chain_file import rolling_chain_from_dict, rolling_chain_to_dict
 
-_HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
-_SURFACE_KEYS = ("curvature", "start", "angle", "limits")
-_TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
-_TABLES = {
-    "piecewise_constant": ("breaks", "values"),
-    "piecewise_polynomial": ("breaks", "coefficients"),
-    "spline": ("s", "u"),
-    "samples": ("s", "u"),
+_ROLLING_HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
+_HINGE_HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
+_KEYS = ("name", "model", "defaults", "links", "beads", "tendons")
+
+_KINDS: dict[type, tuple[str, Iterable[str]]] = {
+    RollingChain: ("a planar chain of rolling links", ROLLING_CHAINS),
+    HingeChain: ("an arm of beads", HINGE_CHAINS),
 }
-_CURVATURES = ("constant", "polynomial", *_TABLES)
+_Kind = TypeVar("_Kind", RollingChain, HingeChain)
 
 
-def load_mechanism(name_or_path: str | Path) -> RollingChain:
+@overload
+def load_mechanism(name_or_path: str | Path) -> Mechanism: ...
+
+
+@overload
+def load_mechanism(name_or_path: str | Path, kind: type[_Kind]) -> _Kind: ...
+
+
+def load_mechanism(name_or_path: str | Path, kind: type[Any] | None = None) -> Any:
     """The mechanism of that preset name, or of the YAML file at that path.
 
+    Args:
+        name_or_path: what to load.
+        kind: RollingChain or HingeChain, where no other will do.
     Raises:
-        ConfigError: neither a preset nor a readable file, or a file with a wrong key, type or mechanism.
+        ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, the other kind.
     """
     name = str(name_or_path)
-    if name in PRESETS:
-        return preset(name)
-    path = Path(name)
-    if not path.is_file():
-        mend = suggestion(name, tuple(PRESETS))
-        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", mend)
-    return mechanism_from_dict(read_yaml(path), source=name, name=path.stem)
+    mechanism = preset(name) if name in PRESETS else _read(name)
+    if kind is not None and not isinstance(mechanism, kind):
+        (wanted, presets), (found, _) = _KINDS[kind], _KINDS[type(mechanism)]
+        raise ConfigError("mechanism", name, f"{wanted}, not {found}", f"Such presets: {', '.join(presets)}.")
+    return mechanism
 
 
-def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> RollingChain:
-    """The mechanism that the content of a mechanism file describes.
+def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> Mechanism:
+    """The mechanism that the content of a mechanism file describes: a HingeChain if it lists beads.
 
     Args:
         content: what yaml.safe_load gives.
@@ -68,132 +66,32 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     Raises:
         ConfigError: a wrong key, type or number, or a mechanism that cannot be built.
     """
-    top = mapping(source, content, ("name", "defaults", "links", "tendons"), required=("links", "tendons"))
-    defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("parent", "child", "tendon"))
-    links = [
-        _link(f"{source}: links[{i}]", item, defaults, source)
-        for i, item in enumerate(entries(f"{source}: links", top["links"]))
-    ]
-    tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
-    tendons = [
-        _tendon(f"{source}: tendons[{j}]", item, tendon_default)
-        for j, item in enumerate(entries(f"{source}: tendons", top["tendons"]))
-    ]
-    with _located(source):
-        return RollingChain(links, tendons, name=text(f"{source}: name", top.get("name", name)))
+    top = {} if content is None else content
+    if isinstance(top, Mapping):
+        if "beads" in top:
+            return hinge_chain_from_dict(top, source, name)
+        if "links" not in top:
+            mend = "Add the links of a planar chain or the beads of an arm."
+            raise ConfigError(source, list(mapping(source, top, _KEYS)), "the key 'links' or the key 'beads'", mend)
+    return rolling_chain_from_dict(top, source, name)
 
 
-def mechanism_to_dict(mechanism: RollingChain) -> dict[str, Any]:
+def mechanism_to_dict(mechanism: Mechanism) -> dict[str, Any]:
     """Plain dicts, lists, numbers and text; mechanism_from_dict makes the same mechanism of them exactly."""
-    links = [{side: _surface_dict(getattr(link, side)) for side in ("parent", "child")} for link in mechanism.links]
-    return {"name": mechanism.name, "links": links, "tendons": [_tendon_dict(t) for t in mechanism.tendons]}
+    if isinstance(mechanism, HingeChain):
+        return hinge_chain_to_dict(mechanism)
+    return rolling_chain_to_dict(mechanism)
 
 
-def dump_mechanism(mechanism: RollingChain) -> str:
+def dump_mechanism(mechanism: Mechanism) -> str:
     """YAML text of the mechanism; loading it gives the same mechanism exactly."""
-    return _HEADER + yaml.safe_dump(mechanism_to_dict(mechanism), sort_keys=False, default_flow_style=None, width=110)
+    header = _HINGE_HEADER if isinstance(mechanism, HingeChain) else _ROLLING_HEADER
+    return header + yaml.safe_dump(mechanism_to_dict(mechanism), sort_keys=False, default_flow_style=None, width=110)
 
 
-def _link(where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
-    item = mapping(where, item, ("parent", "child"))
-    surfaces = {}
-    for side in ("parent", "child"):
-        default = mapping(f"{source}: defaults.{side}", defaults.get(side, {}), _SURFACE_KEYS)
-        surfaces[side] = _surface(f"{where}.{side}", item.get(side, {}), default)
-    return Link(**surfaces)
-
-
-def _surface(where: str, item: object, default: Mapping[str, Any]) -> Surface:
-    own = mapping(where, item, _SURFACE_KEYS)
-    merged = mapping(where, {**default, **own}, _SURFACE_KEYS, required=("curvature", "start"))
-    with _located(where):
-        profile = _profile(where, merged, "limits" in own)
-        start = point(f"{where}.start", merged["start"])
-        return Surface(profile, start, number(f"{where}.angle", merged.get("angle", 0.0)))
-
-
-def _profile(where: str, surface: Mapping[str, Any], own_limits: bool) -> Profile:
-    place = f"{where}.curvature"
-    curvature = mapping(place, surface["curvature"], _CURVATURES)
-    if len(curvature) != 1:
-        raise ConfigError(place, curvature, f"exactly one of {', '.join(_CURVATURES)}")
-    kind, value = next(iter(curvature.items()))
-    if kind not in _TABLES:
-        return _smooth_profile(where, kind, value, surface)
-    if own_limits:
-        mend = f"Leave it out: the first and last of {kind}.{_TABLES[kind][0]} are the limits."
-        raise ConfigError(f"{where}.limits", surface["limits"], f"no limits beside {kind}", mend)
-    columns = mapping(f"{place}.{kind}", value, _TABLES[kind], required=_TABLES[kind])
-    abscissa, ordinate = (number_table(f"{place}.{kind}.{key}", columns[key]) for key in _TABLES[kind])
-    return getattr(Profile, kind)(abscissa, ordinate)
-
-
-def _smooth_profile(where: str, kind: str, value: object, surface: Mapping[str, Any]) -> Profile:
-    if "limits" not in surface:
-        raise ConfigError(
-            where, sorted(surface), "the key 'limits'", "Add limits: [lo, hi], the arc length range in mm."
-        )
-    limits = point(f"{where}.limits", surface["limits"])
-    if kind == "constant":
-        return Profile.constant(number(f"{where}.curvature.constant", value), limits)
-    return Profile.polynomial(numbers(f"{where}.curvature.polynomial", value), limits)
-
-
-def _tendon(where: str, item: object, default: Mapping[str, Any]) -> Tendon:
-    item = mapping(where, item, _TENDON_KEYS)
-    if ("on_surface" in item) == ("holes" in item):
-        raise ConfigError(where, sorted(item), "either 'on_surface' or 'holes'")
-    merged = {**default, **item}
-    end = whole_number(f"{where}.end", merged.get("end", -1))
-    stiffness = number(f"{where}.stiffness", merged.get("stiffness", DEFAULT_STIFFNESS))
-    with _located(where):
-        if "on_surface" in item:
-            return Tendon.on_surfaces(number(f"{where}.on_surface", item["on_surface"]), end, stiffness)
-        pairs = enumerate(entries(f"{where}.holes", item["holes"]))
-        return Tendon([_hole_pair(f"{where}.holes[{i}]", pair) for i, pair in pairs], end, stiffness)
-
-
-def _hole_pair(where: str, pair: object) -> tuple[Hole, Hole]:
-    sides = mapping(where, pair, ("parent", "child"), required=("parent", "child"))
-    return _hole(f"{where}.parent", sides["parent"]), _hole(f"{where}.child", sides["child"])
-
-
-def _hole(where: str, hole: object) -> Hole:
-    if isinstance(hole, Mapping):
-        return OnSurface(number(where, mapping(where, hole, ("on_surface",), ("on_surface",))["on_surface"]))
-    return point(where, hole)
-
-
-def _surface_dict(surface: Surface) -> dict[str, Any]:
-    breaks, coefficients = surface.profile.breaks.tolist(), surface.profile.coefficients.tolist()
-    if coefficients == [[coefficients[0][0]]]:
-        shape = {"curvature": {"constant": coefficients[0][0]}, "limits": breaks}
-    elif len(coefficients[0]) == 1:
-        shape = {"curvature": {"piecewise_constant": {"breaks": breaks, "values": [row[0] for row in coefficients]}}}
-    else:
-        shape = {"curvature": {"piecewise_polynomial": {"breaks": breaks, "coefficients": coefficients}}}
-    return {"start": list(surface.start), "angle": surface.angle, **shape}
-
-
-def _tendon_dict(tendon: Tendon) -> dict[str, Any]:
-    parent, child = tendon.holes[0]
-    if len(tendon.holes) == 1 and parent == child and isinstance(parent, OnSurface):
-        path: dict[str, Any] = {"on_surface": float(parent.s)}
-    else:
-        path = {"holes": [{"parent": _hole_value(p), "child": _hole_value(c)} for p, c in tendon.holes]}
-    return {**path, "end": tendon.end, "stiffness": tendon.stiffness}
-
-
-def _hole_value(hole: Hole) -> object:
-    return {"on_surface": float(hole.s)} if isinstance(hole, OnSurface) else list(hole)
-
-
-@contextmanager
-def _located(where: str) -> Iterator[None]:
-    """Says where in the file the mechanism's own complaint arose."""
-    try:
-        yield
-    except ConfigError:
-        raise
-    except InvalidInput as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+def _read(name: str) -> Mechanism:
+    path = Path(name)
+    if not path.is_file():
+        mend = suggestion(name, tuple(PRESETS))
+        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", mend)
+    return mechanism_from_dict(read_yaml(path), source=name, name=path.stem)

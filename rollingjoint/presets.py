@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.families import Mechanism
 from rollingjoint.hinge_chain import Bead, HingeChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.rolling_chain import Link, RollingChain
@@ -132,14 +133,16 @@ def small_arm(n: int = 4, model: str = "exact", *, stiffness: float = 500.0, wei
     return HingeChain(beads, [BeadTendon([hole]) for hole in holes], model, "small_arm")
 
 
-PRESETS: dict[str, Callable[[], RollingChain]] = {
+ROLLING_CHAINS: dict[str, Callable[[], RollingChain]] = {
     "five_link": five_link,
     "uniform": uniform,
     "two_segment": two_segment,
 }
+HINGE_CHAINS: dict[str, Callable[[], HingeChain]] = {"flexible_arm": flexible_arm, "small_arm": small_arm}
+PRESETS: dict[str, Callable[[], Mechanism]] = {**ROLLING_CHAINS, **HINGE_CHAINS}
 
 
-def preset(name: str) -> RollingChain:
+def preset(name: str) -> Mechanism:
     """The named mechanism with its default dimensions.
 
     Raises:

@@ -8,18 +8,21 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.equilibrium import Equilibrium, Status
+from rollingjoint.families import Mechanism
+from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.rolling_chain import RollingChain
 
 
-def mechanism_line(mechanism: RollingChain) -> str:
-    """One line: links, tendons, length, joint travel."""
+def mechanism_line(mechanism: Mechanism) -> str:
+    """One line: links, tendons, length, joint travel; of an arm also a model of tendons other than the default."""
     ends = [tendon.last_link(mechanism.n_links) for tendon in mechanism.tendons]
     at = "" if set(ends) == {mechanism.n_links - 1} else f" ending at links {', '.join(map(str, ends))}"
     lo, hi = mechanism.joint_limits[:, 0].min(), mechanism.joint_limits[:, 1].max()
-    return (
-        f"{mechanism.n_links} links, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, "
-        f"s from {lo:g} to {hi:g} mm"
-    )
+    what, travel = f"{mechanism.n_links} links", f"s from {lo:g} to {hi:g} mm"
+    if isinstance(mechanism, HingeChain):
+        model = "" if mechanism.model == HingeChain.model else f", model {mechanism.model}"
+        what, travel = f"{mechanism.n_joints} beads", f"hinges from {lo:.3g} to {hi:.3g} rad{model}"
+    return f"{what}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {travel}"
 
 
 def status_line(eq: Equilibrium) -> str:

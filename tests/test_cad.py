@@ -17,6 +17,7 @@ from ezdxf import recover
 import rollingjoint as rj
 from rollingjoint.cad import Fabrication, bodies, export
 from rollingjoint.outline import to_world
+from rollingjoint.presets import ROLLING_CHAINS
 from rollingjoint.random_chain import random_chain
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -103,7 +104,7 @@ def flat(y, width=10.0, **place):
 
 
 MECHANISMS = {
-    **rj.PRESETS,
+    **ROLLING_CHAINS,
     **{
         f"random {seed}": lambda seed=seed: random_chain(np.random.default_rng(seed), max_links=4) for seed in range(20)
     },
@@ -126,7 +127,7 @@ def test_plane_files_hold_the_exact_surfaces_to_a_micrometre(name, tmp_path):
         assert same_curve(together[i], to_world(poses[i], exact))
 
 
-@pytest.mark.parametrize("name", [*rj.PRESETS, *(f"random {seed}" for seed in DRILLABLE)])
+@pytest.mark.parametrize("name", [*ROLLING_CHAINS, *(f"random {seed}" for seed in DRILLABLE)])
 def test_bodies_are_closed_and_have_the_exact_surfaces_and_volume(name, tmp_path):
     mechanism = MECHANISMS[name]()
     files = export(mechanism, tmp_path / "out", ["stl"], thickness=5.0)

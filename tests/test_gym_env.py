@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,9 +14,10 @@ import rj_gym
 from rj_gym import IDS, RollingJointEnv, RollingJointGoalEnv
 from rollingjoint.equilibrium import Status
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.presets import five_link
+from rollingjoint.presets import five_link, flexible_arm
 from tests.watched_solver import watch_solver
 
+ROOT = Path(__file__).parent.parent
 RANDOMISED = {
     "position_noise_mm": 0.5,
     "angle_noise_rad": 0.02,
@@ -216,6 +218,8 @@ def test_sampled_values_put_back_as_options_repeat_the_episode():
         {"mechanism": "two_segment"},
         {"mechanism": "no such mechanism"},
         {"mechanism": 3},
+        {"mechanism": "flexible_arm"},
+        {"mechanism": flexible_arm()},
         {"start": (3.0,)},
         {"start": (0.1, 3.0)},
         {"start": (3.0, 99.0)},
@@ -242,6 +246,12 @@ def test_settings_come_as_object_dictionary_or_keywords():
         assert env.config == config.updated({"action_scale_mm": 0.5})
     with pytest.raises(ConfigError, match="episode_steps"):
         make(episode_step=7)
+
+
+@pytest.mark.parametrize("arm", ["flexible_arm", str(ROOT / "configs/mechanism/flexible_arm.yaml"), flexible_arm()])
+def test_an_arm_of_beads_is_refused_where_the_task_is_planar(arm):
+    with pytest.raises(ConfigError, match=r"mechanism = .*expected .*(planar chain|RollingChain)"):
+        make(mechanism=arm)
 
 
 def test_positive_action_pulls_its_tendon_and_bends_to_its_side():

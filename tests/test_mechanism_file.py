@@ -10,9 +10,12 @@ import pytest
 import yaml
 
 from rollingjoint.errors import ConfigError, RollingJointError
+from rollingjoint.families import Mechanism
+from rollingjoint.hinge_chain import Bead, HingeChain
 from rollingjoint.mechanism_file import dump_mechanism, load_mechanism, mechanism_from_dict, mechanism_to_dict
 from rollingjoint.presets import PRESETS, preset
 from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.tendon import BeadTendon
 
 ROOT = Path(__file__).parents[1]
 TABLES = ["piecewise_constant", "piecewise_polynomial", "spline", "samples"]
@@ -31,6 +34,20 @@ tendons:
 """
 
 
+SMALL_ARM = """
+name: small
+model: exact
+defaults:
+  bead: {spacing: 20, stiffness: 500, gap: 8, weight: 0.1}
+  tendon: {stiffness: 10}
+beads: [{axis: x}, {axis: y}, {axis: x}, {axis: [1, 1, 0], weight: 0.3}]
+tendons:
+  - {holes: [[15, 0]]}
+  - {holes: [[-7, 13], [-7, 13], [-8, 12]], end: 2}
+  - {holes: [[-7, -13]], stiffness: 3}
+"""
+
+
 def changed(**sections: object) -> dict[str, object]:
     return {**yaml.safe_load(SMALL), **sections}
 
@@ -41,9 +58,12 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def assert_same(a: RollingChain, b: RollingChain) -> None:
-    """The same surfaces, holes, tendons and name to the last bit."""
+def assert_same(a: Mechanism, b: Mechanism) -> None:
+    """The same surfaces or beads, holes, tendons and name to the last bit."""
     assert (a.name, a.n_links, a.n_tendons) == (b.name, b.n_links, b.n_tendons)
+    if isinstance(a, HingeChain):
+        assert (a.model, a.beads, a.tendons) == (b.model, b.beads, b.tendons)
+        return
     for one, other in zip(a.links, b.links, strict=True):
         for x, y in ((one.parent, other.parent), (one.child, other.child)):
             assert (x.start, x.angle) == (y.start, y.angle)
@@ -75,9 +95,95 @@ def test_dump_of_a_preset_loads_as_exactly_the_same_mechanism(name: str, tmp_pat
     assert_same(load_mechanism(write(tmp_path, dump_mechanism(preset(name)))), preset(name))
 
 
-def test_dict_of_a_mechanism_holds_plain_values_only() -> None:
-    content = mechanism_to_dict(load_mechanism(ROOT / "configs" / "mechanism" / "spline_example.yaml"))
+@pytest.mark.parametrize("seed", range(5))
+def test_dump_of_any_arm_loads_as_exactly_the_same_arm(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    beads = [
+        Bead(20.0 + rng.random(), rng.normal(size=3), rng.uniform(400, 900), 7.0, rng.random(), 0.1 * rng.normal())
+        for _ in range(20)
+    ]
+    tendons = [BeadTendon(rng.normal(size=(end + 1, 2)), end, rng.uniform(1, 9)) for end in (20, 7)]
+    arm = HingeChain(beads, tendons, "linear", "of any numbers")
+    assert_same(load_mechanism(write(tmp_path, dump_mechanism(arm))), arm)
+
+
+@pytest.mark.parametrize("name", ["spline_example", "flexible_arm"])
+def test_dict_of_a_mechanism_holds_plain_values_only(name: str) -> None:
+    content = mechanism_to_dict(load_mechanism(ROOT / "configs" / "mechanism" / f"{name}.yaml"))
     assert yaml.safe_load(yaml.safe_dump(content)) == content
+
+
+def test_preset_arm_and_its_file_are_the_same() -> None:
+    assert_same(load_mechanism(ROOT / "configs" / "mechanism" / "flexible_arm.yaml"), preset("flexible_arm"))
+
+
+def test_beads_make_an_arm_whose_own_keys_win_over_the_defaults() -> None:
+    arm = mechanism_from_dict(yaml.safe_load(SMALL_ARM))
+    last = Bead(20.0, (1, 1, 0), 500.0, gap=8.0, weight=0.3)
+    expected = [Bead(20.0, axis, 500.0, gap=8.0, weight=0.1) for axis in "xyx"]
+    assert isinstance(arm, HingeChain)
+    assert (arm.model, arm.beads) == ("exact", (*expected, last))
+    path = [(-7.0, 13.0), (-7.0, 13.0), (-8.0, 12.0)]
+    assert arm.tendons == (BeadTendon([(15, 0)], -1, 10), BeadTendon(path, 2, 10), BeadTendon([(-7, -13)], -1, 3))
+
+
+def test_rest_angles_limits_and_the_model_are_read() -> None:
+    bead = {"axis": "y", "rest_angle": 0.1, "limits": [-0.2, 0.3]}
+    content = {**yaml.safe_load(SMALL_ARM), "model": "linear", "beads": [bead] * 2}
+    arm = mechanism_from_dict(content, name="unused")
+    assert arm.model == "linear" and arm.name == "small"
+    assert arm.neutral_angles.tolist() == [0.1, 0.1] and arm.joint_limits.tolist() == [[-0.2, 0.3]] * 2
+    del content["model"], content["name"]
+    default = mechanism_from_dict(content, name="from its file")
+    assert (default.model, default.name) == ("exact", "from its file")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("beads: [", "baeds: [", ["unknown key", "'baeds'", "Did you mean 'beads'?"]),
+        ("model: exact", "modle: exact", ["unknown key", "'modle'", "Did you mean 'model'?"]),
+        ("model: exact", "links: []", ["unknown key", "'links'", "beads"]),
+        ("model: exact", "model: 5", ["model = 5", "text"]),
+        ("  bead: {", "  baed: {", ["defaults", "'baed'", "Did you mean 'bead'?"]),
+        ("{axis: y}", "{axsi: y}", ["beads[1]", "'axsi'", "Did you mean 'axis'?"]),
+        ("{axis: y}", "{}", ["beads[1]", "the key 'axis'"]),
+        ("{axis: y}", "3", ["beads[1] = 3", "keys and values"]),
+        ("[1, 1, 0]", "[1, 1]", ["beads[3].axis = [1, 1]", "x, y, z or three numbers"]),
+        ("[1, 1, 0]", "[1, one, 0]", ["beads[3].axis[1] = 'one'", "a finite number"]),
+        ("[1, 1, 0]", "[0, 0, 0]", ["beads[3]: bead axis", "a direction"]),
+        ("spacing: 20", "spacing: -20", ["beads[0]: bead spacing = -20.0", "positive"]),
+        ("spacing: 20, ", "", ["beads[0]", "the key 'spacing'"]),
+        ("weight: 0.1", "weight: light", ["beads[0].weight = 'light'", "a finite number"]),
+        ("gap: 8", "limits: 0.3", ["beads[0].limits = 0.3", "two numbers"]),
+        ("gap: 8", "limits: [0.1, 0.3]", ["beads[0]: bead limits", "0.0 between them"]),
+        ("[[15, 0]]", "[15, 0]", ["tendons[0].holes[0] = 15", "two numbers"]),
+        ("[[15, 0]]", "[]", ["tendons[0].holes = []", "at least one"]),
+        ("{holes: [[15, 0]]}", "{end: 2}", ["tendons[0]", "the key 'holes'"]),
+        ("[-8, 12]", "[-8, 12], [-8, 12]", ["number of tendon holes = 4", "3, links 0 to 2"]),
+        ("end: 2", "end: 9", ["tendon end = 9", "1 to 4"]),
+        ("end: 2", "end: tip", ["tendons[1].end = 'tip'", "a whole number"]),
+        ("stiffness: 3", "stiffness: 0", ["tendons[2]: tendon stiffness = 0.0", "positive"]),
+        ("  tendon: {stiffness: 10}", "  tendon: {holes: [[1, 2]]}", ["defaults.tendon", "'holes'", "end, stiffness"]),
+    ],
+)
+def test_wrong_entry_of_an_arm_names_file_place_and_what_is_expected(
+    old: str, new: str, parts: list[str], tmp_path: Path
+) -> None:
+    assert old in SMALL_ARM
+    with pytest.raises(ConfigError) as caught:
+        load_mechanism(write(tmp_path, SMALL_ARM.replace(old, new)))
+    message = str(caught.value)
+    assert all(part in message for part in ["arm.yaml", *parts]), message
+
+
+def test_kind_that_is_asked_for_is_given_and_the_other_is_refused(tmp_path: Path) -> None:
+    assert isinstance(load_mechanism("flexible_arm", HingeChain), HingeChain)
+    assert isinstance(load_mechanism(write(tmp_path, SMALL), RollingChain), RollingChain)
+    with pytest.raises(ConfigError, match=r"'flexible_arm': expected a planar chain.*not an arm.*five_link, uniform"):
+        load_mechanism("flexible_arm", RollingChain)
+    with pytest.raises(ConfigError, match=r"arm.yaml.*expected an arm.*not a planar chain.*flexible_arm, small_arm"):
+        load_mechanism(write(tmp_path, SMALL), HingeChain)
 
 
 def test_own_key_wins_over_the_default() -> None:
@@ -210,12 +316,9 @@ def test_misspelt_preset_gets_the_nearest_name() -> None:
         load_mechanism("five_lnik")
 
 
-def test_first_example_of_the_documentation_loads() -> None:
+def test_examples_of_the_documentation_are_those_of_these_tests() -> None:
     examples = re.findall(r"```yaml\n(.*?)```", DOCUMENT, flags=re.DOTALL)
-    whole = [yaml.safe_load(text) for text in examples if "links:" in text]
-    assert whole
-    for content in whole:
-        assert mechanism_from_dict(content).n_links >= 2
+    assert {text.strip() for text in examples} >= {SMALL.strip(), SMALL_ARM.strip()}
 
 
 def test_curvature_examples_of_the_documentation_load() -> None:
@@ -230,10 +333,11 @@ def test_curvature_examples_of_the_documentation_load() -> None:
 def test_error_messages_of_the_documentation_are_those_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rows = re.findall(r"^\| `(.+?)` → `(.+?)` \| `(.+?)` \|", DOCUMENT, flags=re.MULTILINE)
-    assert len(rows) >= 3
+    assert len(rows) >= 6
     for old, new, message in rows:
-        assert old in SMALL
-        write(tmp_path, SMALL.replace(old, new))
+        example = SMALL if old in SMALL else SMALL_ARM
+        assert old in example
+        write(tmp_path, example.replace(old, new))
         with pytest.raises(RollingJointError) as caught:
             load_mechanism("arm.yaml")
         assert str(caught.value) == message

@@ -24,7 +24,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Spring, WorldForce
 from rollingjoint.outline import link_outline, surface_points, to_world
 from rollingjoint.plot import plot_family, plot_mechanism, save_figure
-from rollingjoint.presets import PRESETS, five_link, preset, two_segment
+from rollingjoint.presets import ROLLING_CHAINS, five_link, preset, two_segment
 from rollingjoint.solve import solve_lengths, solve_tensions, solve_tensions_batch
 
 
@@ -58,7 +58,7 @@ def legend_texts(ax: Axes) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", ROLLING_CHAINS)
 def test_outline_is_closed_and_runs_along_both_surfaces(name: str) -> None:
     for link in preset(name).links:
         outline = link_outline(link, count=21)

@@ -85,7 +85,7 @@ def names(problem: Problem) -> tuple[str, ...]:
 def reference(config: SearchConfig) -> RollingChain:
     """The mechanism to compare with; raises ConfigError."""
     with _located("reference"):
-        return load_mechanism(config.reference)
+        return load_mechanism(config.reference, RollingChain)
 
 
 def against(config: SearchConfig, problem: Problem) -> list[float]:

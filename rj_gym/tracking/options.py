@@ -68,7 +68,7 @@ def _series(what: str, value: object, times: int, unit: str) -> Array:
 
 
 def _mechanism(value: object, nominal: RollingChain) -> RollingChain:
-    mechanism = load_mechanism(value) if isinstance(value, str) else value
+    mechanism = load_mechanism(value, RollingChain) if isinstance(value, str) else value
     if not isinstance(mechanism, RollingChain):
         raise InvalidInput("options['mechanism']", value, "a preset name, a mechanism file or a RollingChain")
     counts, expected = (mechanism.n_links, mechanism.n_tendons), (nominal.n_links, nominal.n_tendons)

@@ -28,7 +28,7 @@ class TrackingTask:
     def __init__(self, config: TrackingConfig) -> None:
         self.config = config
         chosen = config.mechanism
-        self.mechanism: RollingChain = load_mechanism(chosen) if isinstance(chosen, str) else chosen
+        self.mechanism: RollingChain = load_mechanism(chosen, RollingChain) if isinstance(chosen, str) else chosen
         self.length = float(self.mechanism.length)
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._blocks = uniform_blocks(config, self.mechanism)
