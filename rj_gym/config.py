@@ -1,14 +1,22 @@
-"""Frozen settings of the tracking environments: built from keywords, dictionaries or YAML, checked once."""
+"""Frozen settings of the tracking environments: built from keywords, dictionaries or YAML, checked once.
+
+What the tasks share, and the settings of the planar one; those of the arm are in rj_gym/arm/config.py.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
 from rollingjoint.errors import ConfigError
 from rollingjoint.rolling_chain import RollingChain
+
+
+PROCESSES = ("constant", "step", "ou")
+"""How a load goes on from step to step."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +39,16 @@ class LoadConfig(Settings):
     correlation_steps: float = 15.0
 
     def __post_init__(self) -> None:
-        assign(self, "magnitude", checked_range("load.magnitude", self.magnitude, low=0.0, unit="N"))
         check_choice("load.link", self.link, ("random", "tip"))
-        check_choice("load.process", self.process, ("constant", "step", "ou"))
-        assign(self, "hold_steps", checked_number("load.hold_steps", self.hold_steps, low=1.0))
-        assign(self, "correlation_steps", checked_number("load.correlation_steps", self.correlation_steps, low=1e-3))
+        check_load(self)
+
+
+def check_load(load: Any) -> None:
+    """Check what the loads of every task have: magnitude, process and its times."""
+    assign(load, "magnitude", checked_range("load.magnitude", load.magnitude, low=0.0, unit="N"))
+    check_choice("load.process", load.process, PROCESSES)
+    assign(load, "hold_steps", checked_number("load.hold_steps", load.hold_steps, low=1.0))
+    assign(load, "correlation_steps", checked_number("load.correlation_steps", load.correlation_steps, low=1e-3))
 
 
 @dataclass(frozen=True)
@@ -86,8 +99,26 @@ class RewardConfig(Settings):
         assign(self, "goal_tolerance_mm", checked_number("reward.goal_tolerance_mm", self.goal_tolerance_mm, low=1e-6))
 
 
+class Randomization(Settings):
+    """What the randomisation of every task shares: numbers from 0 on, `_HIGHEST` of some."""
+
+    _HIGHEST: ClassVar[dict[str, float]] = {}
+    position_noise_mm: float
+    angle_noise_rad: float
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):  # type: ignore[arg-type]
+            high = self._HIGHEST.get(name, math.inf)
+            assign(self, name, checked_number(f"randomization.{name}", getattr(self, name), high=high))
+
+    @property
+    def sensor_noise(self) -> bool:
+        """Whether measured poses differ from the true ones."""
+        return self.position_noise_mm > 0 or self.angle_noise_rad > 0
+
+
 @dataclass(frozen=True)
-class RandomizationConfig(Settings):
+class RandomizationConfig(Randomization):
     """Domain randomisation, drawn anew in every episode; all zero (off) by default.
 
     Args:
@@ -99,6 +130,11 @@ class RandomizationConfig(Settings):
         actuator_offset_mm: every length command is off by a constant uniform(-offset, offset) [mm].
     """
 
+    _HIGHEST: ClassVar[dict[str, float]] = {
+        "stiffness_spread": 0.9,
+        "link_tolerance_mm": 2.0,
+        "link_tolerance_rad": 0.2,
+    }
     position_noise_mm: float = 0.0
     angle_noise_rad: float = 0.0
     stiffness_spread: float = 0.0
@@ -106,25 +142,71 @@ class RandomizationConfig(Settings):
     link_tolerance_rad: float = 0.0
     actuator_offset_mm: float = 0.0
 
-    def __post_init__(self) -> None:
-        highest = {"stiffness_spread": 0.9, "link_tolerance_mm": 2.0, "link_tolerance_rad": 0.2}
-        for name in (f.name for f in fields(self)):
-            high = highest.get(name, math.inf)
-            assign(self, name, checked_number(f"randomization.{name}", getattr(self, name), high=high))
-
-    @property
-    def sensor_noise(self) -> bool:
-        """Whether measured poses differ from the true ones."""
-        return self.position_noise_mm > 0 or self.angle_noise_rad > 0
-
     @property
     def varies_mechanism(self) -> bool:
         """Whether episodes have mechanisms of their own."""
         return self.stiffness_spread > 0 or self.link_tolerance_mm > 0 or self.link_tolerance_rad > 0
 
 
+class TaskConfig(Settings):
+    """What the settings of every tracking task share: fields of these names, and their checks.
+
+    A class of settings says which mechanisms it takes, `_MECHANISM` and in words, and of which classes its nested
+    settings are.
+    """
+
+    _MECHANISM: ClassVar[type] = object
+    _MECHANISMS: ClassVar[str] = "a mechanism"
+    _NESTED: ClassVar[dict[str, type[Settings]]] = {}
+    _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load")
+    mechanism: Any
+    episode_steps: int
+    action_scale_mm: float
+    tension_range: Range
+    start: str
+    start_tension: float
+    start_tension_range: Range
+    command_scale_mm: float
+    observe_tensions: bool
+    observe_load: bool
+    load: Any
+    target: TargetConfig
+    reward: RewardConfig
+    randomization: Any
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, str | self._MECHANISM):
+            raise ConfigError("mechanism", self.mechanism, self._MECHANISMS)
+        assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
+        for name in ("action_scale_mm", "command_scale_mm"):
+            assign(self, name, checked_number(name, getattr(self, name), low=1e-6))
+        assign(self, "tension_range", checked_range("tension_range", self.tension_range, low=0.0, unit="N"))
+        lo, hi = self.tension_range
+        if lo == hi:
+            raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
+        check_choice("start", self.start, ("equal", "random"))
+        assign(self, "start_tension", checked_number("start_tension", self.start_tension, low=max(lo, 1e-3), high=hi))
+        assign(
+            self,
+            "start_tension_range",
+            checked_range("start_tension_range", self.start_tension_range, low=max(lo, 1e-3), high=hi, unit="N"),
+        )
+        for name in self._SWITCHES:
+            if not isinstance(getattr(self, name), bool):
+                raise ConfigError(name, getattr(self, name), "True or False")
+        self._check_nested()
+
+    def _check_nested(self) -> None:
+        for name, kind in self._NESTED.items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                assign(self, name, kind.from_dict(value))
+            elif not isinstance(value, kind):
+                raise ConfigError(name, value, f"a dictionary or a {kind.__name__}")
+
+
 @dataclass(frozen=True)
-class TrackingConfig(Settings):
+class TrackingConfig(TaskConfig):
     """Everything that defines the tracking task.
 
     Args:
@@ -143,6 +225,14 @@ class TrackingConfig(Settings):
         ConfigError: a value out of range, with the range.
     """
 
+    _MECHANISM: ClassVar[type] = RollingChain
+    _MECHANISMS: ClassVar[str] = "a preset name, a mechanism file or a RollingChain"
+    _NESTED: ClassVar[dict[str, type[Settings]]] = {
+        "load": LoadConfig,
+        "target": TargetConfig,
+        "reward": RewardConfig,
+        "randomization": RandomizationConfig,
+    }
     mechanism: str | RollingChain = "five_link"
     episode_steps: int = 50
     action_scale_mm: float = 1.0
@@ -157,41 +247,3 @@ class TrackingConfig(Settings):
     target: TargetConfig = field(default_factory=TargetConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.mechanism, str | RollingChain):
-            raise ConfigError("mechanism", self.mechanism, "a preset name, a mechanism file or a RollingChain")
-        assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
-        for name in ("action_scale_mm", "command_scale_mm"):
-            assign(self, name, checked_number(name, getattr(self, name), low=1e-6))
-        assign(self, "tension_range", checked_range("tension_range", self.tension_range, low=0.0, unit="N"))
-        lo, hi = self.tension_range
-        if lo == hi:
-            raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
-        check_choice("start", self.start, ("equal", "random"))
-        assign(self, "start_tension", checked_number("start_tension", self.start_tension, low=max(lo, 1e-3), high=hi))
-        assign(
-            self,
-            "start_tension_range",
-            checked_range("start_tension_range", self.start_tension_range, low=max(lo, 1e-3), high=hi, unit="N"),
-        )
-        for name in ("observe_tensions", "observe_load"):
-            if not isinstance(getattr(self, name), bool):
-                raise ConfigError(name, getattr(self, name), "True or False")
-        self._check_nested()
-
-    def _check_nested(self) -> None:
-        for name, kind in _NESTED.items():
-            value = getattr(self, name)
-            if isinstance(value, Mapping):
-                assign(self, name, kind.from_dict(value))
-            elif not isinstance(value, kind):
-                raise ConfigError(name, value, f"a dictionary or a {kind.__name__}")
-
-
-_NESTED: dict[str, type[Settings]] = {
-    "load": LoadConfig,
-    "target": TargetConfig,
-    "reward": RewardConfig,
-    "randomization": RandomizationConfig,
-}

@@ -57,6 +57,19 @@ def cache_directory() -> Path:
     return places[-1] / f"kernels-{_source_hash()}"
 
 
+def _sources(function: Callable[..., Any]) -> list[Path]:
+    """Files outside this package that a kernel is made of: its own, and those of kernels that its module imports."""
+    files: list[Path] = []
+    waiting = [function]
+    while waiting:
+        one = waiting.pop(0)
+        file = Path(one.__code__.co_filename)
+        if file not in files and _PACKAGE not in file.parents:
+            files.append(file)
+            waiting += [seen.py_func for seen in one.__globals__.values() if isinstance(seen, CPUDispatcher)]
+    return files
+
+
 @functools.cache
 def _announce() -> None:
     """Tell a person at a terminal, once, what the wait is for."""
@@ -66,17 +79,21 @@ def _announce() -> None:
 
 class _KernelLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        self._file = Path(py_file)
+        self._name = "-".join(Path(py_file).with_suffix("").parts[-2:])  # folders may have kernels of one name
+        self._sources = _sources(py_func)
 
     def get_cache_path(self) -> str:
         return str(cache_directory())
 
     def get_source_stamp(self) -> str:
-        """Of the package's kernels and of the kernel's own file, which may be in another package."""
-        return _source_hash() + hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
+        """Of the package's kernels, and of what kernels of other packages are made of beside them."""
+        digest = hashlib.sha256()
+        for path in self._sources:
+            digest.update(path.read_bytes())
+        return _source_hash() + digest.hexdigest()[:16]
 
     def get_disambiguator(self) -> str:
-        return self._file.stem
+        return self._name
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _KernelLocator:

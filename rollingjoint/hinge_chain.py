@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +18,7 @@ from rollingjoint.load import Gravity
 from rollingjoint.tendon import BeadTendon
 
 Array = NDArray[np.float64]
+_P = TypeVar("_P")
 
 TENDON_MODELS = ("exact", "linear", "end_couple")
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -179,6 +182,24 @@ class HingeChain:
         """A copy with other beads, tendons, model or name, checked anew."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
+    def scaled(self, hinges: Array, tendons: Array, weights: Array) -> HingeChain:
+        """A copy with multiples of the stiffnesses and weights; the geometry is taken over, not computed anew.
+
+        Args:
+            hinges: positive factors of the hinges' stiffnesses, (n - 1,).
+            tendons: positive factors of the tendons' stiffnesses, (m,).
+            weights: factors of the beads' weights, 0 or more, (n - 1,).
+        """
+        beads = tuple(
+            _with(bead, stiffness=bead.stiffness * hinge, weight=bead.weight * weight)
+            for bead, hinge, weight in zip(self.beads, hinges.tolist(), weights.tolist(), strict=True)
+        )
+        strings = zip(self.tendons, tendons.tolist(), strict=True)
+        other = _with(self, beads=beads, tendons=tuple(_with(one, stiffness=one.stiffness * by) for one, by in strings))
+        other.__dict__.pop("stiffnesses", None)
+        other.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
+        return other
+
     def gravity(self, direction: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> Gravity:
         """The weight of every bead along a direction of the base frame; (0, 0, 1) lets the arm hang."""
         weights = [0.0, *(float(bead.weight) for bead in self.beads)]
@@ -251,6 +272,13 @@ class HingeChain:
         if theta.ndim == 0 or theta.shape[-1] != self.n_joints:
             raise InvalidInput("joint angles", joint_angles, allowed)
         return theta
+
+
+def _with(part: _P, **values: object) -> _P:
+    """A copy of a frozen object with other values that need no check; it shares what has been computed."""
+    other = copy(part)
+    other.__dict__.update(values)
+    return other
 
 
 def _constant(array: Array) -> Array:

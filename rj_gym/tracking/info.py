@@ -21,8 +21,7 @@ from rj_gym.tracking.kernels import (
     TIP,
     TRACKING,
 )
-from rj_gym.tracking.lanes import Lanes, over_time
-from rj_gym.tracking.sampling import Episodes
+from rj_gym.tracking.task_lanes import TaskLanes, over_time
 from rollingjoint.equilibrium import Status
 
 Array = NDArray[np.float64]
@@ -30,19 +29,25 @@ Mask = NDArray[np.bool_]
 
 _STATUS_NAMES = [status.name for status in Status]
 _NAME_ARRAY = np.array(_STATUS_NAMES, dtype=object)
-_TIP, _TARGET, _FORCE = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
+_PLACES = {d: tuple(slice(first, first + d) for first in (TIP, TARGET, FORCE)) for d in (2, 3)}
 _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
 
 
-def state_info(readings: Array) -> dict[str, Any]:
-    """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+def state_info(readings: Array, dimension: int = 2) -> dict[str, Any]:
+    """What info says in every step of every task, arrays (B, ...): parts of the readings, and copies.
+
+    Args:
+        readings: (B, columns) without those that a task has of its own.
+        dimension: number of coordinates.
+    """
+    tip, target, force = _PLACES[dimension]
     m = (readings.shape[1] - TENSIONS) // 2
     return {
         "error_mm": readings[:, ERROR],
         "status": _NAME_ARRAY[readings[:, STATUS].astype(np.intp)],
-        "tip": readings[:, _TIP],
-        "target": readings[:, _TARGET],
-        "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, _FORCE]},
+        "tip": readings[:, tip],
+        "target": readings[:, target],
+        "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
         "tensions": readings[:, TENSIONS : TENSIONS + m],
         "command": readings[:, TENSIONS + m :],
     }
@@ -53,15 +58,16 @@ def reward_info(readings: Array) -> dict[str, Array]:
     return {name: readings[:, column] for name, column in _TERMS.items()}
 
 
-def single_info(readings: Array, numbers: list[float]) -> dict[str, Any]:
+def single_info(readings: Array, numbers: list[float], dimension: int = 2) -> dict[str, Any]:
     """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+    tip, target, force = _PLACES[dimension]
     m = (len(numbers) - TENSIONS) // 2
     return {
         "error_mm": numbers[ERROR],
         "status": _STATUS_NAMES[int(numbers[STATUS])],
-        "tip": readings[_TIP],
-        "target": readings[_TARGET],
-        "load": {"link": int(numbers[LINK]), "force": readings[_FORCE]},
+        "tip": readings[tip],
+        "target": readings[target],
+        "load": {"link": int(numbers[LINK]), "force": readings[force]},
         "tensions": readings[TENSIONS : TENSIONS + m],
         "command": readings[TENSIONS + m :],
         "reward_terms": {
@@ -73,18 +79,17 @@ def single_info(readings: Array, numbers: list[float]) -> dict[str, Any]:
     }
 
 
-def sampled_info(lanes: Lanes, episodes: Episodes) -> dict[str, Any]:
-    """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+def sampled_info(lanes: TaskLanes, episodes: Any) -> dict[str, Any]:
+    """What was drawn, in every task, for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
     times, count = lanes.task.config.episode_steps + 1, len(episodes)
     names = np.array([mechanism.name for mechanism in episodes.mechanisms], dtype=object)
     return {
         "mechanism": names[episodes.designs],
-        "targets": over_time(lanes.course.targets[:count], times),
+        "targets": over_time(lanes.course.targets[:count, :, : lanes.task.dimension], times),
         "link": episodes.links,
         "forces": over_time(lanes.course.forces[:count], times),
         "start_tensions": episodes.start_tensions,
         "stiffnesses": episodes.stiffnesses,
-        "surface_offsets": episodes.surface_offsets,
         "actuator_offsets": episodes.actuator_offsets,
     }
 

@@ -30,9 +30,10 @@ from rollingjoint.load import LOAD_COLUMNS
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")
 
-# Columns of State.readings; tendons' tensions [N] come last but one, their commands [mm] last, m each.
+# Columns of State.readings, of every task; vectors have room for three coordinates. From TENSIONS on: tensions [N] and
+# commands [mm] of the tendons, m each, and after them what a task has of its own.
 STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 13, 15,
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
 )  # fmt: skip
 REWARDS = slice(REWARD, FAILURE + 1)
 
@@ -161,16 +162,17 @@ def _pinned_task(pins):
 @kernel
 def all_finite(values):
     """Whether no value (B, m) is NaN or infinite."""
-    return _finite(borrow(values), 0, len(values))
+    return finite(borrow(values), 0, len(values))
 
 
 @kernel(inline="always")
-def _finite(values, first, last):
-    finite = True
+def finite(values, first, last):
+    """Whether no value of these lanes is NaN or infinite."""
+    fine = True
     for lane in range(first, last):
         for j in range(values.shape[1]):
-            finite &= math.isfinite(values[lane, j])
-    return finite
+            fine &= math.isfinite(values[lane, j])
+    return fine
 
 
 @kernel
@@ -190,7 +192,7 @@ def step(pins, solver, problem, observation, first, last):
     pins); if any, `finish` remains to be done after that. REFUSED, and nothing done, where an action is not finite.
     """
     rules, course, state, inputs, solved = _pinned_task(pins_at(pins))
-    if not _finite(inputs.actions, first, last):
+    if not finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, inputs, first, last)
     left = last - first if solver == 0 else call_range(solver, problem, first, last)
@@ -221,21 +223,29 @@ def observe(pins, observation):
 
 @kernel(inline="always")
 def _prepare(rules, course, state, inputs, first, last):
-    """Begin a step: actions pull tendons in by action_scale [mm] at 1, the load moves on; fill commands and loads."""
-    forces, offsets, readings, taken = course.forces, course.actuator_offsets, state.readings, state.actions
-    actions, commands, loads = inputs.actions, inputs.commands, inputs.loads
-    m, times = actions.shape[1], forces.shape[1]
+    """Begin a step: tendons are pulled, the load moves on; fill commands, starts and loads."""
+    forces, readings, loads = course.forces, state.readings, inputs.loads
+    times = forces.shape[1]
     for lane in range(first, last):
-        readings[lane, STEP] += 1.0
-        for j in range(m):
-            taken[lane, 1, j] = taken[lane, 0, j]
-            taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
-            believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
-            commands[lane, j] = believed + offsets[lane, j]
+        pull_tendons(rules, course, state, inputs, lane)
         _predict(state, inputs, course, lane)
         now = min(int(readings[lane, STEP]), times - 1)
         loads[lane, 0, FX] = readings[lane, FORCE] = forces[lane, now, 0]
         loads[lane, 0, FY] = readings[lane, FORCE + 1] = forces[lane, now, 1]
+
+
+@kernel(inline="always")
+def pull_tendons(rules, course, state, inputs, lane):
+    """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
+    offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
+    actions, commands = inputs.actions, inputs.commands
+    m = actions.shape[1]
+    readings[lane, STEP] += 1.0
+    for j in range(m):
+        taken[lane, 1, j] = taken[lane, 0, j]
+        taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
+        believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
+        commands[lane, j] = believed + offsets[lane, j]
 
 
 @kernel(inline="always")
@@ -265,25 +275,19 @@ def _finish(rules, course, state, solved, observation, first, last):
     vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
     _settle(course, state, solved, first, last)
     _measure_error(course, state, first, last)
-    _reward(rules, state, first, last)
+    reward_terms(rules, state, first, last)
     _observe_links(rules, course, state, vectors, first, last)
     _observe(rules, course, state, vectors, first, last)
 
 
 @kernel(inline="always")
 def _settle(course, state, solved, first, last):
-    """Take over equilibria. A lane without a usable one keeps its pose, tensions and commands.
-
-    Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
-    that commands never wind up; elsewhere that is the command itself.
-    """
-    angles, responses, poses, readings = state.angles, state.responses, state.poses, state.readings
-    new_angles, new_poses, tensions, lengths = solved.joint_angles, solved.poses, solved.tensions, solved.lengths
-    status, stiffnesses, offsets = solved.status, course.stiffnesses, course.actuator_offsets
-    n_joints, m = angles.shape[1], tensions.shape[1]
+    """Take over equilibria. A lane without a usable one keeps its pose, tensions and commands."""
+    angles, responses, poses = state.angles, state.responses, state.poses
+    new_angles, new_poses = solved.joint_angles, solved.poses
+    n_joints, m = angles.shape[1], responses.shape[2]
     for lane in range(first, last):
-        readings[lane, STATUS] = status[lane]
-        if status[lane] > AT_LIMIT:
+        if not settle_tendons(course, state, solved, lane):
             continue
         for i in range(n_joints):
             angles[lane, i] = new_angles[lane, i]
@@ -292,10 +296,26 @@ def _settle(course, state, solved, first, last):
         for k in range(n_joints + 1):
             for axis in range(3):
                 poses[lane, k, axis] = new_poses[lane, k, axis]
+
+
+@kernel(inline="always")
+def settle_tendons(course, state, solved, lane):
+    """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
+
+    Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
+    that commands never wind up; elsewhere that is the command itself.
+    """
+    readings, tensions, lengths = state.readings, solved.tensions, solved.lengths
+    stiffnesses, offsets = course.stiffnesses, course.actuator_offsets
+    m = tensions.shape[1]
+    readings[lane, STATUS] = solved.status[lane]
+    usable = solved.status[lane] <= AT_LIMIT
+    if usable:
         for j in range(m):
             unstretched = lengths[lane, j] - tensions[lane, j] / stiffnesses[lane, j]
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
+    return usable
 
 
 @kernel(inline="always")
@@ -314,8 +334,8 @@ def _measure_error(course, state, first, last):
 
 
 @kernel(inline="always")
-def _reward(rules, state, first, last):
-    """The terms of the reward, and their sum."""
+def reward_terms(rules, state, first, last):
+    """The terms of the reward that every task has, and their sum."""
     readings, actions = state.readings, state.actions
     m = actions.shape[2]
     for lane in range(first, last):

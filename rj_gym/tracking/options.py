@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import TrackingConfig
+from rj_gym.config import TaskConfig, TrackingConfig
 from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
 from rollingjoint.errors import InvalidInput, as_floats
 from rollingjoint.load import link_index
@@ -16,6 +16,7 @@ from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
+_M = TypeVar("_M")
 
 OPTIONS = ("target", "load", "mechanism", "start")
 
@@ -32,11 +33,7 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     """
     if options is None:
         return NOTHING_FIXED
-    if not isinstance(options, Mapping):
-        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(OPTIONS)}")
-    for key in options:
-        if key not in OPTIONS:
-            raise InvalidInput("reset options key", key, f"one of {', '.join(OPTIONS)}")
+    check_keys(options, OPTIONS)
     times = config.episode_steps + 1
     fixed: dict[str, Any] = {}
     if "target" in options:
@@ -44,10 +41,19 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     if "load" in options:
         fixed["links"], fixed["forces"] = _load(options["load"], nominal.n_links, times)
     if "mechanism" in options:
-        fixed["mechanism"] = _mechanism(options["mechanism"], nominal)
+        fixed["mechanism"] = like_mechanism(options["mechanism"], nominal, config)
     if "start" in options:
-        fixed["start_tensions"] = _tensions(options["start"], config, nominal.n_tendons)
+        fixed["start_tensions"] = start_option(options["start"], config, nominal.n_tendons)
     return Fixed(**fixed)
+
+
+def check_keys(options: object, known: Sequence[str]) -> None:
+    """Raise InvalidInput for options that are no dictionary with such keys."""
+    if not isinstance(options, Mapping):
+        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(known)}")
+    for key in options:
+        if key not in known:
+            raise InvalidInput("reset options key", key, f"one of {', '.join(known)}")
 
 
 def _load(value: object, n_links: int, times: int) -> tuple[int, Array]:
@@ -61,33 +67,36 @@ def _load(value: object, n_links: int, times: int) -> tuple[int, Array]:
 
 def _series(what: str, value: object, times: int, unit: str) -> Array:
     """Finite (x, y) over time, (T + 1, 2), or (1, 2): one pair for the whole episode."""
-    array = _floats(what, value)
+    array = finite_floats(what, value)
     if array.shape not in ((2,), (times, 2)):
         raise InvalidInput(what, value, f"(x, y) or an array of shape ({times}, 2) over time [{unit}]")
     return np.atleast_2d(array)
 
 
-def _mechanism(value: object, nominal: RollingChain) -> RollingChain:
-    mechanism = load_mechanism(value, RollingChain) if isinstance(value, str) else value
-    if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("options['mechanism']", value, "a preset name, a mechanism file or a RollingChain")
-    counts, expected = (mechanism.n_links, mechanism.n_tendons), (nominal.n_links, nominal.n_tendons)
+def like_mechanism(value: object, nominal: _M, config: TaskConfig) -> _M:
+    """The mechanism of an option; InvalidInput unless it has as many links and tendons as the nominal one."""
+    mechanism: Any = load_mechanism(value, config._MECHANISM) if isinstance(value, str) else value
+    if not isinstance(mechanism, config._MECHANISM):
+        raise InvalidInput("options['mechanism']", value, config._MECHANISMS)
+    counts, expected = ((one.n_links, one.n_tendons) for one in (mechanism, nominal))  # type: ignore[attr-defined]
     if counts != expected:
         raise InvalidInput(
             "options['mechanism'] (links, tendons)", counts, f"{expected}", "Make an environment with this mechanism."
         )
-    return mechanism
+    return mechanism  # type: ignore[no-any-return]
 
 
-def _tensions(value: object, config: TrackingConfig, n_tendons: int) -> Array:
-    tensions = _floats("options['start']", value)
+def start_option(value: object, config: TaskConfig, n_tendons: int) -> Array:
+    """The tensions of an option, (m,); InvalidInput unless they are within the tension range."""
+    tensions = finite_floats("options['start']", value)
     low, high = config.tension_range
     if tensions.shape != (n_tendons,) or np.any(tensions < low) or np.any(tensions > high) or np.any(tensions <= 0):
         raise InvalidInput("options['start']", value, f"{n_tendons} tensions > 0 within [{low:g}, {high:g}] N")
     return tensions
 
 
-def _floats(what: str, value: object) -> Array:
+def finite_floats(what: str, value: object) -> Array:
+    """The values as an array; InvalidInput for anything but finite numbers."""
     array = as_floats(what, value, "numbers")
     if not np.all(np.isfinite(array)):
         raise InvalidInput(what, value, "finite numbers")

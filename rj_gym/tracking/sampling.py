@@ -11,18 +11,19 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig, TrackingConfig
 from rj_gym.tracking.generators import Generators
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 from rollingjoint.rolling_chain import Link, RollingChain
 
 Array = NDArray[np.float64]
+_E = TypeVar("_E")
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,11 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.links)
 
+    @property
+    def rest_causes(self) -> Array:
+        """Numbers on which the pose before the load acts depends, beside the mechanism, (B, m)."""
+        return self.start_tensions
+
 
 class Block(NamedTuple):
     """Where one quantity's uniform numbers stand in the row of an episode, and their shape."""
@@ -113,17 +119,18 @@ class Uniforms:
 
 def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
     """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
-    shapes = _uniform_shapes(config, mechanism)
+    return blocks_of(_uniform_shapes(config, mechanism))
+
+
+def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Block]:
+    """Blocks of these shapes, one after the other."""
     stops = list(itertools.accumulate(map(math.prod, shapes.values())))
     return dict(zip(shapes, map(Block, [0, *stops], stops, shapes.values()), strict=False))
 
 
 def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
     times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
-    shapes: dict[str, tuple[int, ...]] = {
-        "target": (config.target.waypoints if config.target.process == "path" else 1, m),
-        "link": (1,),
-    }
+    shapes: dict[str, tuple[int, ...]] = {"target": target_shape(config, m), "link": (1,)}
     if config.load.process == "ou":
         shapes["walk"] = (times, 2, 2)
     else:
@@ -135,6 +142,11 @@ def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
     return shapes
+
+
+def target_shape(config: TaskConfig, n_tendons: int) -> tuple[int, int]:
+    """Shape of the uniform numbers from which targets come, (waypoints, m)."""
+    return config.target.waypoints if config.target.process == "path" else 1, n_tendons
 
 
 def sample_episodes(
@@ -160,18 +172,18 @@ def sample_episodes(
         start_tensions(config, uniforms["start"]),
         np.array([mechanism.stiffnesses for mechanism in mechanisms]).take(designs, axis=0),
         offsets,
-        _symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
+        symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
         _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
     )
-    return drawn if fixed is NOTHING_FIXED else _hold(drawn, fixed)
+    return hold(drawn, fixed, ("targets", "links", "forces", "start_tensions"))
 
 
-def _hold(drawn: Episodes, fixed: Fixed) -> Episodes:
-    held: dict[str, Any] = {}
-    for name in ("targets", "links", "forces", "start_tensions"):
-        if (value := getattr(fixed, name)) is not None:
-            held[name] = np.stack([np.asarray(value)] * len(drawn))
-    return replace(drawn, **held)
+def hold(drawn: _E, fixed: Any, names: Sequence[str]) -> _E:
+    """Episodes with what is fixed among these fields, the same in every lane."""
+    held = {name: getattr(fixed, name) for name in names if getattr(fixed, name) is not None}
+    lanes = len(drawn)  # type: ignore[arg-type]
+    repeated = {name: np.stack([np.asarray(value)] * lanes) for name, value in held.items()}
+    return replace(drawn, **repeated) if held else drawn  # type: ignore[type-var]
 
 
 def _mechanisms(
@@ -183,19 +195,19 @@ def _mechanisms(
         chosen = fixed.mechanism or nominal
         return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
     tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
-    offsets = _symmetric(tolerance, uniforms["surface"])
-    factors = 1 + _symmetric(randomization.stiffness_spread, uniforms["stiffness"])
+    offsets = symmetric(tolerance, uniforms["surface"])
+    factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
     varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
     return tuple(varied), np.arange(lanes), offsets
 
 
-def target_tensions(config: TrackingConfig, uniforms: Array) -> Array:
+def target_tensions(config: TaskConfig, uniforms: Array) -> Array:
     """Tensions whose unloaded equilibria have their tips at the targets, (B, 1 or T + 1, m) [N].
 
     A path moves from one of its waypoints (B, W, m) to the next with a smoothstep in log tension, so it stays in the
     drawn range and is at rest at each of them.
     """
-    tensions = _log_uniform(uniforms, config.target.tension_range)
+    tensions = log_uniform(uniforms, config.target.tension_range)
     if config.target.process == "fixed":
         return tensions
     position = np.linspace(0.0, tensions.shape[1] - 1, config.episode_steps + 1)
@@ -216,7 +228,7 @@ def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.
 def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
     """Loads, (B, 1 or T + 1, 2) [N]."""
     if config.process == "ou":
-        return _ornstein_uhlenbeck(config, _normal(uniforms["walk"]))
+        return _ornstein_uhlenbeck(config, normal(uniforms["walk"]))
     low, high = config.magnitude
     angle = 2 * math.pi * uniforms["direction"]
     magnitude = low + (high - low) * uniforms["magnitude"]
@@ -224,22 +236,32 @@ def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
     drawn[..., 0], drawn[..., 1] = magnitude * np.cos(angle), magnitude * np.sin(angle)
     if config.process == "constant":
         return drawn
-    jumps = uniforms["jump"] < 1 / config.hold_steps
+    return np.take_along_axis(drawn, held_draws(uniforms["jump"], config.hold_steps)[..., None], axis=1)
+
+
+def held_draws(uniforms: Array, hold_steps: float) -> NDArray[np.int64]:
+    """Which draw holds at each time, (B, T + 1), where the next one comes after `hold_steps` on average."""
+    jumps = uniforms < 1 / hold_steps
     jumps[:, 0] = False
-    current: NDArray[np.int64] = np.cumsum(jumps, axis=1, dtype=np.int64)  # which draw holds at each time
-    return np.take_along_axis(drawn, current[..., None], axis=1)
+    return np.cumsum(jumps, axis=1, dtype=np.int64)
 
 
 def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
     """Force with exponentially fading memory, (B, T + 1, 2) [N], started in its stationary distribution."""
     largest = config.magnitude[1]
-    keep = math.exp(-1 / config.correlation_steps)
-    walk = normal.copy()
-    for t in range(1, walk.shape[1]):
-        walk[:, t] = keep * walk[:, t - 1] + math.sqrt(1 - keep * keep) * normal[:, t]
+    walk = fading_walk(normal, config.correlation_steps)
     walk *= largest / 2
     magnitude = np.linalg.norm(walk, axis=-1, keepdims=True)
     return walk * np.minimum(1.0, largest / np.maximum(magnitude, 1e-12))
+
+
+def fading_walk(normal: Array, correlation_steps: float) -> Array:
+    """Ornstein-Uhlenbeck processes of standard deviation 1, (B, T + 1, ...), from normal numbers of that shape."""
+    keep = math.exp(-1 / correlation_steps)
+    walk = normal.copy()
+    for t in range(1, walk.shape[1]):
+        walk[:, t] = keep * walk[:, t - 1] + math.sqrt(1 - keep * keep) * normal[:, t]
+    return walk
 
 
 def varied_mechanism(mechanism: RollingChain, offsets: Array, factors: Array) -> RollingChain:
@@ -274,15 +296,15 @@ def _displaced(surface: Surface, offset: Array) -> Surface:
     return replace(surface, start=(x + dx, y + dy), angle=surface.angle + turn)
 
 
-def start_tensions(config: TrackingConfig, uniforms: Array) -> Array:
+def start_tensions(config: TaskConfig, uniforms: Array) -> Array:
     """Tensions before the load acts, (B, m) [N]."""
     if config.start == "random":
-        return _log_uniform(uniforms, config.start_tension_range)
+        return log_uniform(uniforms, config.start_tension_range)
     return np.full(uniforms.shape, config.start_tension)
 
 
 def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:
-    return _pose_scale(config.position_noise_mm, config.angle_noise_rad) * _normal(uniforms)
+    return _pose_scale(config.position_noise_mm, config.angle_noise_rad) * normal(uniforms)
 
 
 def _pose_scale(mm: float, rad: float) -> Array:
@@ -290,16 +312,16 @@ def _pose_scale(mm: float, rad: float) -> Array:
     return np.array([mm, mm, rad])
 
 
-def _symmetric(bound: float | Array, uniforms: Array) -> Array:
+def symmetric(bound: float | Array, uniforms: Array) -> Array:
     """Uniform numbers in [-bound, bound)."""
     return 2 * bound * uniforms - bound
 
 
-def _log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
+def log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
     low, high = limits
     return low * (high / low) ** uniforms
 
 
-def _normal(uniforms: Array) -> Array:
+def normal(uniforms: Array) -> Array:
     """Standard normal numbers from pairs of uniform ones, (..., 2) -> (...) (Box and Muller 1958)."""
     return np.sqrt(-2 * np.log1p(-uniforms[..., 0])) * np.cos(2 * np.pi * uniforms[..., 1])

@@ -9,28 +9,26 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rj_gym.tracking.kernels import TARGET, TIP
-from rj_gym.tracking.observation import POSITION_BOUND
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 
 
-def observation_space(task: TrackingTask, goal: bool) -> spaces.Space[Any]:
+def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
     """Space of one lane's observation."""
     vector = _box(*task.observation_bounds(goal))
     if not goal:
         return vector
-    bound = np.full(2, POSITION_BOUND)
+    bound = task.goal_bounds()
     return spaces.Dict(observation=vector, achieved_goal=_box(-bound, bound), desired_goal=_box(-bound, bound))
 
 
 def goal_observation(
-    task: TrackingTask, vector: NDArray[np.float32], readings: NDArray[np.float64]
+    task: Task, vector: NDArray[np.float32], readings: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float32]]:
     """The Goal variant's observation from its vector (..., entries) and the readings (..., columns)."""
     return {
         "observation": vector,
-        "achieved_goal": task.goals(readings[..., TIP : TIP + 2]),
-        "desired_goal": task.goals(readings[..., TARGET : TARGET + 2]),
+        "achieved_goal": task.achieved_goals(readings),
+        "desired_goal": task.desired_goals(readings),
     }
 
 

@@ -1,45 +1,155 @@
-"""The tracking task of one configuration: its mechanism, its random episodes, its rules as the kernels want them."""
+"""The tasks: their mechanism, their random episodes, and everything in which they differ from one another."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.config import TrackingConfig
+from rj_gym.config import TaskConfig, TrackingConfig
+from rj_gym.render import Renderer
+from rj_gym.tracking import info
 from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.kernels import Rules
-from rj_gym.tracking.observation import POSITION_BOUND, force_scale, observation_entries
-from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed, Uniforms, sample_episodes, uniform_blocks
+from rj_gym.tracking.kernels import ERROR, TARGET, TIP, Rules
+from rj_gym.tracking.lanes import Lanes
+from rj_gym.tracking.observation import POSITION_BOUND, Entry, force_scale, observation_entries
+from rj_gym.tracking.options import checked_options
+from rj_gym.tracking.sampling import NOTHING_FIXED, Block, Episodes, Fixed, Uniforms, sample_episodes, uniform_blocks
+from rj_gym.tracking.task_lanes import TaskLanes
+from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
 
+_LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 
-class TrackingTask:
-    """The tracking task of one configuration; no method changes anything.
 
+class Task:
+    """A tracking task of one configuration, as environments and controllers see it; no method changes anything.
+
+    Attributes:
+        config: its settings. mechanism: the chain before randomisation.
+        length: of the mechanism [mm]. neutral_lengths: of its tendons at rest, (m,) [mm].
+        dimension: number of coordinates of a position.
     Raises:
-        ConfigError, MechanismError: a mechanism that cannot be loaded.
+        ConfigError, MechanismError: a mechanism that cannot be loaded, or none of this task.
     """
 
-    def __init__(self, config: TrackingConfig) -> None:
+    dimension: ClassVar[int]
+    config: Any
+    mechanism: Any
+
+    def __init__(self, config: TaskConfig) -> None:
         self.config = config
         chosen = config.mechanism
-        self.mechanism: RollingChain = load_mechanism(chosen, RollingChain) if isinstance(chosen, str) else chosen
+        self.mechanism = load_mechanism(chosen, config._MECHANISM) if isinstance(chosen, str) else chosen
         self.length = float(self.mechanism.length)
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
-        self._blocks = uniform_blocks(config, self.mechanism)
+        self._blocks = self._uniform_blocks()
+
+    def entries(self, goal: bool = False) -> list[Entry]:
+        """The entries of the observation vector; `goal` leaves target and tip error out."""
+        raise NotImplementedError
+
+    def rules(self, goal: bool = False) -> Any:
+        """The numbers that all lanes share, as the kernels want them."""
+        raise NotImplementedError
+
+    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Any = None) -> Any:
+        """One episode per generator; each takes the same count of numbers from its own."""
+        raise NotImplementedError
+
+    def load_tables(self, episodes: Any, step: int) -> Array:
+        """The true loads of E episodes at a step, tables (E, rows, columns)."""
+        raise NotImplementedError
+
+    def base_load_tables(self, episodes: Any) -> Array:
+        """Loads of the unloaded states, in which episodes begin and targets are found, tables (E, rows, columns)."""
+        raise NotImplementedError
+
+    def lanes(self, capacity: int, goal: bool) -> TaskLanes:
+        """Room for so many episodes side by side."""
+        raise NotImplementedError
+
+    def checked_options(self, options: Mapping[str, Any] | None) -> Any:
+        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        raise NotImplementedError
+
+    def renderer(self) -> Any:
+        """What draws the scenes of the lanes."""
+        raise NotImplementedError
 
     def observation_bounds(self, goal: bool = False) -> tuple[Array, Array]:
         """Lowest and highest value of every observation entry, (entries,) each."""
-        entries = observation_entries(self.config, self.mechanism, goal)
+        entries = self.entries(goal)
         return np.array([entry.low for entry in entries]), np.array([entry.high for entry in entries])
 
+    def goals(self, positions: Array) -> NDArray[np.float32]:
+        """Positions (..., d) [mm] in units of the length, within the bounds of the goal spaces."""
+        return np.clip(positions / self.length, -POSITION_BOUND, POSITION_BOUND).astype(np.float32)
+
+    def goal_bounds(self) -> Array:
+        """Largest size of every entry of a goal."""
+        return np.full(self.dimension, POSITION_BOUND)
+
+    def achieved_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where tips are, from readings (..., columns)."""
+        return self.goals(readings[..., TIP : TIP + self.dimension])
+
+    def desired_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where they should be."""
+        return self.goals(readings[..., TARGET : TARGET + self.dimension])
+
+    def goal_reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Reward of the Goal environment for goals (..., d), (...)."""
+        reward = self.config.reward
+        difference = np.asarray(achieved, dtype=float) - np.asarray(desired, dtype=float)
+        error = self.length * np.linalg.norm(difference, axis=-1)
+        if reward.goal == "sparse":
+            return -(error > reward.goal_tolerance_mm).astype(float)
+        return -error / reward.error_scale_mm
+
+    def reached(self, readings: Array) -> Any:
+        """Whether the target is reached within the tolerance, from readings (..., columns)."""
+        return readings[..., ERROR] <= self.config.reward.goal_tolerance_mm
+
+    def state_info(self, readings: Array) -> dict[str, Any]:
+        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        return info.state_info(readings, self.dimension)
+
+    def reward_info(self, readings: Array) -> dict[str, Array]:
+        """The terms of the reward, (B,) each: parts of the readings."""
+        return info.reward_info(readings)
+
+    def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
+        """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+        return info.single_info(readings, numbers, self.dimension)
+
+    def sampled_info(self, lanes: TaskLanes, episodes: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        return info.sampled_info(lanes, episodes)
+
+    def _uniform_blocks(self) -> dict[str, Block]:
+        """The blocks of uniform numbers that one episode needs."""
+        raise NotImplementedError
+
+
+class TrackingTask(Task):
+    """The planar task: the tip of a rolling-contact chain."""
+
+    dimension: ClassVar[int] = 2
+    config: TrackingConfig
+    mechanism: RollingChain
+
+    def entries(self, goal: bool = False) -> list[Entry]:
+        """The entries of the observation vector; `goal` leaves target and tip error out."""
+        return observation_entries(self.config, self.mechanism, goal)
+
     def rules(self, goal: bool = False) -> Rules:
-        """The rules; `goal` leaves target and tip error out of the observation."""
+        """The numbers that all lanes share, as the kernels want them."""
         config, reward = self.config, self.config.reward
         return Rules(
             config.action_scale_mm,
@@ -58,19 +168,49 @@ class TrackingTask:
             *(bound.astype(np.float32) for bound in self.observation_bounds(goal)),
         )
 
-    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed = NOTHING_FIXED) -> Episodes:
+    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed | None = None) -> Episodes:
         """One episode per generator; each takes the same count of numbers from its own."""
-        return sample_episodes(self.config, self.mechanism, Uniforms(self._blocks, rngs), fixed)
+        return sample_episodes(self.config, self.mechanism, Uniforms(self._blocks, rngs), fixed or NOTHING_FIXED)
 
-    def goals(self, positions: Array) -> NDArray[np.float32]:
-        """Positions (..., 2) [mm] in units of the length, within the bounds of the goal spaces."""
-        return np.clip(positions / self.length, -POSITION_BOUND, POSITION_BOUND).astype(np.float32)
+    def load_tables(self, episodes: Episodes, step: int) -> Array:
+        """The true loads of E episodes at a step, tables (E, 1, 11)."""
+        tables = np.zeros((len(episodes), 1, len(LOAD_COLUMNS)))
+        tables[:, 0, _LINK] = episodes.links
+        tables[:, 0, _FX : _FX + 2] = episodes.forces[:, min(step, episodes.forces.shape[1] - 1)]
+        return tables
 
-    def goal_reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
-        """Reward of the Goal environment for goals (..., 2), (...)."""
-        reward = self.config.reward
-        difference = np.asarray(achieved, dtype=float) - np.asarray(desired, dtype=float)
-        error = self.length * np.linalg.norm(difference, axis=-1)
-        if reward.goal == "sparse":
-            return -(error > reward.goal_tolerance_mm).astype(float)
-        return -error / reward.error_scale_mm
+    def base_load_tables(self, episodes: Episodes) -> Array:
+        """Loads of the unloaded states: none, tables (E, 0, 11)."""
+        return np.zeros((len(episodes), 0, len(LOAD_COLUMNS)))
+
+    def lanes(self, capacity: int, goal: bool) -> Lanes:
+        """Room for so many episodes side by side."""
+        return Lanes(self, capacity, goal)
+
+    def checked_options(self, options: Mapping[str, Any] | None) -> Fixed:
+        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        return checked_options(options, self.config, self.mechanism)
+
+    def renderer(self) -> Renderer:
+        """What draws the scenes of the lanes."""
+        return Renderer(self.length)
+
+    def sampled_info(self, lanes: TaskLanes, episodes: Episodes) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        return super().sampled_info(lanes, episodes) | {"surface_offsets": episodes.surface_offsets}
+
+    def _uniform_blocks(self) -> dict[str, Block]:
+        return uniform_blocks(self.config, self.mechanism)
+
+
+def task_of(config: TaskConfig) -> Task:
+    """The task of these settings.
+
+    Raises:
+        ConfigError, MechanismError: a mechanism that cannot be loaded.
+    """
+    if isinstance(config, TrackingConfig):
+        return TrackingTask(config)
+    from rj_gym.arm.task import ArmTask  # made of what is here
+
+    return ArmTask(config)

@@ -13,24 +13,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.config import TrackingConfig
-from rj_gym.render import Renderer
+from rj_gym.config import TaskConfig, TrackingConfig
 from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.info import (
-    masked_info,
-    reward_info,
-    sampled_info,
-    spread_info,
-    state_info,
-    unmasked_info,
-    whole_info,
-)
-from rj_gym.tracking.kernels import AT_LIMIT, ERROR, REWARD, STATUS, STEP, TIP
-from rj_gym.tracking.lanes import Lanes
-from rj_gym.tracking.options import checked_options
-from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
+from rj_gym.tracking.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.tracking.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
 from rj_gym.tracking.spaces import goal_observation, lane_observations, observation_space
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task, task_of
+from rj_gym.tracking.task_lanes import TaskLanes
 from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rollingjoint.errors import InvalidInput, as_integer
 
@@ -39,15 +28,13 @@ Mask = NDArray[np.bool_]
 Vectors = NDArray[np.float32]
 
 
-class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """`num_envs` independent RollingJointEnv in one batch: the same task, spaces, infos and, for equal seeds, numbers.
-
-    Lane i is seeded with `seed + i` and equals a RollingJointEnv with that seed step by step.
+class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+    """What the native vector environments of every task do; a class of them says which settings it takes.
 
     Args:
         num_envs: number of lanes, at least 1.
         render_mode: None or "rgb_array"; `render` then returns one picture per lane in `render_lanes`.
-        config, overrides: as for RollingJointEnv.
+        config, overrides: as for the scalar environment.
         autoreset_mode: an AutoresetMode or its value ("NextStep", "SameStep", "Disabled").
         render_lanes: lanes to draw; None is all of them.
     """
@@ -57,13 +44,14 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "render_fps": 12,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    settings: ClassVar[type[TaskConfig]]
     goal: ClassVar[bool] = False
 
     def __init__(
         self,
         num_envs: int = 1,
         render_mode: str | None = None,
-        config: TrackingConfig | Mapping[str, Any] | None = None,
+        config: TaskConfig | Mapping[str, Any] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
@@ -71,9 +59,9 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = as_integer("num_envs", num_envs, "a whole number of lanes, 1 or more", low=1)
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
-        if not isinstance(config, TrackingConfig):
-            config = TrackingConfig.from_dict(config or {})
-        self.task = TrackingTask(config.updated(overrides))
+        if not isinstance(config, self.settings):
+            config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
+        self.task: Task = task_of(config.updated(overrides))
         self.render_mode = render_mode
         self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
@@ -83,15 +71,15 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators = Generators([None] * self.num_envs)
-        self._lanes = Lanes(self.task, self.num_envs, self.goal)
-        self._beginners: Lanes | None = None
+        self._lanes = self.task.lanes(self.num_envs, self.goal)
+        self._beginners: TaskLanes | None = None
         self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
-        self._renderer: Renderer | None = None
+        self._renderer: Any = None
 
     @property
-    def config(self) -> TrackingConfig:
+    def config(self) -> Any:
         """The settings."""
         return self.task.config
 
@@ -102,13 +90,13 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
         Args:
             seed: lane i gets seed + i; or one seed per lane, None leaving a lane's random numbers as they are.
-            options: as for RollingJointEnv, for every lane; and "reset_mask": (num_envs,) booleans, the lanes to reset.
+            options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes to reset.
         Raises:
             InvalidInput: seeds or options that cannot be used; nothing has changed then.
         """
         fixed_options = dict(options or {})
         mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
-        fixed = checked_options(fixed_options, self.config, self.task.mechanism)
+        fixed = self.task.checked_options(fixed_options)
         for lane, lane_seed in enumerate(checked_seeds(seed, self.num_envs)):
             if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
                 self._generators[lane] = seeding.np_random(lane_seed)[0]
@@ -119,7 +107,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._begun = True
         self._over = self._over & ~mask
         self._remember(readings)
-        info = state_info(readings) | {"sampled": sampled}
+        info = self.task.state_info(readings) | {"sampled": sampled}
         return self._observation(vectors, readings), masked_info(info, mask)
 
     def step(self, actions: ArrayLike) -> tuple[Any, Array, Mask, Mask, dict[str, Any]]:
@@ -156,7 +144,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         if not self._begun:
             raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
         if self._renderer is None:
-            self._renderer = Renderer(self.task.length)
+            self._renderer = self.task.renderer()
         return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -168,7 +156,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_renderer": None}
 
-    def _begin(self, rows: NDArray[np.int64], fixed: Fixed = NOTHING_FIXED) -> tuple[dict[str, Any], Vectors]:
+    def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
         """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
         whole = len(rows) == self.num_envs
         rngs = self._generators if whole else self._generators.of(rows)
@@ -176,12 +164,12 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         episodes, vectors = lanes.begin(rngs, fixed)
         if not whole:
             self._lanes.take(rows, lanes)
-        return spread_info(sampled_info(lanes, episodes), rows, self.num_envs), vectors
+        return spread_info(self.task.sampled_info(lanes, episodes), rows, self.num_envs), vectors
 
-    def _room_for(self, count: int) -> Lanes:
+    def _room_for(self, count: int) -> TaskLanes:
         """Where episodes begin beside those that go on."""
         if self._beginners is None or self._beginners.capacity < count:
-            self._beginners = Lanes(self.task, count, self.goal)
+            self._beginners = self.task.lanes(count, self.goal)
         return self._beginners
 
     def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
@@ -209,7 +197,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             vectors = begun
         self._over = np.zeros(self.num_envs, bool)
         readings = self._lanes.state.readings.copy()
-        base = state_info(readings)
+        base = self.task.state_info(readings)
         restarted = whole_info(base, self.num_envs) | masked_info({"sampled": sampled}, ended)
         if len(rows) < self.num_envs:
             stepped = {key: value for key, value in unmasked_info(infos).items() if key not in base}
@@ -220,7 +208,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _infos(self, readings: Array, terms: dict[str, Array], sampled: dict[str, Any] | None) -> dict[str, Any]:
         """Infos of a step; lanes that have used it to begin anew are those that are still over."""
-        everywhere, stepped = state_info(readings), self._step_info(readings, terms)
+        everywhere, stepped = self.task.state_info(readings), self._step_info(readings, terms)
         if sampled is None:
             return whole_info(everywhere | stepped, self.num_envs)
         infos = whole_info(everywhere, self.num_envs) | masked_info({"sampled": sampled}, self._over)
@@ -232,7 +220,7 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
         """Rewards and their terms, (B,) each."""
-        return readings[:, REWARD].copy(), reward_info(readings)
+        return readings[:, REWARD].copy(), self.task.reward_info(readings)
 
     def _observation(self, vectors: Vectors, readings: Array) -> Any:
         return vectors
@@ -240,20 +228,25 @@ class RollingJointVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def _remember(self, readings: Array) -> None:
         """Keep tips for the trails in pictures."""
         if self.render_mode is not None:
-            self._trail = [*self._trail[-self.config.episode_steps :], readings[:, TIP : TIP + 2].copy()]
+            self._trail = [*self._trail[-self.config.episode_steps :], self._tips(readings)]
 
-    def _picture(self, renderer: Renderer, lane: int) -> NDArray[np.uint8]:
+    def _tips(self, readings: Array) -> Array:
+        return readings[:, TIP : TIP + self.task.dimension].copy()
+
+    def _picture(self, renderer: Any, lane: int) -> NDArray[np.uint8]:
         steps = int(self._lanes.state.readings[lane, STEP])
-        return renderer.picture(self._lanes.scene(np.array(self._trail)[-(steps + 1) :, lane], lane))
+        scene = self._lanes.scene(np.array(self._trail)[-(steps + 1) :, lane], lane)
+        picture: NDArray[np.uint8] = renderer.picture(scene)
+        return picture
 
 
-class RollingJointGoalVectorEnv(RollingJointVectorEnv):
-    """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""
+class GoalVectorSteps(TrackingVectorEnv):
+    """What the Goal vector environments of every task do differently, put before their class."""
 
     goal: ClassVar[bool] = True
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> NDArray[np.float64]:
-        """Reward for goals (..., 2), (...); info is not used."""
+        """Reward for goals (..., d), (...); info is not used."""
         return self.task.goal_reward(achieved_goal, desired_goal)
 
     def _observation(self, vectors: Vectors, readings: Array) -> Any:
@@ -264,5 +257,19 @@ class RollingJointGoalVectorEnv(RollingJointVectorEnv):
         return rewards, {"tracking": rewards.copy()}
 
     def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
-        success = readings[:, ERROR] <= self.config.reward.goal_tolerance_mm
-        return {"reward_terms": terms, "is_success": success}
+        return {"reward_terms": terms, "is_success": self.task.reached(readings)}
+
+
+class RollingJointVectorEnv(TrackingVectorEnv):
+    """`num_envs` independent RollingJointEnv in one batch: the same task, spaces, infos and, for equal seeds, numbers.
+
+    Lane i is seeded with `seed + i` and equals a RollingJointEnv with that seed step by step.
+
+    Arguments as for TrackingVectorEnv; `config` and `overrides` as for RollingJointEnv.
+    """
+
+    settings: ClassVar[type[TaskConfig]] = TrackingConfig
+
+
+class RollingJointGoalVectorEnv(GoalVectorSteps, RollingJointVectorEnv):
+    """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""

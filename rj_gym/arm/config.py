@@ -1,0 +1,170 @@
+"""Frozen settings of the arm's environments, on top of what every tracking task has."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from rj_gym.config import Randomization, RewardConfig, TargetConfig, TaskConfig, check_load
+from rj_gym.settings import Range, Settings, assign, checked_number, checked_range
+from rollingjoint.hinge_chain import HingeChain
+
+
+@dataclass(frozen=True)
+class GravityConfig(Settings):
+    """The direction of gravity in the base frame, constant in an episode: the arm hangs from a tilted base.
+
+    Args:
+        tilt: range of the angle to (0, 0, 1), the direction in which the arm hangs straight; uniform over that part of
+            the sphere [rad].
+    """
+
+    tilt: Range = (0.0, 0.6)
+
+    def __post_init__(self) -> None:
+        assign(self, "tilt", checked_range("gravity.tilt", self.tilt, low=0.0, high=math.pi, unit="rad"))
+
+
+@dataclass(frozen=True)
+class PayloadConfig(Settings):
+    """What hangs from the tip: a dead force along gravity.
+
+    Args:
+        magnitude: range of its uniform size [N].
+        process: "constant"; "step" (jumps to a new draw at random times); "ou" (an Ornstein-Uhlenbeck process about the
+            middle of the range, stationary standard deviation a quarter of its width, clipped to the range).
+        hold_steps: mean number of steps between two jumps of "step".
+        correlation_steps: correlation time of "ou" [steps].
+    """
+
+    magnitude: Range = (0.0, 0.3)
+    process: str = "constant"
+    hold_steps: float = 15.0
+    correlation_steps: float = 15.0
+
+    def __post_init__(self) -> None:
+        check_load(self)
+
+
+@dataclass(frozen=True)
+class ArmTargetConfig(TargetConfig):
+    """Where the tip should be: tips of equilibria under the gravity of the episode, without payload.
+
+    Args:
+        process: "fixed" for the whole episode, or "path": a smooth walk through `waypoints` reachable points.
+        tension_range: tensions drawn log-uniformly per tendon [N].
+        waypoints: number of drawn points of a path, its two ends included.
+    """
+
+    tension_range: Range = (1.0, 8.0)
+
+
+@dataclass(frozen=True)
+class ArmRewardConfig(RewardConfig):
+    """Scales and weights of the reward terms.
+
+    Args:
+        error_scale_mm: tip error that costs 1 per step [mm].
+        effort: weight of mean((tension / largest tension)²).
+        smoothness: weight of mean((action - previous action)²).
+        failure_penalty: subtracted once when the solver gives no usable pose and the episode ends.
+        goal: reward of the Goal environment, "dense" (tracking and orientation) or "sparse" (0 within the tolerances,
+            else -1).
+        goal_tolerance_mm: tip error that counts as reached when sparse [mm].
+        angle_scale_rad: angle between tip and target frame that costs 1 per step, with `orientation` [rad].
+        goal_tolerance_rad: such an angle that counts as reached when sparse, with `orientation` [rad].
+    """
+
+    error_scale_mm: float = 30.0
+    goal_tolerance_mm: float = 5.0
+    angle_scale_rad: float = 0.3
+    goal_tolerance_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        assign(self, "angle_scale_rad", checked_number("reward.angle_scale_rad", self.angle_scale_rad, low=1e-6))
+        tolerance = checked_number("reward.goal_tolerance_rad", self.goal_tolerance_rad, low=1e-9)
+        assign(self, "goal_tolerance_rad", tolerance)
+
+
+@dataclass(frozen=True)
+class ArmRandomizationConfig(Randomization):
+    """Domain randomisation, drawn anew in every episode; all zero (off) by default.
+
+    Args:
+        position_noise_mm: standard deviation of the measured tip position in x, y and z, every step [mm].
+        angle_noise_rad: standard deviation of the rotation vector between measured and true tip frame, every step
+            [rad].
+        stiffness_spread: tendon stiffness is multiplied by 1 + uniform(-spread, spread).
+        hinge_stiffness_spread: the same for every hinge.
+        weight_spread: the same for the weight of every bead.
+        actuator_offset_mm: every length command is off by a constant uniform(-offset, offset) [mm].
+    """
+
+    _HIGHEST: ClassVar[dict[str, float]] = {
+        "stiffness_spread": 0.9,
+        "hinge_stiffness_spread": 0.9,
+        "weight_spread": 0.9,
+    }
+    position_noise_mm: float = 0.0
+    angle_noise_rad: float = 0.0
+    stiffness_spread: float = 0.0
+    hinge_stiffness_spread: float = 0.0
+    weight_spread: float = 0.0
+    actuator_offset_mm: float = 0.0
+
+    @property
+    def varies_mechanism(self) -> bool:
+        """Whether episodes have arms of their own."""
+        return self.stiffness_spread > 0 or self.hinge_stiffness_spread > 0 or self.weight_spread > 0
+
+
+@dataclass(frozen=True)
+class FlexibleArmConfig(TaskConfig):
+    """Everything that defines the arm's task.
+
+    Args:
+        mechanism: preset name, mechanism file, or a HingeChain.
+        episode_steps: steps until the episode is truncated.
+        action_scale_mm: tendon length pulled in by an action of 1 [mm per step].
+        tension_range: what a motor holds at least and where it gives way [N].
+        start: "equal" tensions `start_tension`, or "random" ones from `start_tension_range`.
+        start_tension: tension of every tendon at the start, before the payload acts [N].
+        start_tension_range: range of the log-uniform start tensions [N].
+        command_scale_mm: commanded lengths are observed in units of this [mm].
+        observe_tensions: whether the observation contains the tendon tensions.
+        observe_load: whether the observation contains the direction of gravity and the payload.
+        load, target, reward, randomization: nested settings, each also a dictionary.
+        orientation: whether the tip has to turn into a target frame, too.
+        gravity: nested settings, also a dictionary.
+    Raises:
+        ConfigError: a value out of range, with the range.
+    """
+
+    _MECHANISM: ClassVar[type] = HingeChain
+    _MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of an arm, or a HingeChain"
+    _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load", "orientation")
+    _NESTED: ClassVar[dict[str, type[Settings]]] = {
+        "load": PayloadConfig,
+        "target": ArmTargetConfig,
+        "reward": ArmRewardConfig,
+        "randomization": ArmRandomizationConfig,
+        "gravity": GravityConfig,
+    }
+    mechanism: str | HingeChain = "flexible_arm"
+    episode_steps: int = 50
+    action_scale_mm: float = 2.0
+    tension_range: Range = (0.5, 20.0)
+    start: str = "equal"
+    start_tension: float = 3.0
+    start_tension_range: Range = (1.0, 8.0)
+    command_scale_mm: float = 30.0
+    observe_tensions: bool = True
+    observe_load: bool = False
+    load: PayloadConfig = field(default_factory=PayloadConfig)
+    target: ArmTargetConfig = field(default_factory=ArmTargetConfig)
+    reward: ArmRewardConfig = field(default_factory=ArmRewardConfig)
+    randomization: ArmRandomizationConfig = field(default_factory=ArmRandomizationConfig)
+    orientation: bool = False
+    gravity: GravityConfig = field(default_factory=GravityConfig)

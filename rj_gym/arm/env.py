@@ -1,0 +1,109 @@
+"""The scalar environments of the arm."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rj_gym.arm.config import FlexibleArmConfig
+from rj_gym.config import TaskConfig
+from rj_gym.tracking.env import GoalSteps, TrackingEnv
+
+
+class FlexibleArmEnv(TrackingEnv):
+    """Bring the tip of a hanging tendon-driven arm to a target, under unknown gravity and an unknown payload.
+
+    An arm of n - 1 beads on elastic hinges, m tendons, length L (0.7 m, 32 beads and m = 8 for the default one, in two
+    segments of four tendons each). Its base is tilted, so that gravity comes from a side that nobody announces, and
+    something hangs from its tip. Every step is quasi-static: tendons move, the payload moves on, the arm settles.
+
+    ## Action space
+    `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (2 mm); negative
+    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 20 N (`tension_range`);
+    there the command follows the tendon, so commands do not wind up.
+
+    ## Observation space
+    `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.arm_observation_entries` lists them.
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | tip x, tip y, tip z | where the tip is | L | -2 | 2 |
+    | tip R xx, tip R yx, tip R zx, tip R xy, tip R yy, tip R zy (`orientation`, off) | x and y axis of its frame | 1 | -1 | 1 |
+    | tendon j command | commanded length minus that of the straight arm, j = 0 ... m - 1 | `command_scale_mm` (30 mm) | -2 | 2 |
+    | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (20 N) | 0 | 1 |
+    | target x, target y, target z | where the tip should be now | L | -2 | 2 |
+    | target R xx, target R yx, target R zx, target R xy, target R yy, target R zy (`orientation`, off) | axes of the target frame | 1 | -1 | 1 |
+    | tip error x, tip error y, tip error z | target minus measured tip | `error_scale_mm` (30 mm) | -10 | 10 |
+    | angle error x, angle error y, angle error z (`orientation`, off) | rotation vector from the measured to the target frame | `angle_scale_rad` (0.3 rad) | -10.472 | 10.472 |
+    | gravity x, gravity y, gravity z (`observe_load`, off) | its direction in the base frame | 1 | -1 | 1 |
+    | payload (`observe_load`, off) | what hangs from the tip | largest `load.magnitude` (0.5 N) | 0 | 1 |
+
+    Entries stand in the order of the table.
+
+    ## Reward
+    The sum of the terms, each in `info["reward_terms"]`:
+
+    | Term | Value |
+    |---|---|
+    | tracking | - error / `error_scale_mm` (30 mm), error the distance of the true tip from the target after the step |
+    | effort | - `effort` (0.01) · mean((tension / largest tension)²) |
+    | smoothness | - `smoothness` (0.01) · mean((action - previous action)²) |
+    | failure | - `failure_penalty` (100) if the solver gave no usable equilibrium, else 0 |
+    | orientation (`orientation`, off) | - angle / `angle_scale_rad` (0.3 rad), angle between the true tip frame and the target frame |
+
+    ## Start
+    Drawn per episode: the direction of gravity, uniform within 0.5 rad of hanging straight (`gravity`); a target, the
+    tip of an equilibrium under that gravity without payload (`target`); the payload, a dead force at the tip along
+    gravity, uniform from 0 to 0.5 N (`load`). Tensions of 3 N (`start_tension`) set the arm without payload; the
+    tendons are locked there and the payload applied. `reset(options=...)` fixes any of "target", "load", "gravity",
+    "mechanism" and "start"; what was drawn is in `info["sampled"]`.
+
+    ## Episode end
+    Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
+    vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
+    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
+    the observation is that of the last good pose.
+
+    ## Info
+    `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (3,) [mm], `load` {"link", "force"},
+    `gravity` (3,), `tensions` (m,) [N], `command` (m,) [mm]; with `orientation` `angle_error_rad`; from `step` also
+    `reward_terms`, from `reset` also `sampled`.
+
+    ## Arguments
+    `FlexibleArmEnv(render_mode=None, config=None, **overrides)`: `config` is a FlexibleArmConfig or a dictionary of its
+    fields; overrides go on top, and nested ones change only what they name:
+    `gymnasium.make("rj_gym/FlexibleArm-v0", orientation=True, load={"magnitude": (0, 0.8)})`.
+    See FlexibleArmConfig, PayloadConfig, GravityConfig, ArmTargetConfig, ArmRewardConfig and ArmRandomizationConfig.
+
+    ## Version history
+    * v0: first version.
+    """  # noqa: E501
+
+    settings: ClassVar[type[TaskConfig]] = FlexibleArmConfig
+
+
+class FlexibleArmGoalEnv(GoalSteps, FlexibleArmEnv):
+    """The arm's task with goals, for hindsight relabelling: as FlexibleArmEnv but for what follows.
+
+    ## Observation space
+    `Dict`, float32:
+
+    | Key | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | observation | the entries of FlexibleArmEnv without target and errors | | | |
+    | achieved_goal | true tip x, y, z (without sensor noise) | L | -2 | 2 |
+    | desired_goal | target x, y, z | L | -2 | 2 |
+
+    With `orientation` both goals go on with the six entries "R xx" ... "R zy" of their frame, within [-1, 1].
+
+    ## Reward
+    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which needs nothing from info and takes batches:
+    "dense" (default) is - error / `error_scale_mm`, with `orientation` - angle / `angle_scale_rad` on top; "sparse"
+    (`reward={"goal": "sparse"}`) is 0 where the error is at most `goal_tolerance_mm` (5 mm), and the angle at most
+    `goal_tolerance_rad` (0.05 rad), else -1. There are no effort, smoothness and failure terms.
+
+    ## Info
+    As FlexibleArmEnv, and `is_success`: whether the errors are within the tolerances.
+
+    ## Version history
+    * v0: first version.
+    """

@@ -1,0 +1,198 @@
+"""The arm's task: the tip of a hanging arm, under gravity of an unknown direction and an unknown payload."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.arm.config import FlexibleArmConfig
+from rj_gym.arm.kernels import ANGLE, FX, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME, Rules
+from rj_gym.arm.lanes import ArmLanes
+from rj_gym.arm.observation import arm_observation_entries, payload_scale
+from rj_gym.arm.options import checked_options
+from rj_gym.arm.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_shapes
+from rj_gym.tracking.generators import Generators
+from rj_gym.tracking.observation import Entry
+from rj_gym.tracking.sampling import Block, Uniforms, blocks_of
+from rj_gym.tracking.task import Task
+from rj_gym.tracking.task_lanes import TaskLanes, over_time
+from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+
+Array = NDArray[np.float64]
+
+_PZ = SPATIAL_LOAD_COLUMNS.index("pz")
+_COLUMNS = [0, 3, 6, 1, 4, 7]  # of a rotation matrix, row by row: its first two columns
+
+
+class ArmTask(Task):
+    """The arm's task."""
+
+    dimension: ClassVar[int] = 3
+    config: FlexibleArmConfig
+    mechanism: HingeChain
+
+    def entries(self, goal: bool = False) -> list[Entry]:
+        """The entries of the observation vector; `goal` leaves target and errors out."""
+        return arm_observation_entries(self.config, self.mechanism, goal)
+
+    def rules(self, goal: bool = False) -> Rules:
+        """The numbers that all lanes share, as the kernels want them."""
+        config, reward = self.config, self.config.reward
+        return Rules(
+            config.action_scale_mm,
+            self.length,
+            config.command_scale_mm,
+            reward.error_scale_mm,
+            reward.angle_scale_rad,
+            config.tension_range[1],
+            payload_scale(config),
+            reward.effort,
+            reward.smoothness,
+            reward.failure_penalty,
+            config.observe_tensions,
+            not goal,
+            config.observe_load,
+            config.orientation,
+            self.neutral_lengths,
+            *(bound.astype(np.float32) for bound in self.observation_bounds(goal)),
+        )
+
+    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed | None = None) -> Episodes:
+        """One episode per generator; each takes the same count of numbers from its own."""
+        uniforms = Uniforms(self._blocks, rngs)
+        return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
+
+    def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
+        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 16)."""
+        rows = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))
+        rows[:, 0] = np.append(np.arange(1, arm.n_links), arm.n_links - 1)
+        rows[:-1, _PZ] = [-0.5 * bead.spacing for bead in arm.beads]
+        rows[:-1, FX : FX + 3] = np.array([bead.weight for bead in arm.beads])[:, None] * gravity
+        return rows
+
+    def load_tables(self, episodes: Episodes, step: int) -> Array:
+        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 16)."""
+        nowhere = np.zeros(3)
+        tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
+        tables[:, :-1, FX : FX + 3] = episodes.weights[:, :, None] * episodes.gravity[:, None]
+        tables[:, -1, FX : FX + 3] = episodes.forces[:, min(step, episodes.payloads.shape[1] - 1)]
+        return tables
+
+    def base_load_tables(self, episodes: Episodes) -> Array:
+        """Loads of the unloaded states: weights alone, tables (E, n - 1, 16)."""
+        return np.ascontiguousarray(self.load_tables(episodes, 0)[:, :-1])
+
+    def lanes(self, capacity: int, goal: bool) -> ArmLanes:
+        """Room for so many episodes side by side."""
+        return ArmLanes(self, capacity, goal)
+
+    def checked_options(self, options: Mapping[str, Any] | None) -> Fixed:
+        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        return checked_options(options, self.config, self.mechanism)
+
+    def renderer(self) -> Any:
+        """What draws the scenes of the lanes."""
+        from rj_gym.arm.render import ArmRenderer
+
+        return ArmRenderer(self.mechanism)
+
+    def goal_bounds(self) -> Array:
+        """Largest size of every entry of a goal: position and, with orientation, two columns of a rotation matrix."""
+        return np.append(super().goal_bounds(), np.ones(6 if self.config.orientation else 0))
+
+    def achieved_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where tips are, from readings (..., columns)."""
+        return self._with_frames(super().achieved_goals(readings), readings, TIP_FRAME)
+
+    def desired_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where they should be."""
+        return self._with_frames(super().desired_goals(readings), readings, TARGET_FRAME)
+
+    def goal_reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Reward of the Goal environment for goals (..., 3 or 9), (...)."""
+        if not self.config.orientation:
+            return super().goal_reward(achieved, desired)
+        reached, wanted = np.asarray(achieved, dtype=float), np.asarray(desired, dtype=float)
+        reward, angle = self.config.reward, goal_angles(reached[..., 3:], wanted[..., 3:])
+        places = super().goal_reward(reached[..., :3], wanted[..., :3])
+        if reward.goal == "sparse":
+            return np.minimum(places, -(angle > reward.goal_tolerance_rad).astype(float))
+        return places - angle / reward.angle_scale_rad
+
+    def reached(self, readings: Array) -> Any:
+        """Whether the target is reached within the tolerances, from readings (..., columns)."""
+        near = super().reached(readings)
+        if not self.config.orientation:
+            return near
+        return near & (_own(readings)[..., ANGLE] <= self.config.reward.goal_tolerance_rad)
+
+    def state_info(self, readings: Array) -> dict[str, Any]:
+        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        return super().state_info(readings[:, :-OWN]) | self._own_info(readings)
+
+    def reward_info(self, readings: Array) -> dict[str, Array]:
+        """The terms of the reward, (B,) each: parts of the readings."""
+        terms = super().reward_info(readings)
+        return terms | {"orientation": _own(readings)[:, ORIENTATION]} if self.config.orientation else terms
+
+    def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
+        """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+        info = super().single_info(readings[:-OWN], numbers[:-OWN])
+        if self.config.orientation:
+            info["angle_error_rad"] = numbers[ANGLE - OWN]
+            info["reward_terms"]["orientation"] = numbers[ORIENTATION - OWN]
+        info["gravity"] = _own(readings)[GRAVITY : GRAVITY + 3]
+        return info
+
+    def sampled_info(self, lanes: TaskLanes, episodes: Episodes) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        times, count = self.config.episode_steps + 1, len(episodes)
+        drawn = {
+            "payloads": over_time(episodes.payloads[..., None], times)[..., 0],
+            "gravity": episodes.gravity.copy(),
+            "hinge_stiffnesses": episodes.hinge_stiffnesses,
+            "weights": episodes.weights,
+        }
+        if self.config.orientation:
+            rotations = over_time(lanes.course.targets[:count, :, 3:], times)
+            drawn["target_rotations"] = rotations.reshape(count, times, 3, 3)
+        return super().sampled_info(lanes, episodes) | drawn
+
+    def _own_info(self, readings: Array) -> dict[str, Any]:
+        own = _own(readings)
+        info = {"gravity": own[:, GRAVITY : GRAVITY + 3]}
+        return info | {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else info
+
+    def _with_frames(self, places: NDArray[np.float32], readings: Array, frame: int) -> NDArray[np.float32]:
+        if not self.config.orientation:
+            return places
+        columns = _own(readings)[..., frame : frame + 9][..., _COLUMNS]
+        return np.concatenate([places, np.clip(columns, -1.0, 1.0).astype(np.float32)], axis=-1)
+
+    def _uniform_blocks(self) -> dict[str, Block]:
+        return blocks_of(uniform_shapes(self.config, self.mechanism))
+
+
+def goal_angles(first: Array, second: Array) -> Array:
+    """Angles (...) between rotations given by their first two columns, (..., 6) [rad].
+
+    From the distance of the matrices, |R1 - R2| = 2 sqrt(2) sin(angle / 2): exact to rounding near 0, too.
+    """
+    distance = np.linalg.norm(_whole(first) - _whole(second), axis=-1)
+    return 2 * np.arcsin(np.minimum(distance / np.sqrt(8.0), 1.0))
+
+
+def _whole(columns: Array) -> Array:
+    """All three columns of rotation matrices, (..., 9)."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(columns, -1, 0).reshape(2, 3, *columns.shape[:-1])
+    third = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    return np.concatenate([columns, third], axis=-1)
+
+
+def _own(readings: Array) -> Array:
+    """The columns that only this task has."""
+    return readings[..., -OWN:]
