@@ -20,7 +20,7 @@ Color = tuple[int, int, int]
 
 SIZE = (720, 600)
 """Width and height of a picture [pixels]."""
-_SUPERSAMPLING = 3
+SUPERSAMPLING = 3
 
 BACKGROUND: Color = (250, 250, 248)
 GRID: Color = (234, 236, 238)
@@ -31,6 +31,8 @@ BASE: Color = (168, 180, 196)
 EDGE: Color = (86, 101, 122)
 TARGET: Color = (22, 140, 90)
 LOAD: Color = (214, 108, 20)
+TRAIL: Color = (98, 130, 190)
+_TENSION_COLORS: tuple[Color, ...] = ((70, 130, 200), (150, 90, 170), (210, 40, 60))
 
 
 class Drawing(Protocol[S]):
@@ -87,10 +89,10 @@ class Canvas:
 
         pygame.font.init()
         self._pygame = pygame
-        self._scale = _SUPERSAMPLING * SIZE[0] / (1.9 * length)
+        self._scale = SUPERSAMPLING * SIZE[0] / (1.9 * length)
         self._length = length
-        self._surface = pygame.Surface((SIZE[0] * _SUPERSAMPLING, SIZE[1] * _SUPERSAMPLING), 0, 32)
-        self._origin = np.array([0.5 * SIZE[0], 0.84 * SIZE[1]]) * _SUPERSAMPLING
+        self._surface = pygame.Surface((SIZE[0] * SUPERSAMPLING, SIZE[1] * SUPERSAMPLING), 0, 32)
+        self._origin = np.array([0.5 * SIZE[0], 0.84 * SIZE[1]]) * SUPERSAMPLING
         self.unit = length / 100  # mm of line width per mm on a mechanism of 100 mm
 
     def begin(self, base: Link) -> None:
@@ -109,6 +111,10 @@ class Canvas:
     def fill(self, outline: ArrayLike, color: Color) -> None:
         """A polygon."""
         self._pygame.draw.polygon(self._surface, color, self._pixels(outline).tolist())
+
+    def fill_pixels(self, outline: Array, color: Color) -> None:
+        """A polygon, its corners from `_pixels`: for drawings of very many."""
+        self._pygame.draw.polygon(self._surface, color, outline.tolist())
 
     def _width(self, width: float) -> float:
         return width * self.unit * self._scale
@@ -143,13 +149,50 @@ class Canvas:
 
     def box(self, rectangle: tuple[float, float, float, float], color: Color) -> None:
         """A rectangle with round corners, in pixels of the picture."""
-        scaled = [round(_SUPERSAMPLING * value) for value in rectangle]
-        self._pygame.draw.rect(self._surface, color, scaled, border_radius=5 * _SUPERSAMPLING)
+        scaled = [round(SUPERSAMPLING * value) for value in rectangle]
+        self._pygame.draw.rect(self._surface, color, scaled, border_radius=5 * SUPERSAMPLING)
 
     def text(self, text: str, place: tuple[float, float], size: int, color: Color) -> None:
         """Words at a place, both in pixels of the picture."""
-        font = self._pygame.font.Font(None, size * _SUPERSAMPLING)
-        self._surface.blit(font.render(text, True, color), (place[0] * _SUPERSAMPLING, place[1] * _SUPERSAMPLING))
+        font = self._pygame.font.Font(None, size * SUPERSAMPLING)
+        self._surface.blit(font.render(text, True, color), (place[0] * SUPERSAMPLING, place[1] * SUPERSAMPLING))
+
+    def trail(self, points: Array, background: Color) -> None:
+        """Where something was, fading with age into the background."""
+        for k in range(1, len(points)):
+            self.line(points[k - 1 : k + 1], 0.8, blend(background, TRAIL, 0.1 + 0.9 * k / len(points)))
+
+    def aim(self, tip: Array, target: Array) -> None:
+        """A tip, its target, and the error between them."""
+        self.dashes(tip, target, 0.6, TARGET)
+        x, y = target
+        arm = 4.5 * self.unit
+        self.ring(target, 3.0, 0.8, TARGET)
+        self.line([(x - arm, y), (x + arm, y)], 0.8, TARGET)
+        self.line([(x, y - arm), (x, y + arm)], 0.8, TARGET)
+        self.disc(tip, 2.2, INK)
+        self.disc(tip, 1.2, BACKGROUND)
+
+    def arrow(self, begin: Array, end: Array, color: Color) -> None:
+        """An arrow, longer than its head of 6 units."""
+        direction = (end - begin) / np.hypot(*(end - begin))
+        side = np.array([-direction[1], direction[0]]) * 2.4 * self.unit
+        neck = end - direction * 6 * self.unit
+        self.line([begin, neck], 1.4, color)
+        self.fill([end, neck + side, neck - side], color)
+        self.disc(begin, 1.4, color)
+
+    def tension_bar(
+        self, j: int, tension: float, limits: tuple[float, float], pitch: int = 32, width: int = 120
+    ) -> None:
+        """The tension of tendon j as a bar of that width beside its number; bars are `pitch` pixels apart."""
+        left, top, height = SIZE[0] - 130 - width, 26 + pitch * j, 14
+        filled = width * min(max(tension / limits[1], 0.0), 1.0)
+        color = tension_color(tension, limits)
+        self.text(f"tendon {j}", (left - 78, top - 3), 24, FAINT)
+        self.box((left, top, width, height), GRID)
+        self.box((left, top, filled, height), color)
+        self.text(f"{tension:.1f} N", (left + width + 12, top - 3), 24, color)
 
     def _grid(self) -> None:
         step = 0.2 * self._length
@@ -173,3 +216,11 @@ def blend(first: Color, second: Color, share: float) -> Color:
     """A colour between two: the first at share 0, the second at 1."""
     r, g, b = (round((1 - share) * a + share * b) for a, b in zip(first, second, strict=True))
     return r, g, b
+
+
+def tension_color(tension: float, limits: tuple[float, float]) -> Color:
+    """Blue at the lowest tension, through purple, to red at the highest."""
+    low, high = limits
+    position = min(max((tension - low) / (high - low), 0.0), 1.0) * (len(_TENSION_COLORS) - 1)
+    k = min(int(position), len(_TENSION_COLORS) - 2)
+    return blend(_TENSION_COLORS[k], _TENSION_COLORS[k + 1], position - k)

@@ -151,12 +151,12 @@ class RandomizationConfig(Randomization):
 class TaskConfig(Settings):
     """What the settings of every tracking task share: fields of these names, and their checks.
 
-    A class of settings says which mechanisms it takes, `_MECHANISM` and in words, and of which classes its nested
+    A class of settings says which mechanisms it takes, `MECHANISM` and in words, and of which classes its nested
     settings are.
     """
 
-    _MECHANISM: ClassVar[type] = object
-    _MECHANISMS: ClassVar[str] = "a mechanism"
+    MECHANISM: ClassVar[type] = object
+    MECHANISMS: ClassVar[str] = "a mechanism"
     _NESTED: ClassVar[dict[str, type[Settings]]] = {}
     _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load")
     mechanism: Any
@@ -175,8 +175,8 @@ class TaskConfig(Settings):
     randomization: Any
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mechanism, str | self._MECHANISM):
-            raise ConfigError("mechanism", self.mechanism, self._MECHANISMS)
+        if not isinstance(self.mechanism, str | self.MECHANISM):
+            raise ConfigError("mechanism", self.mechanism, self.MECHANISMS)
         assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
         for name in ("action_scale_mm", "command_scale_mm"):
             assign(self, name, checked_number(name, getattr(self, name), low=1e-6))
@@ -225,8 +225,8 @@ class TrackingConfig(TaskConfig):
         ConfigError: a value out of range, with the range.
     """
 
-    _MECHANISM: ClassVar[type] = RollingChain
-    _MECHANISMS: ClassVar[str] = "a preset name, a mechanism file or a RollingChain"
+    MECHANISM: ClassVar[type] = RollingChain
+    MECHANISMS: ClassVar[str] = "a preset name, a mechanism file or a RollingChain"
     _NESTED: ClassVar[dict[str, type[Settings]]] = {
         "load": LoadConfig,
         "target": TargetConfig,

@@ -20,7 +20,7 @@ class GravityConfig(Settings):
             the sphere [rad].
     """
 
-    tilt: Range = (0.0, 0.6)
+    tilt: Range = (0.0, 0.5)
 
     def __post_init__(self) -> None:
         assign(self, "tilt", checked_range("gravity.tilt", self.tilt, low=0.0, high=math.pi, unit="rad"))
@@ -38,7 +38,7 @@ class PayloadConfig(Settings):
         correlation_steps: correlation time of "ou" [steps].
     """
 
-    magnitude: Range = (0.0, 0.3)
+    magnitude: Range = (0.0, 0.5)
     process: str = "constant"
     hold_steps: float = 15.0
     correlation_steps: float = 15.0
@@ -57,7 +57,7 @@ class ArmTargetConfig(TargetConfig):
         waypoints: number of drawn points of a path, its two ends included.
     """
 
-    tension_range: Range = (1.0, 8.0)
+    tension_range: Range = (1.0, 5.0)
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class FlexibleArmConfig(TaskConfig):
         ConfigError: a value out of range, with the range.
     """
 
-    _MECHANISM: ClassVar[type] = HingeChain
-    _MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of an arm, or a HingeChain"
+    MECHANISM: ClassVar[type] = HingeChain
+    MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of an arm, or a HingeChain"
     _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load", "orientation")
     _NESTED: ClassVar[dict[str, type[Settings]]] = {
         "load": PayloadConfig,
@@ -154,11 +154,11 @@ class FlexibleArmConfig(TaskConfig):
     }
     mechanism: str | HingeChain = "flexible_arm"
     episode_steps: int = 50
-    action_scale_mm: float = 2.0
-    tension_range: Range = (0.5, 20.0)
+    action_scale_mm: float = 1.0
+    tension_range: Range = (0.5, 15.0)
     start: str = "equal"
     start_tension: float = 3.0
-    start_tension_range: Range = (1.0, 8.0)
+    start_tension_range: Range = (1.0, 5.0)
     command_scale_mm: float = 30.0
     observe_tensions: bool = True
     observe_load: bool = False

@@ -17,8 +17,8 @@ class FlexibleArmEnv(TrackingEnv):
     something hangs from its tip. Every step is quasi-static: tendons move, the payload moves on, the arm settles.
 
     ## Action space
-    `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (2 mm); negative
-    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 20 N (`tension_range`);
+    `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (1 mm); negative
+    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 15 N (`tension_range`);
     there the command follows the tendon, so commands do not wind up.
 
     ## Observation space
@@ -29,7 +29,7 @@ class FlexibleArmEnv(TrackingEnv):
     | tip x, tip y, tip z | where the tip is | L | -2 | 2 |
     | tip R xx, tip R yx, tip R zx, tip R xy, tip R yy, tip R zy (`orientation`, off) | x and y axis of its frame | 1 | -1 | 1 |
     | tendon j command | commanded length minus that of the straight arm, j = 0 ... m - 1 | `command_scale_mm` (30 mm) | -2 | 2 |
-    | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (20 N) | 0 | 1 |
+    | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (15 N) | 0 | 1 |
     | target x, target y, target z | where the tip should be now | L | -2 | 2 |
     | target R xx, target R yx, target R zx, target R xy, target R yy, target R zy (`orientation`, off) | axes of the target frame | 1 | -1 | 1 |
     | tip error x, tip error y, tip error z | target minus measured tip | `error_scale_mm` (30 mm) | -10 | 10 |

@@ -75,9 +75,9 @@ def _series(what: str, value: object, times: int, unit: str) -> Array:
 
 def like_mechanism(value: object, nominal: _M, config: TaskConfig) -> _M:
     """The mechanism of an option; InvalidInput unless it has as many links and tendons as the nominal one."""
-    mechanism: Any = load_mechanism(value, config._MECHANISM) if isinstance(value, str) else value
-    if not isinstance(mechanism, config._MECHANISM):
-        raise InvalidInput("options['mechanism']", value, config._MECHANISMS)
+    mechanism: Any = load_mechanism(value, config.MECHANISM) if isinstance(value, str) else value
+    if not isinstance(mechanism, config.MECHANISM):
+        raise InvalidInput("options['mechanism']", value, config.MECHANISMS)
     counts, expected = ((one.n_links, one.n_tendons) for one in (mechanism, nominal))  # type: ignore[attr-defined]
     if counts != expected:
         raise InvalidInput(

@@ -45,7 +45,7 @@ class Task:
     def __init__(self, config: TaskConfig) -> None:
         self.config = config
         chosen = config.mechanism
-        self.mechanism = load_mechanism(chosen, config._MECHANISM) if isinstance(chosen, str) else chosen
+        self.mechanism = load_mechanism(chosen, config.MECHANISM) if isinstance(chosen, str) else chosen
         self.length = float(self.mechanism.length)
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._blocks = self._uniform_blocks()
