@@ -343,7 +343,8 @@ def test_bad_settings_are_refused_and_say_what_is_allowed(settings, mend):
 
 def test_every_id_has_its_settings():
     assert rj_gym.settings_of(ID) is rj_gym.DesignConfig
-    assert {rj_gym.settings_of(env_id) for env_id in rj_gym.IDS} == {rj_gym.TrackingConfig}
+    tracking = [rj_gym.settings_of(env_id) for env_id in rj_gym.IDS]
+    assert tracking == [rj_gym.TrackingConfig] * 2 + [rj_gym.FlexibleArmConfig] * 2
     with pytest.raises(ConfigError, match="CurvatureDesign"):
         rj_gym.settings_of("rj_gym/CurvatureDesign-v9")
 

@@ -28,7 +28,7 @@ def test_adapter_equals_dummy_vec_env(env_id):
     assert same(native.reset_infos[2]["target"], dummy.reset_infos[2]["target"])
     rng = np.random.default_rng(0)
     for _ in range(7):
-        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        actions = rng.uniform(-1, 1, native.env.action_space.shape).astype(np.float32)
         one, other = native.step(actions), dummy.step(actions)
         assert same(one[0], other[0])
         assert np.allclose(one[1], other[1], rtol=1e-6)
