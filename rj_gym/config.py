@@ -14,7 +14,6 @@ from rj_gym.settings import Range, Settings, assign, check_choice, checked_count
 from rollingjoint.errors import ConfigError
 from rollingjoint.rolling_chain import RollingChain
 
-
 PROCESSES = ("constant", "step", "ou")
 """How a load goes on from step to step."""
 

@@ -148,11 +148,12 @@ def solve_hinge_batch(
 class HingeRange:
     """Solves of ranges of lanes on arrays that stay where they are; the interface of lanes.PinnedRange.
 
-    Arguments as for `solve_hinge_batch`, and results from `new_hinge_results`. No kernel calls it (`entry` is 0): Python's
+    Arguments as for `solve_hinge_batch`, and results from `new_results`. No kernel calls it (`entry` is 0): Python's
     way there costs a fiftieth of a solve.
     """
 
     entry = pins = 0
+    new_results = staticmethod(new_hinge_results)
 
     def __init__(
         self,

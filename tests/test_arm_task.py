@@ -1,4 +1,4 @@
-"""The arm's lanes and episodes: equilibria, observation, reward, randomisation, and lanes that do not see each other."""
+"""The arm's lanes and episodes: equilibria, observation, reward, randomisation; lanes do not see each other."""
 
 import dataclasses
 import pickle
@@ -268,7 +268,8 @@ def test_reward_terms_follow_their_definition():
     second = advance(lanes, np.array([[0.5, -0.5, 0.5, -0.5]] * 3))
     aim, tip = lanes.course.targets[:, 2], second["poses"][:, -1]
     error = np.linalg.norm(tip[:, :3, 3] - aim[:, :3], axis=-1)
-    angle = np.linalg.norm(se3.rotation_vector(aim[:, 3:].reshape(-1, 3, 3) @ np.swapaxes(tip[:, :3, :3], 1, 2)), axis=1)
+    turn = aim[:, 3:].reshape(-1, 3, 3) @ np.swapaxes(tip[:, :3, :3], 1, 2)
+    angle = np.linalg.norm(se3.rotation_vector(turn), axis=1)
     terms = {
         "tracking": -error / 5.0,
         "effort": -0.2 * np.mean((second["tensions"] / 15.0) ** 2, axis=1),
@@ -321,7 +322,7 @@ def test_actuator_offset_moves_the_arm_but_not_what_the_motors_believe():
     assert np.abs(episodes.actuator_offsets).max() > 0.3
 
 
-@pytest.mark.parametrize("settings", [{"mechanism": "small_arm"}, EVERYTHING, {}], ids=["small", "everything", "default"])
+@pytest.mark.parametrize("settings", [{"mechanism": "small_arm"}, EVERYTHING, {}], ids=["small", "varied", "default"])
 def test_a_lane_is_the_same_in_any_batch_and_at_any_place(settings):
     seeds = list(range(300 if "mechanism" in settings else 40))  # enough for threads
     many, backwards = (started(len(seeds), seeds=some, **settings)[0] for some in (seeds, seeds[::-1]))

@@ -50,7 +50,9 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_in_another_file_change
 
     def printed(shift):
         source.write_text(SOURCE.format(shift=shift))
-        done = subprocess.run([sys.executable, user], env=os.environ | paths, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, user], env=os.environ | paths, capture_output=True, text=True, check=True
+        )
         return float(done.stdout.split()[-1])
 
     assert [printed(1.0), printed(2.0), printed(2.0)] == [4.0, 6.0, 6.0]

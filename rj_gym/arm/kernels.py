@@ -30,8 +30,8 @@ from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
 
-# Columns of State.readings after those of every task: direction of gravity; angle between tip and target frame, its term
-# of the reward; rotation matrices of both, row by row.
+# Columns of State.readings after those of every task: direction of gravity; angle between tip and target frame, and its
+# term of the reward; rotation matrices of both, row by row.
 GRAVITY, ANGLE, ORIENTATION, TIP_FRAME, TARGET_FRAME, OWN = 0, 3, 4, 5, 14, 23
 
 

@@ -14,7 +14,6 @@ from rj_gym.arm.sampling import Episodes
 from rj_gym.tracking.kernels import TENSIONS
 from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes
 from rollingjoint._jit import machine_code
-from rollingjoint._kernels.hinge_arrays import new_hinge_results
 from rollingjoint.errors import InvalidInput
 from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.hinge_equilibrium import HingeRange, hinge_designs_of
@@ -59,7 +58,7 @@ class ArmLanes(TaskLanes):
             np.zeros((capacity, TENSIONS + 2 * m + OWN)),
         )
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
-        self._results = new_hinge_results(capacity, n - 1, m)
+        self._results = HingeRange.new_results(capacity, n - 1, m)
 
     def _enter_loads(self, episodes: Episodes) -> None:
         count, own = len(episodes), TENSIONS + 2 * self._actions.shape[1]
@@ -71,7 +70,7 @@ class ArmLanes(TaskLanes):
         position, rotation = tips[:, :3, 3], tips[:, :3, :3].reshape(count, 9)
         return np.concatenate([position, rotation], axis=1) if self.task.config.orientation else position
 
-    def _step(self, observation: Observation, first: int, last: int) -> int:  # type: ignore[override]
+    def _step(self, observation: Observation, first: int, last: int) -> int:
         return self._begin_step(first, last)
 
     def _observe(self, observation: Observation) -> None:

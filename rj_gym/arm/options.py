@@ -26,8 +26,9 @@ def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig
 
     Args:
         options: any of "target": (3,) or (T + 1, 3) [mm], with `orientation` poses (4, 4) or (T + 1, 4, 4); "load":
-            payload, a number or (T + 1,) [N]; "gravity": its direction (3,); "mechanism": preset name, file or HingeChain
-            with as many links and tendons as the nominal one; "start": tensions (m,) [N] within the tension range.
+            payload, a number or (T + 1,) [N]; "gravity": its direction (3,); "mechanism": preset name, file or
+            HingeChain with as many links and tendons as the nominal one; "start": tensions (m,) [N] within the
+            tension range.
         config: the settings.
         nominal: the arm before randomisation.
     Raises:

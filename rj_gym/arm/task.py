@@ -14,6 +14,7 @@ from rj_gym.arm.lanes import ArmLanes
 from rj_gym.arm.observation import arm_observation_entries, payload_scale
 from rj_gym.arm.options import checked_options
 from rj_gym.arm.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_shapes
+from rj_gym.tracking import info
 from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.observation import Entry
 from rj_gym.tracking.sampling import Block, Uniforms, blocks_of
@@ -132,7 +133,7 @@ class ArmTask(Task):
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        return super().state_info(readings[:, :-OWN]) | self._own_info(readings)
+        return info.state_info(readings[:, :-OWN], info.IN_SPACE) | self._own_info(readings)
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
@@ -141,12 +142,12 @@ class ArmTask(Task):
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        info = super().single_info(readings[:-OWN], numbers[:-OWN])
+        said = info.single_info(readings[:-OWN], numbers[:-OWN], info.IN_SPACE)
         if self.config.orientation:
-            info["angle_error_rad"] = numbers[ANGLE - OWN]
-            info["reward_terms"]["orientation"] = numbers[ORIENTATION - OWN]
-        info["gravity"] = _own(readings)[GRAVITY : GRAVITY + 3]
-        return info
+            said["angle_error_rad"] = numbers[ANGLE - OWN]
+            said["reward_terms"]["orientation"] = numbers[ORIENTATION - OWN]
+        said["gravity"] = _own(readings)[GRAVITY : GRAVITY + 3]
+        return said
 
     def sampled_info(self, lanes: TaskLanes, episodes: Episodes) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
@@ -164,8 +165,8 @@ class ArmTask(Task):
 
     def _own_info(self, readings: Array) -> dict[str, Any]:
         own = _own(readings)
-        info = {"gravity": own[:, GRAVITY : GRAVITY + 3]}
-        return info | {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else info
+        said = {"gravity": own[:, GRAVITY : GRAVITY + 3]}
+        return said | {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else said
 
     def _with_frames(self, places: NDArray[np.float32], readings: Array, frame: int) -> NDArray[np.float32]:
         if not self.config.orientation:

@@ -29,18 +29,23 @@ Mask = NDArray[np.bool_]
 
 _STATUS_NAMES = [status.name for status in Status]
 _NAME_ARRAY = np.array(_STATUS_NAMES, dtype=object)
-_PLACES = {d: tuple(slice(first, first + d) for first in (TIP, TARGET, FORCE)) for d in (2, 3)}
+
+Places = tuple[slice, slice, slice]
+IN_PLANE: Places = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
+IN_SPACE: Places = slice(TIP, TIP + 3), slice(TARGET, TARGET + 3), slice(FORCE, FORCE + 3)
+"""Columns of tip, target and force."""
+
 _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
 
 
-def state_info(readings: Array, dimension: int = 2) -> dict[str, Any]:
+def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
     """What info says in every step of every task, arrays (B, ...): parts of the readings, and copies.
 
     Args:
         readings: (B, columns) without those that a task has of its own.
-        dimension: number of coordinates.
+        places: IN_PLANE or IN_SPACE.
     """
-    tip, target, force = _PLACES[dimension]
+    tip, target, force = places
     m = (readings.shape[1] - TENSIONS) // 2
     return {
         "error_mm": readings[:, ERROR],
@@ -58,9 +63,9 @@ def reward_info(readings: Array) -> dict[str, Array]:
     return {name: readings[:, column] for name, column in _TERMS.items()}
 
 
-def single_info(readings: Array, numbers: list[float], dimension: int = 2) -> dict[str, Any]:
+def single_info(readings: Array, numbers: list[float], places: Places = IN_PLANE) -> dict[str, Any]:
     """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-    tip, target, force = _PLACES[dimension]
+    tip, target, force = places
     m = (len(numbers) - TENSIONS) // 2
     return {
         "error_mm": numbers[ERROR],

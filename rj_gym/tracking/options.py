@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from rollingjoint.mechanism_file import load_mechanism
 from rollingjoint.rolling_chain import RollingChain
 
 Array = NDArray[np.float64]
-_M = TypeVar("_M")
 
 OPTIONS = ("target", "load", "mechanism", "start")
 
@@ -73,17 +72,23 @@ def _series(what: str, value: object, times: int, unit: str) -> Array:
     return np.atleast_2d(array)
 
 
-def like_mechanism(value: object, nominal: _M, config: TaskConfig) -> _M:
+def like_mechanism(value: object, nominal: Any, config: TaskConfig) -> Any:
     """The mechanism of an option; InvalidInput unless it has as many links and tendons as the nominal one."""
-    mechanism: Any = load_mechanism(value, config.MECHANISM) if isinstance(value, str) else value
+    mechanism: Any = value
+    if isinstance(value, str):
+        mechanism = load_mechanism(value, config.MECHANISM)
     if not isinstance(mechanism, config.MECHANISM):
         raise InvalidInput("options['mechanism']", value, config.MECHANISMS)
-    counts, expected = ((one.n_links, one.n_tendons) for one in (mechanism, nominal))  # type: ignore[attr-defined]
+    counts, expected = _counts(mechanism), _counts(nominal)
     if counts != expected:
         raise InvalidInput(
             "options['mechanism'] (links, tendons)", counts, f"{expected}", "Make an environment with this mechanism."
         )
-    return mechanism  # type: ignore[no-any-return]
+    return mechanism
+
+
+def _counts(mechanism: Any) -> tuple[int, int]:
+    return mechanism.n_links, mechanism.n_tendons
 
 
 def start_option(value: object, config: TaskConfig, n_tendons: int) -> Array:

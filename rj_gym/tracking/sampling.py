@@ -318,6 +318,7 @@ def symmetric(bound: float | Array, uniforms: Array) -> Array:
 
 
 def log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
+    """Numbers within the limits whose logarithms are uniform."""
     low, high = limits
     return low * (high / low) ** uniforms
 

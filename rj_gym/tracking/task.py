@@ -118,7 +118,7 @@ class Task:
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        return info.state_info(readings, self.dimension)
+        raise NotImplementedError
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
@@ -126,7 +126,7 @@ class Task:
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        return info.single_info(readings, numbers, self.dimension)
+        raise NotImplementedError
 
     def sampled_info(self, lanes: TaskLanes, episodes: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
@@ -143,6 +143,8 @@ class TrackingTask(Task):
     dimension: ClassVar[int] = 2
     config: TrackingConfig
     mechanism: RollingChain
+    state_info = staticmethod(info.state_info)
+    single_info = staticmethod(info.single_info)
 
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves target and tip error out."""

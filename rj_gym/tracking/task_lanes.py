@@ -86,9 +86,7 @@ class TaskLanes:
             self._complete(observation, 0, 1)
         return observation
 
-    def begin(
-        self, rngs: Sequence[np.random.Generator] | Generators, fixed: Any = None
-    ) -> tuple[Any, Observation]:
+    def begin(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Any = None) -> tuple[Any, Observation]:
         """New episodes in the first lanes, one per generator, with their observations, (len(rngs), entries).
 
         Tendons are locked at the unloaded start tensions, then the load is applied.

@@ -90,7 +90,8 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
         Args:
             seed: lane i gets seed + i; or one seed per lane, None leaving a lane's random numbers as they are.
-            options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes to reset.
+            options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes
+                to reset.
         Raises:
             InvalidInput: seeds or options that cannot be used; nothing has changed then.
         """
