@@ -16,12 +16,16 @@ from typing import NoReturn
 from rollingjoint import report
 from rollingjoint._jit import cache_directory
 from rollingjoint.cad import command
+from rollingjoint.case_options import actuated, add_case, equilibrium
 from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
+from rollingjoint.families import Mechanism
+from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.hinge_equilibrium import HingeEquilibrium
 from rollingjoint.mechanism_file import load_mechanism
-from rollingjoint.presets import PRESETS, five_link
+from rollingjoint.presets import PRESETS, five_link, small_arm
 from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solution import Solution
 from rollingjoint.solve import solve_lengths, solve_tensions
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
@@ -44,44 +48,45 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _solve(args: argparse.Namespace) -> int:
-    if not 0 <= args.friction <= _LARGEST_FRICTION:
-        raise InvalidInput("--friction", args.friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
     _check_picture(args.plot)
-    equilibrium = _equilibrium(args, load_mechanism(args.mechanism, RollingChain))
-    text = report.as_json(equilibrium, args.friction) if args.json else report.as_table(equilibrium, args.friction)
-    print(text)
+    mechanism = load_mechanism(args.mechanism)
+    friction = _friction(args.friction, mechanism)
+    found = equilibrium(args, mechanism)
+    print(report.as_json(found, friction) if args.json else report.as_table(found, friction))
     if args.plot:
-        _draw(equilibrium, args.plot)
-    return OK if equilibrium.ok else NOT_USABLE
+        _draw(found, args.plot)
+    return OK if found.ok else NOT_USABLE
+
+
+def _friction(given: float | None, mechanism: Mechanism) -> float:
+    if given is not None and isinstance(mechanism, HingeChain):
+        raise InvalidInput("--friction", given, "a planar chain", "Hinges do not slip.")
+    friction = report.FRICTION if given is None else given
+    if not 0 <= friction <= _LARGEST_FRICTION:
+        raise InvalidInput("--friction", friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
+    return friction
 
 
 def _plot(args: argparse.Namespace) -> int:
     _check_picture(args.out)
-    mechanism = load_mechanism(args.mechanism, RollingChain)
-    if args.tensions is None and args.lengths is None:
-        _refuse_idle_options(args)
-        _draw(mechanism, args.out)
-        return OK
-    equilibrium = _equilibrium(args, mechanism)
-    _draw(equilibrium, args.out)
-    if not equilibrium.ok:
-        print(f"rj plot: {report.status_line(equilibrium)}", file=sys.stderr)
-        return NOT_USABLE
-    return OK
+    mechanism = load_mechanism(args.mechanism)
+    found = equilibrium(args, mechanism) if actuated(args) else None
+    _draw(found or mechanism, args.out)
+    return OK if found is None or found.ok else _unusable(args, found)
 
 
 def _export(args: argparse.Namespace) -> int:
     mechanism = load_mechanism(args.mechanism, RollingChain)
-    if args.tensions is None and args.lengths is None:
-        _refuse_idle_options(args)
-        print(*command.export_files(mechanism, args), sep="\n")
-        return OK
-    equilibrium = _equilibrium(args, mechanism)
-    if not equilibrium.ok:
-        print(f"rj export: {report.status_line(equilibrium)}", file=sys.stderr)
-        return NOT_USABLE
-    print(*command.export_files(equilibrium, args), sep="\n")
+    found = equilibrium(args, mechanism) if actuated(args) else None
+    if found is not None and not found.ok:
+        return _unusable(args, found)
+    print(*command.export_files(found or mechanism, args), sep="\n")
     return OK
+
+
+def _unusable(args: argparse.Namespace, found: Solution) -> int:
+    print(f"rj {args.command}: {report.status_line(found)}", file=sys.stderr)
+    return NOT_USABLE
 
 
 def _mechanisms(args: argparse.Namespace) -> int:
@@ -93,10 +98,12 @@ def _mechanisms(args: argparse.Namespace) -> int:
 
 def _warmup(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    mechanism = five_link()
-    taut = solve_tensions(mechanism, [1.0, 1.0])
-    slack = solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the solver for all cases
-    assert taut.stiffness.shape == (mechanism.n_joints,) * 2 and slack.arc_lengths.shape == (mechanism.n_joints,)
+    chain, arm = five_link(), small_arm()
+    taut = solve_tensions(chain, [1.0, 1.0])
+    slack = solve_lengths(chain, chain.neutral_lengths + 10.0)  # the solver for all cases
+    bent = solve_lengths(arm, arm.neutral_lengths - (1.0, 0.0, 0.0, 0.0))
+    assert slack.arc_lengths.shape == (chain.n_joints,)
+    assert taut.stiffness.shape == (chain.n_joints,) * 2 and bent.stiffness.shape == (arm.n_joints,) * 2
     print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
     return OK
 
@@ -112,64 +119,6 @@ def _check(args: argparse.Namespace) -> int:
     return code
 
 
-def _equilibrium(args: argparse.Namespace, mechanism: RollingChain) -> Equilibrium:
-    loads = _loads(args, mechanism.n_links)
-    start = None if args.start is None else mechanism.joint_angles(_counted("--start", args.start, mechanism.n_joints))
-    if args.tensions is not None:
-        if args.method or args.tension_limits:
-            option = "--method" if args.method else "--tension-limits"
-            raise InvalidInput(option, args.method or args.tension_limits, "only beside --lengths")
-        return solve_tensions(mechanism, _counted("--tensions", args.tensions, mechanism.n_tendons), loads, start)
-    options = {} if args.tension_limits is None else {"tension_limits": tuple(args.tension_limits)}
-    lengths = _counted("--lengths", args.lengths, mechanism.n_tendons)
-    return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
-
-
-def _loads(args: argparse.Namespace, n_links: int) -> list[Load]:
-    loads: list[Load] = [WorldForce(_link("--force", v, n_links), tuple(v[1:])) for v in args.force]
-    loads += [BodyWrench(_link("--body-force", v, n_links), tuple(v[1:])) for v in args.body_force]
-    loads += [WorldForce(_link("--moment", v, n_links), (0.0, 0.0), moment=v[1]) for v in args.moment]
-    loads += [Spring(_link("--spring", v, n_links), v[1], tuple(v[2:])) for v in args.spring]
-    if args.gravity is not None:
-        weights = args.gravity * n_links if len(args.gravity) == 1 else args.gravity
-        if len(weights) != n_links:
-            raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
-        loads.append(Gravity(weights, tuple(args.gravity_direction or (0.0, -1.0))))
-    elif args.gravity_direction:
-        raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
-    return loads
-
-
-def _link(option: str, values: Sequence[float], n_links: int) -> int:
-    if values[0] not in range(-n_links, n_links):
-        raise InvalidInput(f"{option} LINK", values[0], f"a link, 0 (base) to {n_links - 1}, or -1 (tip) to {-n_links}")
-    return int(values[0])
-
-
-def _counted(option: str, values: list[float], count: int) -> list[float]:
-    if len(values) != count:
-        raise InvalidInput(option, values, f"{count} numbers for this mechanism, not {len(values)}")
-    return values
-
-
-def _refuse_idle_options(args: argparse.Namespace) -> None:
-    """An option that needs an equilibrium must not be dropped in silence."""
-    for name in (
-        "force",
-        "body_force",
-        "moment",
-        "spring",
-        "gravity",
-        "gravity_direction",
-        "start",
-        "method",
-        "tension_limits",
-    ):
-        if getattr(args, name):
-            option = "--" + name.replace("_", "-")
-            raise InvalidInput(option, getattr(args, name), "--tensions or --lengths beside it")
-
-
 def _check_picture(path: str | None) -> None:
     if path:
         from rollingjoint.plot import check_figure_path
@@ -177,13 +126,20 @@ def _check_picture(path: str | None) -> None:
         check_figure_path(path)
 
 
-def _draw(mechanism: RollingChain | Equilibrium, path: str) -> None:
+def _draw(what: Mechanism | Equilibrium | HingeEquilibrium, path: str) -> None:
     from matplotlib.figure import Figure
 
     from rollingjoint.plot import plot_mechanism, save_figure
+    from rollingjoint.plot_arm import plot_arm
 
     figure = Figure(figsize=(6.4, 6.4))
-    plot_mechanism(mechanism, figure.subplots()).set_title(report.title(mechanism))
+    if isinstance(what, HingeChain | HingeEquilibrium):
+        ax = plot_arm(what, figure.add_subplot(projection="3d"))
+        if isinstance(what, HingeEquilibrium) and what.loads[:, 6].sum() > 0:
+            ax.invert_zaxis()  # it hangs
+    else:
+        ax = plot_mechanism(what, figure.subplots())
+    ax.set_title(report.title(what))
     save_figure(figure, path)
 
 
@@ -208,21 +164,21 @@ def _is_number(word: str) -> bool:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="rj", description="Statics of tendon-driven rolling-contact mechanisms. mm, N, N·mm, rad.")
+    parser = _Parser(prog="rj", description="Statics of tendon-driven mechanisms. mm, N, N·mm, rad.")
     parser.add_argument("--version", action="version", version=f"rj {_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
-    _add_case(solve, required=True)
-    solve.add_argument("--friction", type=float, default=0.3, metavar="MU", help="for slip margins (default 0.3)")
+    add_case(solve, required=True)
+    solve.add_argument("--friction", type=float, metavar="MU", help=f"for slip margins (default {report.FRICTION:g})")
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix says the format")
     solve.set_defaults(run=_solve)
-    plot = commands.add_parser("plot", help="picture of a mechanism, at s = 0 or in equilibrium")
-    _add_case(plot, required=False)
+    plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
+    add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix says the format")
     plot.set_defaults(run=_plot)
     export = commands.add_parser("export", help="files for the workshop: DXF, SVG, STL and an assembly drawing")
-    _add_case(export, required=False)
+    add_case(export, required=False)
     command.add_options(export)
     export.set_defaults(run=_export)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
@@ -231,39 +187,6 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("file", nargs="+", metavar="FILE", help="YAML file")
     check.set_defaults(run=_check)
     return parser
-
-
-def _add_case(parser: argparse.ArgumentParser, required: bool) -> None:
-    """Mechanism, actuation, loads and start: what defines an equilibrium."""
-    parser.add_argument("mechanism", metavar="MECHANISM", help="preset name or YAML file")
-    actuation = parser.add_mutually_exclusive_group(required=required)
-    actuation.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tendon tensions [N]")
-    actuation.add_argument("--lengths", nargs="+", type=float, metavar="L", help="tendon lengths [mm]")
-    parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
-    parser.add_argument(
-        "--tension-limits",
-        nargs=2,
-        type=float,
-        metavar=("LO", "HI"),
-        help="range a motor holds [N], for --lengths",
-    )
-    loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
-    for option, names, text in (
-        ("--force", ("LINK", "FX", "FY"), "force of fixed direction [N]"),
-        ("--body-force", ("LINK", "FX", "FY"), "force that turns with the link [N]"),
-        ("--moment", ("LINK", "M"), "moment [N·mm]"),
-        ("--spring", ("LINK", "K", "AX", "AY"), "spring [N/mm] to the anchor point [mm]"),
-    ):
-        loads.add_argument(option, nargs=len(names), type=float, metavar=names, action="append", default=[], help=text)
-    loads.add_argument("--gravity", nargs="+", type=float, metavar="W", help="weight of all links, or of each [N]")
-    loads.add_argument(
-        "--gravity-direction",
-        nargs=2,
-        type=float,
-        metavar=("X", "Y"),
-        help="default 0 -1",
-    )
-    parser.add_argument("--start", nargs="+", type=float, metavar="S", help="arc lengths to start from [mm]")
 
 
 def _version() -> str:

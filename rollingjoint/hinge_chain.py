@@ -165,7 +165,8 @@ class HingeChain:
     def arrays(self) -> Hinges:
         """Tables for the kernels, a stack of one design."""
         passed = [tendon.last_link(self.n_links) for tendon in self.tendons]
-        inside = np.array([bead.spacing - bead.gap for bead in self.beads])
+        gaps = np.array([*(bead.gap for bead in self.beads), self.beads[-1].gap])
+        inside = [bead.spacing for bead in self.beads] - 0.5 * (gaps[:-1] + gaps[1:])
         return Hinges(
             np.column_stack([self.joint_limits, self.neutral_angles])[None],
             np.array([bead.axis for bead in self.beads], float)[None],

@@ -25,7 +25,7 @@ from rollingjoint._draw import (
 )
 from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.rolling_chain import RollingChain, planar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,10 +60,10 @@ def plot_mechanism(
         load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
         legend: put a legend to the right of the axes.
     Raises:
-        InvalidInput: a batch of equilibria.
+        InvalidInput: a batch of equilibria; no planar chain.
     """
     equilibrium = mechanism if isinstance(mechanism, Equilibrium) else None
-    chain = mechanism.chain if isinstance(mechanism, Equilibrium) else mechanism
+    chain = _planar(mechanism)
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     if poses.ndim != 2:
         raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve lanes one by one.")
@@ -108,11 +108,11 @@ def plot_family(
     for what, values in (("labels", labels), ("colors", colors)):
         if len(values) != len(equilibria):
             raise InvalidInput(what, list(values), f"{len(equilibria)} entries, one per equilibrium")
+    chains = [_planar(eq) for eq in equilibria]
     ax = _new_axes() if ax is None else ax
     scale = arrow_scale(equilibria)
     drawn: list[RollingChain] = []
-    for eq, label, color in zip(equilibria, labels, colors, strict=True):
-        chain = eq.chain
+    for eq, chain, label, color in zip(equilibria, chains, labels, colors, strict=True):
         draw_links(ax, chain, eq.poses, color, label, base=False)
         if not any(chain is other for other in drawn):
             draw_link(ax, chain.links[0], eq.poses[0], LINK_COLOR, BASE_ALPHA)
@@ -151,6 +151,10 @@ def check_figure_path(path: str | Path) -> Path:
     if not path.parent.is_dir():
         raise InvalidInput("picture", str(path), "a file in an existing folder", f"Create {path.parent} first.")
     return path
+
+
+def _planar(mechanism: RollingChain | Equilibrium) -> RollingChain:
+    return mechanism.chain if isinstance(mechanism, Equilibrium) else planar(mechanism, "plot_arm draws arms of beads.")
 
 
 def _new_axes() -> Axes:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput, as_floats
 from rollingjoint.load import Load
 from rollingjoint.published_equations import Problem, State
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.rolling_chain import RollingChain, planar
 
 if TYPE_CHECKING:
     from rollingjoint.equilibrium import Equilibrium
@@ -70,7 +70,7 @@ def solve_tensions_published(
     It stops as converged when every entry of (10) is within tolerance [N, N·mm]. Raises InvalidInput for wrong
     shapes only. Source: rolling-contact paper, (9), (10), (20)-(27).
     """
-    tau, valid = _finite_inputs("tensions", tensions, mechanism.n_tendons)
+    tau, valid = _finite_inputs("tensions", tensions, planar(mechanism).n_tendons)
     s, f = _starting_values(mechanism, tau, start)
     with np.errstate(all="ignore"):
         state = State(Problem(mechanism, loads), s, f, tau)
@@ -101,7 +101,7 @@ def solve_lengths_published(
     tensions are not kept positive: the paper has no such step. Raises InvalidInput for wrong shapes only.
     Source: rolling-contact paper, (28)-(37).
     """
-    m = mechanism.n_tendons
+    m = planar(mechanism).n_tendons
     desired, lengths_valid = _finite_inputs("lengths", lengths, m)
     tau, tensions_valid = _finite_inputs("tensions", np.ones(m) if tensions is None else tensions, m)
     s, f = _starting_values(mechanism, tau, start)

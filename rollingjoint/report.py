@@ -5,12 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
-from rollingjoint.equilibrium import Equilibrium, Status
+from rollingjoint import se3
+from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.families import Mechanism
 from rollingjoint.hinge_chain import HingeChain
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.hinge_equilibrium import HingeEquilibrium
+from rollingjoint.solution import Solution, Status
+
+FRICTION = 0.3
+"""Coefficient of friction for slip margins unless another is given."""
+
+_DEGREES = 180.0 / math.pi
 
 
 def mechanism_line(mechanism: Mechanism) -> str:
@@ -25,24 +32,33 @@ def mechanism_line(mechanism: Mechanism) -> str:
     return f"{what}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {travel}"
 
 
-def status_line(eq: Equilibrium) -> str:
-    """One line: status, its meaning, residual and iterations."""
-    status = Status(int(eq.status))
-    return f"{status.name}: {status.message} (residual {eq.residual:.1e} N·mm, {eq.iterations} iterations)"
+def status_line(found: Solution) -> str:
+    """One line: status, its meaning, residual and iterations; whether an arm has buckled."""
+    status = Status(int(found.status))
+    numbers = f"residual {found.residual:.1e} N·mm, {found.iterations} iterations"
+    if isinstance(found, HingeEquilibrium) and found.escapes:
+        numbers += f", buckled: {found.escapes} escapes"
+    return f"{status.name}: {status.message} ({numbers})"
 
 
-def title(mechanism: RollingChain | Equilibrium) -> str:
+def title(what: Mechanism | Solution) -> str:
     """Name of the mechanism, and the status if it is not simply converged."""
-    if isinstance(mechanism, RollingChain):
-        return mechanism.name
-    name, status = mechanism.chain.name, Status(int(mechanism.status))
+    if not isinstance(what, Solution):
+        return what.name
+    name, status = what.mechanism.name, Status(int(what.status))
     return name if status == Status.CONVERGED else f"{name}: {status.name}"
 
 
-def as_table(eq: Equilibrium, friction: float = 0.3) -> str:
+def as_table(found: Equilibrium | HingeEquilibrium, friction: float = FRICTION) -> str:
     """Links, joints and tendons of an equilibrium as aligned columns, and the status line."""
-    degrees = 180.0 / math.pi
-    links = [(i, x, y, angle, angle * degrees) for i, (x, y, angle) in enumerate(eq.poses)]
+    links, joints = _arm_tables(found) if isinstance(found, HingeEquilibrium) else _chain_tables(found, friction)
+    tendons = zip(range(len(found.tensions)), found.tensions, found.lengths, strict=True)
+    pulled = _columns(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4))
+    return "\n\n".join((links, joints, pulled, status_line(found)))
+
+
+def _chain_tables(eq: Equilibrium, friction: float) -> tuple[str, str]:
+    links = [(i, x, y, angle, angle * _DEGREES) for i, (x, y, angle) in enumerate(eq.poses)]
     joints = zip(
         range(eq.chain.n_joints),
         eq.arc_lengths,
@@ -52,35 +68,62 @@ def as_table(eq: Equilibrium, friction: float = 0.3) -> str:
         eq.slip_margins(friction),
         strict=True,
     )
-    tendons = zip(range(eq.chain.n_tendons), eq.tensions, eq.lengths, strict=True)
-    blocks = (
+    return (
         _columns(("link", "x [mm]", "y [mm]", "angle [rad]", "angle [deg]"), links, (4, 4, 6, 3)),
         _columns(
             ("joint", "s [mm]", "angle [rad]", "normal [N]", "tangential [N]", "slip margin [N]"),
             joints,
             (4, 6, 4, 4, 4),
         ),
-        _columns(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4)),
     )
-    return "\n\n".join((*blocks, status_line(eq)))
 
 
-def as_json(eq: Equilibrium, friction: float = 0.3) -> str:
+def _arm_tables(found: HingeEquilibrium) -> tuple[str, str]:
+    turns = se3.rotation_vector(found.rotations)
+    links = [(i, *at, *turn) for i, (at, turn) in enumerate(zip(found.positions, turns, strict=True))]
+    names = ("link", "x [mm]", "y [mm]", "z [mm]", "turn x [rad]", "turn y [rad]", "turn z [rad]")
+    angles, moments = found.joint_angles, _spring_moments(found)
+    hinges = zip(range(len(angles)), angles, angles * _DEGREES, moments, strict=True)
+    return (
+        _columns(names, links, (4, 4, 4, 6, 6, 6)),
+        _columns(("hinge", "angle [rad]", "angle [deg]", "spring [N·mm]"), hinges, (6, 3, 4)),
+    )
+
+
+def _spring_moments(found: HingeEquilibrium) -> list[float]:
+    """Moment of the spring in every hinge [N·mm]: stiffness × angle from rest."""
+    assert isinstance(found.mechanism, HingeChain)
+    beads = zip(found.mechanism.beads, found.joint_angles, strict=True)
+    return [bead.stiffness * float(angle - bead.rest_angle) for bead, angle in beads]
+
+
+def as_json(found: Equilibrium | HingeEquilibrium, friction: float = FRICTION) -> str:
     """The same as JSON text; units stand in the key names."""
-    return json.dumps(as_dict(eq, friction), indent=2, allow_nan=False)
+    return json.dumps(as_dict(found, friction), indent=2, allow_nan=False)
 
 
-def as_dict(eq: Equilibrium, friction: float = 0.3) -> dict[str, Any]:
+def as_dict(found: Equilibrium | HingeEquilibrium, friction: float = FRICTION) -> dict[str, Any]:
     """The same as plain dicts, lists and numbers."""
-    slip, status = eq.slip_margins(friction), Status(int(eq.status))
+    status, mechanism = Status(int(found.status)), cast(Mechanism, found.mechanism)
     return {
-        "mechanism": eq.chain.name,
+        "mechanism": mechanism.name,
         "status": status.name,
         "message": status.message,
-        "usable": bool(eq.ok),
-        "residual_N_mm": _finite(eq.residual),
-        "iterations": int(eq.iterations),
-        "smallest_eigenvalue_N_mm_per_rad": _finite(eq.smallest_eigenvalue),
+        "usable": bool(found.ok),
+        "residual_N_mm": _finite(found.residual),
+        "iterations": int(found.iterations),
+        "smallest_eigenvalue_N_mm_per_rad": _finite(found.smallest_eigenvalue),
+        **(_arm_dict(found) if isinstance(found, HingeEquilibrium) else _chain_dict(found, friction)),
+        "tendons": [
+            {"tendon": j, "tension_N": float(tension), "length_mm": float(length)}
+            for j, (tension, length) in enumerate(zip(found.tensions, found.lengths, strict=True))
+        ],
+    }
+
+
+def _chain_dict(eq: Equilibrium, friction: float) -> dict[str, Any]:
+    slip = eq.slip_margins(friction)
+    return {
         "friction": friction,
         "links": [
             {"link": i, "x_mm": float(x), "y_mm": float(y), "angle_rad": float(angle)}
@@ -98,9 +141,24 @@ def as_dict(eq: Equilibrium, friction: float = 0.3) -> dict[str, Any]:
             }
             for i in range(eq.chain.n_joints)
         ],
-        "tendons": [
-            {"tendon": j, "tension_N": float(eq.tensions[j]), "length_mm": float(eq.lengths[j])}
-            for j in range(eq.chain.n_tendons)
+    }
+
+
+def _arm_dict(found: HingeEquilibrium) -> dict[str, Any]:
+    moments = _spring_moments(found)
+    return {
+        "escapes": int(found.escapes),
+        "links": [
+            {
+                "link": i,
+                **dict(zip(("x_mm", "y_mm", "z_mm"), pose[:3, 3].tolist(), strict=True)),
+                "rotation": pose[:3, :3].tolist(),
+            }
+            for i, pose in enumerate(found.poses)
+        ],
+        "joints": [
+            {"joint": i, "angle_rad": float(angle), "spring_moment_N_mm": float(moment)}
+            for i, (angle, moment) in enumerate(zip(found.joint_angles, moments, strict=True))
         ],
     }
 

@@ -222,6 +222,17 @@ def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
     return members
 
 
+def planar(mechanism: object, mend: str = "") -> RollingChain:
+    """The mechanism, where only a planar chain will do.
+
+    Raises:
+        InvalidInput: anything else, such as an arm of beads; `mend` says what to do with that.
+    """
+    if not isinstance(mechanism, RollingChain):
+        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", mend)
+    return mechanism
+
+
 def _constant(array: Array) -> Array:
     """The array, protected: what a mechanism computes once must not be changed by who reads it."""
     array.setflags(write=False)

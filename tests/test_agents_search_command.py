@@ -94,6 +94,7 @@ def test_there_is_a_shipped_search_for_every_objective():
         ("  random: {batch: 15}", "  randm: {}", "methods: unknown key = 'randm'.*Did you mean 'random'"),
         ("population: 15", "populations: 15", "Did you mean 'population'"),
         ("lateral_stiffness: {tensions: [[6, 4]]}", "lateral_stiffness: {force: -1}", "held_out|force"),
+        ("budget: 30", "reference: small_arm", "reference: mechanism = 'small_arm'.*a planar chain.*not an arm"),
         ("budget: 30", "reference: six_link", "reference: mechanism = 'six_link'.*'five_link'"),
     ],
 )

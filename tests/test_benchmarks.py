@@ -16,6 +16,10 @@ EVERY_ROW = [
     "256 lanes of 64 mechanisms",
     "iteration, 100 links",
     "exponent from 100 links on",
+    "tensions, batch of 40, 1 thread",
+    "lengths, batch of 40, 1 thread",
+    "tensions, public",
+    "lengths, public",
     "rj_gym/RollingJoint-v0",
     "rj_gym/RollingJoint-v0, 16 lanes",
     "PPO, 64 lanes",
@@ -90,6 +94,17 @@ def test_scipy_finds_our_equilibria(walk):
         poses = solve_by_root(walk.mechanism, walk.commands[step], walk.loads(step), start, TENSION_LIMITS)
         assert np.abs(poses - ours.poses[1:]).max() < 1e-6
         assert np.abs(poses - start.poses[1:]).max() > 1e-3  # it had to move
+
+
+@pytest.mark.parametrize("given", ["tensions", "lengths"])
+def test_scipy_finds_our_equilibria_of_the_arm(given):
+    from speed_rows.arm import batch_of, by_root, cases
+
+    every = cases(3)
+    ours = batch_of(every, given)()
+    assert np.all(ours.ok) and ours.residual.max() < 1e-8
+    assert np.abs(by_root(every, given, 3) - ours.joint_angles).max() < 1e-8
+    assert np.abs(ours.joint_angles - every.start.joint_angles).max() > 1e-3  # they had to move
 
 
 @pytest.mark.parametrize("way", ["one_by_one", "side_by_side"])

@@ -15,7 +15,7 @@ import pytest
 from rollingjoint.cli import main
 from rollingjoint.equilibrium import Status
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
-from rollingjoint.presets import PRESETS, five_link
+from rollingjoint.presets import PRESETS, five_link, small_arm
 from rollingjoint.solve import solve_lengths, solve_tensions
 
 ROOT = Path(__file__).parents[1]
@@ -122,6 +122,52 @@ def test_every_load_option_reaches_the_solver(capsys: pytest.CaptureFixture[str]
     assert [row["angle_rad"] for row in result["joints"]] == expected.joint_angles.tolist()
 
 
+def test_loads_and_start_of_an_arm_reach_the_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    arm = small_arm()
+    loads = [
+        WorldForce(-1, (0, 0, 0), moment=(3, -4, 5)),
+        WorldForce(2, (0.1, -0.2, 0.3)),
+        BodyWrench(3, (0.2, 0.1, -0.3)),
+        arm.gravity((1, 0, 2)),
+    ]
+    options = (
+        "--moment -1 3 -4 5 --force 2 0.1 -0.2 0.3 --body-force 3 0.2 0.1 -0.3 --gravity --gravity-direction 1 0 2 "
+        "--start 0.01 0.02 0.03 0.04"
+    )
+    result = solved(capsys, f"small_arm --tensions 6 3 0 0 {options}")
+    expected = solve_tensions(arm, (6, 3, 0, 0), loads, start=[0.01, 0.02, 0.03, 0.04])
+    assert [row["angle_rad"] for row in result["joints"]] == expected.joint_angles.tolist()
+    assert result["iterations"] == expected.iterations
+    result = solved(capsys, "small_arm --lengths 70 80 81 79 --tension-limits 0.5 3")
+    expected = solve_lengths(arm, (70, 80, 81, 79), tension_limits=(0.5, 3))
+    assert [row["tension_N"] for row in result["tendons"]] == expected.tensions.tolist()
+
+
+def test_json_of_an_arm_holds_the_numbers_of_the_solver_to_the_last_bit(capsys: pytest.CaptureFixture[str]) -> None:
+    arm = small_arm()
+    result = solved(capsys, "small_arm --tensions 5 0 0 1 --gravity")
+    expected = solve_tensions(arm, (5, 0, 0, 1), [arm.gravity()])
+    assert [[row["x_mm"], row["y_mm"], row["z_mm"]] for row in result["links"]] == expected.positions.tolist()
+    assert [row["rotation"] for row in result["links"]] == expected.rotations.tolist()
+    assert [row["spring_moment_N_mm"] for row in result["joints"]] == (500.0 * expected.joint_angles).tolist()
+    assert [row["length_mm"] for row in result["tendons"]] == expected.lengths.tolist()
+    assert result["smallest_eigenvalue_N_mm_per_rad"] == expected.smallest_eigenvalue
+    assert result["escapes"] == 0
+
+
+def test_an_arm_that_has_buckled_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("solve flexible_arm --tensions 1 1 1 1 1 1 1 1 --gravity") == 0
+    assert re.search(r"buckled: \d+ escapes\)$", capsys.readouterr().out.rstrip())
+
+
+def test_a_hanging_arm_is_drawn_hanging(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    monkeypatch.setattr("rollingjoint.plot.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
+    for options in ("", "--gravity", "--gravity --gravity-direction 0 0 1"):
+        assert rj(f"plot small_arm --tensions 1 1 1 1 {options} --out arm.png") == 0
+    assert [ax.zaxis_inverted() for ax in drawn] == [False, False, True]
+
+
 def test_one_weight_stands_for_every_link(capsys: pytest.CaptureFixture[str]) -> None:
     one = solved(capsys, "five_link --tensions 6 3 --gravity 0.2")
     each = solved(capsys, "five_link --tensions 6 3 --gravity 0.2 0.2 0.2 0.2 0.2")
@@ -189,7 +235,21 @@ def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
         ("solve five_link --tensions 1 x", ["--tensions", "'x'"]),
         ("solve five_link --tensions 1", ["--tensions = [1.0]", "2 numbers"]),
         ("solve five_link --lengths 1 2 3", ["--lengths", "2 numbers"]),
-        ("solve five_link --tensions 1 1 --force -1 1", ["--force", "3 arguments"]),
+        ("solve five_link --tensions 1 1 --force -1 1", ["--force = [-1.0, 1.0]", "LINK FX FY for"]),
+        ("solve small_arm --tensions 1 1 1 1 --force -1 1 0", ["--force = [-1.0, 1.0, 0.0]", "LINK FX FY FZ"]),
+        ("solve small_arm --tensions 1 1 1 1 --moment -1 1", ["--moment", "LINK MX MY MZ"]),
+        ("solve small_arm --tensions 1 1 1 1 --moment 5 1 0 0", ["--moment LINK = 5.0", "0 (base) to 4"]),
+        ("solve small_arm --tensions 1 1 1 1 --spring -1 1 0 0", ["--spring", "a planar chain"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity 0.1", ["--gravity = [0.1]", "weights of their own"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 -1", ["--gravity-direction", "3 numbers"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 0 0", ["direction"]),
+        ("solve small_arm --tensions 1 1 1 1 --friction 0.2", ["--friction = 0.2", "a planar chain"]),
+        ("solve small_arm --tensions 1 1 1 1 --start 0 0", ["--start", "4 numbers"]),
+        ("solve small_arm --lengths 80 80 80 80 --method least_squares", ["method = 'least_squares'", "RollingChain"]),
+        ("solve five_link --tensions 1 1 --gravity", ["--gravity = []", "5, one per link"]),
+        ("export small_arm --out parts", ["'small_arm'", "a planar chain", "not an arm of beads"]),
+        ("plot small_arm --gravity --out a.png", ["--gravity", "--tensions or --lengths"]),
+        ("plot five_link --start 0 0 0 0 --out a.png", ["--start", "--tensions or --lengths"]),
         ("solve five_link --tensions 1 1 --force 5 1 0", ["--force LINK = 5.0", "0 (base) to 4"]),
         ("solve five_link --tensions 1 1 --moment 1.5 1", ["--moment LINK = 1.5"]),
         ("solve five_link --tensions 1 1 --gravity 1 2", ["--gravity", "5, one per link"]),
@@ -236,7 +296,9 @@ def test_warmup_says_where_the_kernels_are(capsys: pytest.CaptureFixture[str]) -
     assert rj("warmup") == 0
     printed = capsys.readouterr().out
     assert printed.startswith("kernels ready after ")
-    assert any(Path(printed.split("kept in ")[1].strip()).glob("batch.solve_lanes-*.nbc"))
+    kept = Path(printed.split("kept in ")[1].strip())
+    for kernels in ("batch.solve_lanes", "hinge_batch.solve_hinge_lanes"):
+        assert any(kept.glob(f"{kernels}-*.nbc")), kernels
 
 
 def test_mechanisms_gives_one_line_per_preset(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,12 +1,23 @@
-"""Every example runs as it stands, in an empty folder."""
+"""Every example runs as it stands, in an empty folder, and prints what a page shows of it."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+PAGE = (ROOT / "docs" / "flexible_arm.md").read_text("utf-8")
+SHOWN = dict(
+    re.findall(r"^```sh\npython examples/(\w+)\.py\n```\n\n```text\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs_without_errors_or_warnings(example, run_python):
-    run_python(str(example))
+    printed = run_python(str(example))
+    assert SHOWN.get(example.stem, printed) == printed
+
+
+def test_the_page_shows_what_an_example_prints():
+    assert set(SHOWN) == {"flexible_arm_findings"}

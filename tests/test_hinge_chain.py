@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from rollingjoint import Bead, BeadTendon, HingeChain, InvalidInput, MechanismError, flexible_arm, se3, small_arm
+from rollingjoint import (
+    Bead,
+    BeadTendon,
+    HingeChain,
+    InvalidInput,
+    MechanismError,
+    flexible_arm,
+    se3,
+    small_arm,
+    solve_tensions,
+)
 
 RNG = np.random.default_rng(5)
 TWISTS = np.concatenate([RNG.normal(size=(20, 6)), 1e-9 * RNG.normal(size=(3, 6)), np.zeros((1, 6))])
@@ -69,13 +79,11 @@ def test_linear_lengths_are_tangent_to_the_exact_ones():
 
 
 def test_the_polyline_through_the_holes_is_as_long_as_the_tendon():
-    twisted = [Bead(20.0, RNG.normal(size=3), 300.0, gap=6.0) for _ in range(4)]
+    twisted = [Bead(20.0, RNG.normal(size=3), 300.0, gap) for gap in (6.0, 9.0, 4.0, 7.0)]
     arm = HingeChain(twisted, [BeadTendon(RNG.normal(size=(5, 2)) * 0.1 + (9, 2)), BeadTendon([(-8, 3)], 2)])
     theta = np.array([0.1, -0.2, 0.15, 0.05])
     for line, length in zip(arm.tendon_polyline(arm.poses(theta)), arm.tendon_lengths(theta), strict=True):
-        gaps = np.linalg.norm(np.diff(line, axis=0), axis=1)[::2].sum()
-        channels = 14.0 * (len(line) // 2)
-        assert gaps + channels == pytest.approx(length, abs=1e-9)
+        assert np.linalg.norm(np.diff(line, axis=0), axis=1).sum() == pytest.approx(length, abs=1e-9)
 
 
 def test_exact_hinges_end_where_tendon_holes_meet_and_no_sooner_than_their_own_limits():
@@ -127,3 +135,32 @@ def test_chains_that_cannot_be_are_refused():
             BeadTendon(holes)
     with pytest.raises(InvalidInput):
         small_arm().poses(np.zeros(3))
+
+
+def _planar_functions():
+    from rollingjoint.cad import bodies, export
+    from rollingjoint.design import DesignSpace, LateralStiffness, measure
+    from rollingjoint.differentiable import DifferentiableChain
+    from rollingjoint.plot import plot_family, plot_mechanism
+    from rollingjoint.published import solve_lengths_published, solve_tensions_published
+
+    return {
+        "plot_mechanism": plot_mechanism,
+        "plot_family": lambda arm: plot_family([arm], ["arm"]),
+        "export": lambda arm: export(arm, "never written"),
+        "bodies": bodies,
+        "solve_tensions_published": lambda arm: solve_tensions_published(arm, np.ones(4)),
+        "solve_lengths_published": lambda arm: solve_lengths_published(arm, np.ones(4)),
+        "DifferentiableChain": DifferentiableChain.from_mechanism,
+        "measure": lambda arm: measure(arm, [LateralStiffness()]),
+        "DesignSpace.vector": DesignSpace().vector,
+    }
+
+
+@pytest.mark.parametrize("arm", [small_arm(), solve_tensions(small_arm(), np.ones(4))], ids=["arm", "equilibrium"])
+def test_what_is_for_planar_chains_refuses_arms_in_one_line(arm):
+    message = r"mechanism = <Hinge.*: expected a planar chain of rolling links"
+    for name, function in _planar_functions().items():
+        with pytest.raises(InvalidInput, match=message) as caught:
+            function(arm)
+        assert "\n" not in str(caught.value), name

@@ -32,7 +32,7 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
         ours = Contestant(batch_of(walk, sizes.lanes), sizes.lanes)
         timings = race({"ours": ours, "loop over solve_lengths": loop}, sizes.repeats)
         target = Target(3e6, at_least=True) if count == threads() else None
-        yield timed_row(f"{sizes.lanes:,} lanes, {_threads_in_words(count)}", "solves/s", timings, target)
+        yield timed_row(f"{sizes.lanes:,} lanes, {threads_in_words(count)}", "solves/s", timings, target)
     yield _mixed(walk, sizes)
     _draw(walk, sizes, images / "speed_batch.png")
 
@@ -49,7 +49,7 @@ def batch_of(walk: Walk, lanes: int, designs: int = 1) -> Callable[[], object]:
 
 def _mixed(walk: Walk, sizes: Sizes) -> Row:
     """Lanes that differ in their mechanism, beside lanes that share one."""
-    what = f"{sizes.lanes:,} lanes of {DESIGNS} mechanisms, {_threads_in_words(threads())}"
+    what = f"{sizes.lanes:,} lanes of {DESIGNS} mechanisms, {threads_in_words(threads())}"
     mixed, alike = batch_of(walk, sizes.lanes, DESIGNS), batch_of(walk, sizes.lanes)
     contestants = {"ours": Contestant(mixed, sizes.lanes), "one mechanism": Contestant(alike, sizes.lanes)}
     return timed_row(what, "solves/s", race(contestants, sizes.repeats))
@@ -59,7 +59,7 @@ def _draw(walk: Walk, sizes: Sizes, path: Path) -> None:
     curves = {}
     for count in dict.fromkeys([1, threads()]):
         set_threads(count)
-        curves[_threads_in_words(count)] = [(lanes, 1.0 / _seconds_per_lane(walk, lanes)) for lanes in sizes.batches]
+        curves[threads_in_words(count)] = [(lanes, 1.0 / _seconds_per_lane(walk, lanes)) for lanes in sizes.batches]
     set_threads(threads())
     log_log(path, "lanes in the batch", "solves per second", curves)
 
@@ -70,5 +70,6 @@ def _seconds_per_lane(walk: Walk, lanes: int) -> float:
     return fastest(lambda: [solve() for _ in range(calls)], calls * lanes, PICTURE_REPEATS).seconds
 
 
-def _threads_in_words(count: int) -> str:
+def threads_in_words(count: int) -> str:
+    """1 thread, 2 threads."""
     return "1 thread" if count == 1 else f"{count} threads"

@@ -13,7 +13,7 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.outline import to_world
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.rolling_chain import RollingChain, planar
 
 Array = NDArray[np.float64]
 
@@ -58,11 +58,12 @@ def assemble(mechanism: RollingChain | Equilibrium, making: Fabrication) -> Asse
 
     Raises:
         MechanismError: a link that is no body, or a channel that cannot be drilled.
-        InvalidInput: a batch of equilibria. SolverError: an equilibrium that is not usable.
+        InvalidInput: a batch of equilibria, no planar chain. SolverError: an equilibrium that is not usable.
     """
-    if isinstance(mechanism, RollingChain):
-        poses = mechanism.poses(mechanism.neutral_angles)
-        return Assembly(mechanism, poses, making, bodies(mechanism, making), "every contact at s = 0")
+    if not isinstance(mechanism, Equilibrium):
+        chain = planar(mechanism)
+        poses = chain.poses(chain.neutral_angles)
+        return Assembly(chain, poses, making, bodies(chain, making), "every contact at s = 0")
     if mechanism.poses.ndim != 2:
         raise InvalidInput("equilibrium", mechanism.poses.shape, "one equilibrium, poses (n, 3)", "Solve one lane.")
     chain = mechanism.require().chain

@@ -14,7 +14,7 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.packages import package
 from rollingjoint.cad.sampling import surface_polyline
 from rollingjoint.errors import MechanismError
-from rollingjoint.rolling_chain import Link, RollingChain
+from rollingjoint.rolling_chain import Link, RollingChain, planar
 
 Array = NDArray[np.float64]
 
@@ -65,10 +65,10 @@ def bodies(mechanism: RollingChain, fabrication: Fabrication | None = None) -> l
 
     Raises:
         MechanismError: an outline that crosses itself, a channel that leaves its body or whose wall is too thin.
-        InvalidInput: shapely is not installed.
+        InvalidInput: no planar chain; shapely is not installed.
     """
     making = fabrication or Fabrication()
-    return [_body(mechanism, i, link, making) for i, link in enumerate(mechanism.links)]
+    return [_body(mechanism, i, link, making) for i, link in enumerate(planar(mechanism).links)]
 
 
 def _body(mechanism: RollingChain, i: int, link: Link, making: Fabrication) -> Body:

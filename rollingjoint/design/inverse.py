@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.rolling_chain import RollingChain, planar
 from rollingjoint.tendon import OnSurface
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ def read(mechanism: RollingChain, n_links: int, alike: bool, places: Array) -> d
     Raises:
         InvalidInput: another number of links; tendons or surfaces of another kind.
     """
-    if mechanism.n_links != n_links:
+    if planar(mechanism).n_links != n_links:
         raise InvalidInput("links of the mechanism", mechanism.n_links, f"{n_links}, as in the space")
     holes = _holes(mechanism)
     joints = list(zip(mechanism.links[:-1], mechanism.links[1:], strict=True))

@@ -14,7 +14,7 @@ from torch import Tensor
 from rollingjoint.differentiable.surface import Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import Link, RollingChain
+from rollingjoint.rolling_chain import Link, RollingChain, planar
 from rollingjoint.tendon import Hole, OnSurface, Tendon
 
 PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (parent, child), p pieces of k coefficients
@@ -92,9 +92,9 @@ class DifferentiableChain:
             requires_grad: names of the parameters to differentiate by.
             device: where the tensors are.
         Raises:
-            InvalidInput: mechanisms that differ in their numbers; a name that is no parameter.
+            InvalidInput: mechanisms that differ in their numbers or are no planar chains; a name that is no parameter.
         """
-        chains = (mechanism,) if isinstance(mechanism, RollingChain) else tuple(mechanism)
+        chains = [planar(each) for each in (mechanism if isinstance(mechanism, Sequence) else [mechanism])]
         profiles = [s.profile for chain in chains for link in chain.links for s in (link.parent, link.child)]
         pieces, degrees = np.max([profile.coefficients.shape for profile in profiles], axis=0)
         rows = [_numbers(chain, int(pieces), int(degrees)) for chain in chains]
