@@ -102,7 +102,7 @@ class Uniforms:
 
     def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator] | Generators) -> None:
         self._blocks = blocks
-        self._rows: Array = np.empty((len(rngs), max(block.stop for block in blocks.values())))
+        self._rows: Array = np.empty((len(rngs), next(reversed(blocks.values())).stop))
         if isinstance(rngs, Generators):
             rngs.fill(self._rows)
         else:
@@ -180,10 +180,12 @@ def sample_episodes(
 
 def hold(drawn: _E, fixed: Any, names: Sequence[str]) -> _E:
     """Episodes with what is fixed among these fields, the same in every lane."""
-    held = {name: getattr(fixed, name) for name in names if getattr(fixed, name) is not None}
+    held = {name: value for name in names if (value := getattr(fixed, name)) is not None}
+    if not held:
+        return drawn
     lanes = len(drawn)  # type: ignore[arg-type]
     repeated = {name: np.stack([np.asarray(value)] * lanes) for name, value in held.items()}
-    return replace(drawn, **repeated) if held else drawn  # type: ignore[type-var]
+    return replace(drawn, **repeated)  # type: ignore[type-var]
 
 
 def _mechanisms(
