@@ -25,6 +25,7 @@ FOLDERS = [
     "rollingjoint/cad",
     "rj_gym",
     "rj_gym/tracking",
+    "rj_gym/arm",
     "rj_gym/design",
     "rj_gym/vector_checker",
     "agents",

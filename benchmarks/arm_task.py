@@ -1,0 +1,86 @@
+"""Is the arm's task well posed? Prints how far targets are, how many can be held, and how often the solver fails.
+
+    python benchmarks/arm_task.py               # 1,000 episodes; half a minute
+    python benchmarks/arm_task.py --episodes 50
+
+A target counts as held where some tensions within the range bring the tip there under gravity and payload of the
+episode: damped Gauss-Newton steps on the tensions, from those at which the target was drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from rj_gym import FlexibleArmConfig, FlexibleArmVectorEnv
+from rj_gym.tracking.task import task_of
+from rollingjoint import solve_tensions_batch
+from rollingjoint.sensitivity import dposes_dtensions
+
+STEPS = 40
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=1000)
+    count = parser.parse_args().episodes
+    env = FlexibleArmVectorEnv(count, autoreset_mode="Disabled")
+    _, infos = env.reset(seed=0)
+    errors = infos["error_mm"]
+    print(f"do nothing: {np.median(errors):.0f} mm off in the median, {errors.max():.0f} mm at most")
+    held = held_errors(count)
+    print(f"held within 1 mm: {np.mean(held < 1):.1%} of {count} targets, within 0.01 mm {np.mean(held < 0.01):.1%}")
+    print(f"random actions: {failures(env)} of {count} episodes without equilibrium")
+
+
+def held_errors(count: int) -> np.ndarray:
+    """Smallest tip errors found under the true loads of episodes with seeds 0, 1, ..., (count,) [mm]."""
+    task = task_of(FlexibleArmConfig())
+    episodes = task.sample([np.random.default_rng(seed) for seed in range(count)])
+    loads, (low, high) = task.load_tables(episodes, 0), task.config.tension_range
+    tensions = episodes.target_tensions[:, 0]
+    targets = solve_tensions_batch(task.mechanism, tensions, task.base_load_tables(episodes)).tip
+    best, damping = solve_tensions_batch(task.mechanism, tensions, loads), np.full(count, 1e-4)
+    for _ in range(STEPS):
+        miss = targets - best.tip
+        step = damped_step(dposes_dtensions(best)[:, -1, :3], miss, best.tensions, low, high, damping)
+        tried = solve_tensions_batch(task.mechanism, np.clip(best.tensions + step, low, high), loads, best)
+        better = tried.ok & (np.linalg.norm(targets - tried.tip, axis=1) < np.linalg.norm(miss, axis=1))
+        damping = np.where(better, 0.3 * damping + 1e-9, 4 * damping)
+        kept = np.where(better[:, None], tried.tensions, best.tensions)
+        best = solve_tensions_batch(task.mechanism, kept, loads, best)
+    return np.linalg.norm(targets - best.tip, axis=1)
+
+
+def damped_step(
+    J: np.ndarray, miss: np.ndarray, tensions: np.ndarray, low: float, high: float, damping: np.ndarray
+) -> np.ndarray:
+    """Changes of tension, (B, m), that go towards the target and not out of the range."""
+    free = np.ones_like(tensions)
+    for _ in range(4):
+        some = J * free[:, None]
+        square = some @ np.swapaxes(some, 1, 2)
+        size = damping * np.trace(square, axis1=1, axis2=2) + 1e-12
+        step = np.einsum(
+            "bij,bi->bj", some, np.linalg.solve(square + size[:, None, None] * np.eye(3), miss[..., None])[..., 0]
+        )
+        outward = ((step < 0) & (tensions <= low)) | ((step > 0) & (tensions >= high))
+        free *= ~outward
+    return step * free
+
+
+def failures(env: FlexibleArmVectorEnv) -> int:
+    """Episodes that uniform random actions end without an equilibrium."""
+    rng, ended = np.random.default_rng(0), np.zeros(env.num_envs, bool)
+    env.reset(seed=0)
+    for _ in range(env.config.episode_steps):
+        _, _, terminated, _, _ = env.step(rng.uniform(-1, 1, env.action_space.shape))
+        ended |= terminated
+        if terminated.any():
+            env.reset(options={"reset_mask": terminated})
+    return int(ended.sum())
+
+
+if __name__ == "__main__":
+    main()
