@@ -63,7 +63,7 @@ class Screen(Generic[S]):
 
         if self._window is None or self._clock is None:
             pygame.display.init()
-            pygame.display.set_caption("rj_gym: rolling joint")
+            pygame.display.set_caption("rj_gym")
             self._window = pygame.display.set_mode(SIZE)
             self._clock = pygame.time.Clock()
         self._window.blit(self._canvas.draw(scene), (0, 0))

@@ -14,7 +14,7 @@ from rollingjoint.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rj_gym.design.vector import CurvatureDesignVectorEnv
-    from rj_gym.tracking.vector import RollingJointVectorEnv
+    from rj_gym.tracking.vector import TrackingVectorEnv
 
 
 class SB3VecEnv(VecEnv):
@@ -29,7 +29,7 @@ class SB3VecEnv(VecEnv):
         InvalidInput: another autoreset mode.
     """
 
-    def __init__(self, env: RollingJointVectorEnv | CurvatureDesignVectorEnv) -> None:
+    def __init__(self, env: TrackingVectorEnv | CurvatureDesignVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidInput("autoreset_mode", env.autoreset_mode, "AutoresetMode.SAME_STEP, which SB3 expects")
         self.env = env

@@ -364,6 +364,7 @@ def test_arms_whose_tendons_end_elsewhere_are_solved_lane_by_lane():
 
 def test_scaled_arms_are_new_and_leave_the_nominal_one_alone():
     arm = flexible_arm()
+    assert np.all(arm.stiffnesses == 10.0)
     before = [array.copy() for array in arm.arrays]
     other = arm.scaled(np.full(32, 2.0), np.full(8, 3.0), np.full(32, 0.5))
     assert other != arm and other.beads[4].stiffness == 2 * arm.beads[4].stiffness

@@ -188,3 +188,10 @@ def test_of_two_rounds_each_contestant_keeps_its_faster_time_and_what_is_no_spee
     assert [peer.value for peer in best.peers] == [20.0, None]
     assert Row("rate", 2.0, "steps/s").best(Row("rate", 3.0, "steps/s")).value == 3.0
     assert Row("share", 90.0, "%").best(Row("share", 95.0, "%")).value == 90.0
+
+
+def test_targets_of_the_arm_can_be_held_and_random_actions_end_nothing():
+    import arm_task
+
+    assert arm_task.held_errors(20).max() < 1
+    assert arm_task.failures(arm_task.FlexibleArmVectorEnv(20, autoreset_mode="Disabled")) == 0

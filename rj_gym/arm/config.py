@@ -49,31 +49,18 @@ class PayloadConfig(Settings):
 
 @dataclass(frozen=True)
 class ArmTargetConfig(TargetConfig):
-    """Where the tip should be: tips of equilibria under the gravity of the episode, without payload.
-
-    Args:
-        process: "fixed" for the whole episode, or "path": a smooth walk through `waypoints` reachable points.
-        tension_range: tensions drawn log-uniformly per tendon [N].
-        waypoints: number of drawn points of a path, its two ends included.
-    """
+    """Where the tip should be: as TargetConfig, but tips of equilibria under the gravity of the episode, no payload."""
 
     tension_range: Range = (1.0, 5.0)
 
 
 @dataclass(frozen=True)
 class ArmRewardConfig(RewardConfig):
-    """Scales and weights of the reward terms.
+    """Scales and weights of the reward terms: those of RewardConfig, and with `orientation` two more.
 
     Args:
-        error_scale_mm: tip error that costs 1 per step [mm].
-        effort: weight of mean((tension / largest tension)²).
-        smoothness: weight of mean((action - previous action)²).
-        failure_penalty: subtracted once when the solver gives no usable pose and the episode ends.
-        goal: reward of the Goal environment, "dense" (tracking and orientation) or "sparse" (0 within the tolerances,
-            else -1).
-        goal_tolerance_mm: tip error that counts as reached when sparse [mm].
-        angle_scale_rad: angle between tip and target frame that costs 1 per step, with `orientation` [rad].
-        goal_tolerance_rad: such an angle that counts as reached when sparse, with `orientation` [rad].
+        angle_scale_rad: angle between tip and target frame that costs 1 per step [rad].
+        goal_tolerance_rad: such an angle that counts as reached, if the tip error does, when sparse [rad].
     """
 
     error_scale_mm: float = 30.0
@@ -122,22 +109,14 @@ class ArmRandomizationConfig(Randomization):
 
 @dataclass(frozen=True)
 class FlexibleArmConfig(TaskConfig):
-    """Everything that defines the arm's task.
+    """Everything that defines the arm's task: the fields of TrackingConfig with other defaults, and two more.
 
     Args:
         mechanism: preset name, mechanism file, or a HingeChain.
-        episode_steps: steps until the episode is truncated.
-        action_scale_mm: tendon length pulled in by an action of 1 [mm per step].
-        tension_range: what a motor holds at least and where it gives way [N].
-        start: "equal" tensions `start_tension`, or "random" ones from `start_tension_range`.
-        start_tension: tension of every tendon at the start, before the payload acts [N].
-        start_tension_range: range of the log-uniform start tensions [N].
-        command_scale_mm: commanded lengths are observed in units of this [mm].
-        observe_tensions: whether the observation contains the tendon tensions.
+        start_tension, start_tension_range: at the start, before the payload acts [N].
         observe_load: whether the observation contains the direction of gravity and the payload.
-        load, target, reward, randomization: nested settings, each also a dictionary.
         orientation: whether the tip has to turn into a target frame, too.
-        gravity: nested settings, also a dictionary.
+        load, target, reward, randomization, gravity: nested settings, each also a dictionary.
     Raises:
         ConfigError: a value out of range, with the range.
     """

@@ -58,10 +58,8 @@ class FlexibleArmEnv(TrackingEnv):
     "mechanism" and "start"; what was drawn is in `info["sampled"]`.
 
     ## Episode end
-    Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
-    vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
-    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
-    the observation is that of the last good pose.
+    As that of RollingJointEnv: truncated by the environment itself after `episode_steps` (50), terminated only where
+    the solver finds no usable equilibrium, with the penalty and the observation of the last good pose.
 
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (3,) [mm], `load` {"link", "force"},

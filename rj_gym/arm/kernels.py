@@ -48,10 +48,10 @@ class Rules(NamedTuple):
     effort: float
     smoothness: float
     failure_penalty: float
-    observe_tensions: bool
-    observe_target: bool
-    observe_load: bool
     orientation: bool
+    observe_tensions: bool
+    observe_target: bool  # and the errors
+    observe_load: bool  # gravity and payload
     neutral_lengths: np.ndarray  # (m,) mm
     low: np.ndarray  # (entries,) of the observation, float32
     high: np.ndarray  # (entries,)

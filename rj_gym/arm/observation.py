@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.tracking.observation import COMMAND_BOUND, ERROR_BOUND, POSITION_BOUND, Entry
+from rj_gym.tracking.observation import ERROR_BOUND, POSITION_BOUND, Entry, tendon_entries
 from rollingjoint.hinge_chain import HingeChain
 
 _AXES = ("x", "y", "z")
@@ -18,11 +18,7 @@ def arm_observation_entries(config: FlexibleArmConfig, mechanism: HingeChain, go
         goal: entries of the Goal environment's "observation", which leaves out the target and the tip error.
     """
     entries = _pose("tip", config)
-    tendons = range(mechanism.n_tendons)
-    unit = f"{config.command_scale_mm:g} mm"
-    entries += [Entry(f"tendon {j} command", unit, -COMMAND_BOUND, COMMAND_BOUND) for j in tendons]
-    if config.observe_tensions:
-        entries += [Entry(f"tendon {j} tension", f"{config.tension_range[1]:g} N", 0.0, 1.0) for j in tendons]
+    entries += tendon_entries(config, mechanism.n_tendons)
     if not goal:
         entries += _pose("target", config)
         unit = f"{config.reward.error_scale_mm:g} mm"

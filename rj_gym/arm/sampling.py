@@ -33,10 +33,10 @@ class Fixed:
     """
 
     mechanism: HingeChain | None = None
-    targets: Array | None = None
-    payloads: Array | None = None
-    gravity: Array | None = None
     start_tensions: Array | None = None
+    targets: Array | None = None
+    gravity: Array | None = None
+    payloads: Array | None = None
 
 
 NOTHING_FIXED = Fixed()

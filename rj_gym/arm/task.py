@@ -43,23 +43,25 @@ class ArmTask(Task):
     def rules(self, goal: bool = False) -> Rules:
         """The numbers that all lanes share, as the kernels want them."""
         config, reward = self.config, self.config.reward
+        low, high = self.observation_bounds(goal)
         return Rules(
-            config.action_scale_mm,
-            self.length,
-            config.command_scale_mm,
-            reward.error_scale_mm,
-            reward.angle_scale_rad,
-            config.tension_range[1],
-            payload_scale(config),
-            reward.effort,
-            reward.smoothness,
-            reward.failure_penalty,
-            config.observe_tensions,
-            not goal,
-            config.observe_load,
-            config.orientation,
-            self.neutral_lengths,
-            *(bound.astype(np.float32) for bound in self.observation_bounds(goal)),
+            action_scale=config.action_scale_mm,
+            length=self.length,
+            command_scale=config.command_scale_mm,
+            error_scale=reward.error_scale_mm,
+            angle_scale=reward.angle_scale_rad,
+            highest_tension=config.tension_range[1],
+            payload_scale=payload_scale(config),
+            effort=reward.effort,
+            smoothness=reward.smoothness,
+            failure_penalty=reward.failure_penalty,
+            orientation=config.orientation,
+            observe_tensions=config.observe_tensions,
+            observe_target=not goal,
+            observe_load=config.observe_load,
+            neutral_lengths=self.neutral_lengths,
+            low=low.astype(np.float32),
+            high=high.astype(np.float32),
         )
 
     def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed | None = None) -> Episodes:

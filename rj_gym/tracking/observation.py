@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rj_gym.config import TrackingConfig
+from rj_gym.config import TaskConfig, TrackingConfig
 from rollingjoint.rolling_chain import RollingChain
 
 POSITION_BOUND = 2.0
@@ -31,11 +31,7 @@ def observation_entries(config: TrackingConfig, mechanism: RollingChain, goal: b
     for link in range(1, mechanism.n_links):
         entries += [Entry(f"link {link} {axis}", "L", -POSITION_BOUND, POSITION_BOUND) for axis in ("x", "y")]
         entries += [Entry(f"link {link} {function} angle", "1", -1.0, 1.0) for function in ("cos", "sin")]
-    tendons = range(mechanism.n_tendons)
-    unit = f"{config.command_scale_mm:g} mm"
-    entries += [Entry(f"tendon {j} command", unit, -COMMAND_BOUND, COMMAND_BOUND) for j in tendons]
-    if config.observe_tensions:
-        entries += [Entry(f"tendon {j} tension", f"{config.tension_range[1]:g} N", 0.0, 1.0) for j in tendons]
+    entries += tendon_entries(config, mechanism.n_tendons)
     if not goal:
         entries += [Entry(f"target {axis}", "L", -POSITION_BOUND, POSITION_BOUND) for axis in ("x", "y")]
         unit = f"{config.reward.error_scale_mm:g} mm"
@@ -44,6 +40,16 @@ def observation_entries(config: TrackingConfig, mechanism: RollingChain, goal: b
         unit = f"{force_scale(config):g} N"
         entries += [Entry(f"load {axis}", unit, -1.0, 1.0) for axis in ("x", "y")]
         entries += [Entry(f"load on link {link}", "1 if so, else 0", 0.0, 1.0) for link in range(1, mechanism.n_links)]
+    return entries
+
+
+def tendon_entries(config: TaskConfig, n_tendons: int) -> list[Entry]:
+    """The entries of commands and tensions in every task."""
+    unit = f"{config.command_scale_mm:g} mm"
+    entries = [Entry(f"tendon {j} command", unit, -COMMAND_BOUND, COMMAND_BOUND) for j in range(n_tendons)]
+    if config.observe_tensions:
+        unit = f"{config.tension_range[1]:g} N"
+        entries += [Entry(f"tendon {j} tension", unit, 0.0, 1.0) for j in range(n_tendons)]
     return entries
 
 
