@@ -15,9 +15,9 @@ from rj_gym.arm.observation import arm_observation_entries, payload_scale
 from rj_gym.arm.options import checked_options
 from rj_gym.arm.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_shapes
 from rj_gym.tracking import info
+from rj_gym.tracking.draws import Block, Uniforms, blocks_of
 from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.observation import Entry
-from rj_gym.tracking.sampling import Block, Uniforms, blocks_of
 from rj_gym.tracking.task import Task
 from rj_gym.tracking.task_lanes import TaskLanes, over_time
 from rollingjoint.hinge_chain import HingeChain

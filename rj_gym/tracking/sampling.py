@@ -7,23 +7,31 @@ this code. What randomisation needs comes last: switching it on leaves the loads
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig, TrackingConfig
-from rj_gym.tracking.generators import Generators
+from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.tracking.draws import (
+    Block,
+    Uniforms,
+    blocks_of,
+    fading_walk,
+    held_draws,
+    hold,
+    normal,
+    start_tensions,
+    symmetric,
+    target_shape,
+    target_tensions,
+)
 from rollingjoint.errors import MechanismError
 from rollingjoint.profile import Surface
 from rollingjoint.rolling_chain import Link, RollingChain
 
 Array = NDArray[np.float64]
-_E = TypeVar("_E")
 
 
 @dataclass(frozen=True)
@@ -84,48 +92,9 @@ class Episodes:
         return self.start_tensions
 
 
-class Block(NamedTuple):
-    """Where one quantity's uniform numbers stand in the row of an episode, and their shape."""
-
-    start: int
-    stop: int
-    shape: tuple[int, ...]
-
-
-class Uniforms:
-    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, to be read only.
-
-    Args:
-        blocks: from uniform_blocks.
-        rngs: one generator per episode; each is asked once.
-    """
-
-    def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator] | Generators) -> None:
-        self._blocks = blocks
-        self._rows: Array = np.empty((len(rngs), next(reversed(blocks.values())).stop))
-        if isinstance(rngs, Generators):
-            rngs.fill(self._rows)
-        else:
-            for rng, row in zip(rngs, self._rows, strict=True):
-                rng.random(out=row)
-
-    def __getitem__(self, name: str) -> Array:
-        start, stop, shape = self._blocks[name]
-        return self._rows[:, start:stop].reshape(-1, *shape)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-
 def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
     """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
     return blocks_of(_uniform_shapes(config, mechanism))
-
-
-def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Block]:
-    """Blocks of these shapes, one after the other."""
-    stops = list(itertools.accumulate(map(math.prod, shapes.values())))
-    return dict(zip(shapes, map(Block, [0, *stops], stops, shapes.values()), strict=False))
 
 
 def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
@@ -142,11 +111,6 @@ def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
     return shapes
-
-
-def target_shape(config: TaskConfig, n_tendons: int) -> tuple[int, int]:
-    """Shape of the uniform numbers from which targets come, (waypoints, m)."""
-    return config.target.waypoints if config.target.process == "path" else 1, n_tendons
 
 
 def sample_episodes(
@@ -178,16 +142,6 @@ def sample_episodes(
     return hold(drawn, fixed, ("targets", "links", "forces", "start_tensions"))
 
 
-def hold(drawn: _E, fixed: Any, names: Sequence[str]) -> _E:
-    """Episodes with what is fixed among these fields, the same in every lane."""
-    held = {name: value for name in names if (value := getattr(fixed, name)) is not None}
-    if not held:
-        return drawn
-    lanes = len(drawn)  # type: ignore[arg-type]
-    repeated = {name: np.stack([np.asarray(value)] * lanes) for name, value in held.items()}
-    return replace(drawn, **repeated)  # type: ignore[type-var]
-
-
 def _mechanisms(
     randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed
 ) -> tuple[tuple[RollingChain, ...], NDArray[np.int64], Array]:
@@ -201,23 +155,6 @@ def _mechanisms(
     factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
     varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
     return tuple(varied), np.arange(lanes), offsets
-
-
-def target_tensions(config: TaskConfig, uniforms: Array) -> Array:
-    """Tensions whose unloaded equilibria have their tips at the targets, (B, 1 or T + 1, m) [N].
-
-    A path moves from one of its waypoints (B, W, m) to the next with a smoothstep in log tension, so it stays in the
-    drawn range and is at rest at each of them.
-    """
-    tensions = log_uniform(uniforms, config.target.tension_range)
-    if config.target.process == "fixed":
-        return tensions
-    position = np.linspace(0.0, tensions.shape[1] - 1, config.episode_steps + 1)
-    before = np.minimum(position.astype(int), tensions.shape[1] - 2)
-    u = (position - before)[:, None]
-    blend = u * u * (3 - 2 * u)
-    logs = np.log(tensions)
-    return np.exp((1 - blend) * logs[:, before] + blend * logs[:, before + 1])
 
 
 def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.int64]:
@@ -241,13 +178,6 @@ def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
     return np.take_along_axis(drawn, held_draws(uniforms["jump"], config.hold_steps)[..., None], axis=1)
 
 
-def held_draws(uniforms: Array, hold_steps: float) -> NDArray[np.int64]:
-    """Which draw holds at each time, (B, T + 1), where the next one comes after `hold_steps` on average."""
-    jumps = uniforms < 1 / hold_steps
-    jumps[:, 0] = False
-    return np.cumsum(jumps, axis=1, dtype=np.int64)
-
-
 def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
     """Force with exponentially fading memory, (B, T + 1, 2) [N], started in its stationary distribution."""
     largest = config.magnitude[1]
@@ -255,15 +185,6 @@ def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
     walk *= largest / 2
     magnitude = np.linalg.norm(walk, axis=-1, keepdims=True)
     return walk * np.minimum(1.0, largest / np.maximum(magnitude, 1e-12))
-
-
-def fading_walk(normal: Array, correlation_steps: float) -> Array:
-    """Ornstein-Uhlenbeck processes of standard deviation 1, (B, T + 1, ...), from normal numbers of that shape."""
-    keep = math.exp(-1 / correlation_steps)
-    walk = normal.copy()
-    for t in range(1, walk.shape[1]):
-        walk[:, t] = keep * walk[:, t - 1] + math.sqrt(1 - keep * keep) * normal[:, t]
-    return walk
 
 
 def varied_mechanism(mechanism: RollingChain, offsets: Array, factors: Array) -> RollingChain:
@@ -298,13 +219,6 @@ def _displaced(surface: Surface, offset: Array) -> Surface:
     return replace(surface, start=(x + dx, y + dy), angle=surface.angle + turn)
 
 
-def start_tensions(config: TaskConfig, uniforms: Array) -> Array:
-    """Tensions before the load acts, (B, m) [N]."""
-    if config.start == "random":
-        return log_uniform(uniforms, config.start_tension_range)
-    return np.full(uniforms.shape, config.start_tension)
-
-
 def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:
     return _pose_scale(config.position_noise_mm, config.angle_noise_rad) * normal(uniforms)
 
@@ -312,19 +226,3 @@ def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:
 def _pose_scale(mm: float, rad: float) -> Array:
     """The scale of x, y, angle, (3,)."""
     return np.array([mm, mm, rad])
-
-
-def symmetric(bound: float | Array, uniforms: Array) -> Array:
-    """Uniform numbers in [-bound, bound)."""
-    return 2 * bound * uniforms - bound
-
-
-def log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
-    """Numbers within the limits whose logarithms are uniform."""
-    low, high = limits
-    return low * (high / low) ** uniforms
-
-
-def normal(uniforms: Array) -> Array:
-    """Standard normal numbers from pairs of uniform ones, (..., 2) -> (...) (Box and Muller 1958)."""
-    return np.sqrt(-2 * np.log1p(-uniforms[..., 0])) * np.cos(2 * np.pi * uniforms[..., 1])

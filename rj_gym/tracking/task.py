@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.config import TaskConfig, TrackingConfig
 from rj_gym.render import Renderer
 from rj_gym.tracking import info
+from rj_gym.tracking.draws import Block, Uniforms
 from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.kernels import ERROR, TARGET, TIP, Rules
 from rj_gym.tracking.lanes import Lanes
 from rj_gym.tracking.observation import POSITION_BOUND, Entry, force_scale, observation_entries
 from rj_gym.tracking.options import checked_options
-from rj_gym.tracking.sampling import NOTHING_FIXED, Block, Episodes, Fixed, Uniforms, sample_episodes, uniform_blocks
+from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_blocks
 from rj_gym.tracking.task_lanes import TaskLanes
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.mechanism_file import load_mechanism
