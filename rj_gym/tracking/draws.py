@@ -34,7 +34,7 @@ class Uniforms:
         rngs: one generator per episode; each is asked once.
     """
 
-    def __init__(self, blocks: Mapping[str, Block], rngs: Sequence[np.random.Generator] | Generators) -> None:
+    def __init__(self, blocks: dict[str, Block], rngs: Sequence[np.random.Generator] | Generators) -> None:
         self._blocks = blocks
         self._rows: Array = np.empty((len(rngs), next(reversed(blocks.values())).stop))
         if isinstance(rngs, Generators):
