@@ -165,7 +165,7 @@ class _ArmCanvas(Canvas):
 
     def _plate(self, gap: float) -> None:
         """The plate from which the arm hangs; seen from above, it hides where the arm begins."""
-        half, low_side = 2.6 * self._radius, -0.5 * gap
+        half, low_side = max(1.2 * self._radius, min(2.6 * self._radius, 0.1 * self._length)), -0.5 * gap
         corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
         heights = low_side, low_side - 0.02 * self._length
         low, high = (np.append(corners, np.full((4, 1), z), axis=1) for z in heights)
