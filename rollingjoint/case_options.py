@@ -18,7 +18,7 @@ _LOADS = {
     "force": ("LINK FX FY [FZ]", "force of fixed direction [N]"),
     "body_force": ("LINK FX FY [FZ]", "force that turns with the link [N]"),
     "moment": ("LINK M", "moment [N·mm]; of an arm: LINK MX MY MZ"),
-    "spring": ("LINK K AX AY", "spring [N/mm] to the anchor point [mm], not of an arm"),
+    "spring": ("LINK K AX AY [AZ]", "spring [N/mm] to the anchor point [mm]"),
 }
 
 
@@ -82,16 +82,13 @@ def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
 def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
     n_links = mechanism.n_links
     if isinstance(mechanism, HingeChain):
-        if args.spring:
-            raise InvalidInput("--spring", args.spring[0], "a planar chain", "An arm takes forces and moments.")
         force: tuple[str, ...] = ("FX", "FY", "FZ")
-        moment = ("MX", "MY", "MZ")
+        moment, spring = ("MX", "MY", "MZ"), ["K", "AX", "AY", "AZ"]
         loads: list[Load] = [WorldForce(link, (0.0, 0.0, 0.0), m) for link, m in _each(args, "moment", moment, n_links)]
     else:
-        force = ("FX", "FY")
+        force, spring = ("FX", "FY"), ["K", "AX", "AY"]
         loads = [WorldForce(link, (0.0, 0.0), m[0]) for link, m in _each(args, "moment", ("M",), n_links)]
-        springs = _each(args, "spring", ("K", "AX", "AY"), n_links)
-        loads += [Spring(link, k, (x, y)) for link, (k, x, y) in springs]
+    loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
     loads += [WorldForce(link, f) for link, f in _each(args, "force", force, n_links)]
     loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", force, n_links)]
     return loads + _gravity(args, mechanism)
