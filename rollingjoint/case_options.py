@@ -15,10 +15,10 @@ from rollingjoint.solve import solve_lengths, solve_tensions
 
 _IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
 _LOADS = {
-    "force": ("LINK FX FY [FZ]", "force of fixed direction [N]"),
-    "body_force": ("LINK FX FY [FZ]", "force that turns with the link [N]"),
-    "moment": ("LINK M", "moment [N·mm]; of an arm: LINK MX MY MZ"),
-    "spring": ("LINK K AX AY", "spring [N/mm] to the anchor point [mm], not of an arm"),
+    "force": ("F", "force of fixed direction FX FY, on an arm FX FY FZ [N]"),
+    "body_force": ("F", "force that turns with the link, as above"),
+    "moment": ("M", "moment, on an arm MX MY MZ [N·mm]"),
+    "spring": ("K", "spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]"),
 }
 
 
@@ -33,9 +33,9 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
         "--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help="range a motor holds [N], for --lengths"
     )
     loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
-    for name, (numbers, text) in _LOADS.items():
+    for name, (number, text) in _LOADS.items():
         loads.add_argument(
-            _option(name), nargs="+", type=float, metavar=numbers, action="append", default=[], help=text
+            _option(name), nargs="+", type=float, metavar=("LINK", number), action="append", default=[], help=text
         )
     text = "weight of all links, or of each [N]; of an arm no number: beads have weights of their own"
     loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
@@ -82,16 +82,13 @@ def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
 def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
     n_links = mechanism.n_links
     if isinstance(mechanism, HingeChain):
-        if args.spring:
-            raise InvalidInput("--spring", args.spring[0], "a planar chain", "An arm takes forces and moments.")
         force: tuple[str, ...] = ("FX", "FY", "FZ")
-        moment = ("MX", "MY", "MZ")
+        moment, spring = ("MX", "MY", "MZ"), ["K", "AX", "AY", "AZ"]
         loads: list[Load] = [WorldForce(link, (0.0, 0.0, 0.0), m) for link, m in _each(args, "moment", moment, n_links)]
     else:
-        force = ("FX", "FY")
+        force, spring = ("FX", "FY"), ["K", "AX", "AY"]
         loads = [WorldForce(link, (0.0, 0.0), m[0]) for link, m in _each(args, "moment", ("M",), n_links)]
-        springs = _each(args, "spring", ("K", "AX", "AY"), n_links)
-        loads += [Spring(link, k, (x, y)) for link, (k, x, y) in springs]
+    loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
     loads += [WorldForce(link, f) for link, f in _each(args, "force", force, n_links)]
     loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", force, n_links)]
     return loads + _gravity(args, mechanism)

@@ -28,7 +28,7 @@ class HingeEquilibrium(Solution):
 
     Attributes:
         mechanism: the chain that was solved, or a tuple of them, one per lane.
-        loads: load table, (rows, 16), columns load.SPATIAL_LOAD_COLUMNS.
+        loads: load table, (rows, 20), columns load.SPATIAL_LOAD_COLUMNS.
         joint_angles: (n - 1,) angle of every hinge [rad].
         poses: (n, 4, 4) link frames in the base frame [mm].
         tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
@@ -133,7 +133,7 @@ def solve_hinge_batch(
         mechanism: the chain, or one per lane.
         chain, designs: from `hinge_designs_of`.
         laws: tendon laws, (B, m) each.
-        tables: load tables, (B, rows, 16).
+        tables: load tables, (B, rows, 20).
         starts: joint angles, (B, n - 1) [rad].
     """
     results = new_hinge_results(len(starts), starts.shape[1], laws.low.shape[1])
@@ -175,7 +175,7 @@ class HingeRange:
 
 
 def solve_hinge_lane(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array) -> HingeEquilibrium:
-    """The equilibrium of one mechanism; nothing is checked here. law: (m,) each; table: (rows, 16); start: (n - 1,)."""
+    """The equilibrium of one mechanism; nothing is checked here. law: (m,) each; table: (rows, 20); start: (n - 1,)."""
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     results = new_hinge_results(1, len(start), len(law.low))
     designs = np.zeros(1, np.int64)

@@ -2,7 +2,7 @@
 
 One row acts on one body point x of one link and is the sum of everything a row can hold:
 world force + body force turned with the link + spring k (anchor - x), and a moment.
-Planar chains take pairs (x, y) and a moment; spatial ones triples (x, y, z) throughout, and no springs.
+Planar chains take pairs (x, y) and a moment; spatial ones triples (x, y, z) throughout.
 """
 
 from __future__ import annotations
@@ -19,8 +19,13 @@ from rollingjoint.errors import InvalidInput, as_floats, as_integer
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
 """Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
 
-SPATIAL_LOAD_COLUMNS = ("link", *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"))
-"""Columns of a spatial table: link, body point [mm], world force, world moment, body force, body moment [N, N·mm]."""
+SPATIAL_LOAD_COLUMNS = (
+    "link",
+    *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"),
+    *("k", "ax", "ay", "az"),
+)
+"""Columns of a spatial table: link, body point [mm], world force, world moment, body force, body moment [N, N·mm],
+spring [N/mm], anchor [mm]."""
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
@@ -52,8 +57,8 @@ class Spring:
 
     link: int
     stiffness: float
-    anchor: Pair
-    point: Pair = (0.0, 0.0)
+    anchor: Pair | Triple
+    point: Pair | Triple = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -78,10 +83,10 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
 
 
 def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
-    """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, 16).
+    """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, 20).
 
     Raises:
-        InvalidInput: as load_table; a spring.
+        InvalidInput: as load_table.
     """
     return _table(loads, n_links, _spatial_rows, len(SPATIAL_LOAD_COLUMNS))
 
@@ -96,12 +101,10 @@ def _table(
 
 
 def _spatial_rows(load: Load, n_links: int) -> list[list[float]]:
-    none = [0.0] * 6
     match load:
-        case WorldForce() | BodyWrench():
-            wrench = [*_triple("load force", load.force), *_triple("load moment", load.moment, unset=0.0)]
-            both = [*wrench, *none] if isinstance(load, WorldForce) else [*none, *wrench]
-            return [[link_index(load.link, n_links), *_triple("load point", load.point, unset=(0.0, 0.0)), *both]]
+        case WorldForce() | BodyWrench() | Spring():
+            point = _triple("load point", load.point, unset=(0.0, 0.0))
+            return [[link_index(load.link, n_links), *point, *_acting(load)]]
         case Gravity():
             weights, at = _weights(load, np.zeros((n_links, 3)) if load.points is None else load.points, n_links)
             centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
@@ -112,7 +115,15 @@ def _spatial_rows(load: Load, n_links: int) -> list[list[float]]:
             rows = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
             rows[:, 0], rows[:, 1:4], rows[:, 4:7] = np.arange(n_links), centres, weights[:, None] * direction / norm
             return rows.tolist()
-    raise InvalidInput("load", load, "WorldForce, BodyWrench or Gravity, all in three dimensions")
+    raise InvalidInput("load", load, "WorldForce, BodyWrench, Spring or Gravity")
+
+
+def _acting(load: WorldForce | BodyWrench | Spring) -> list[float]:
+    """World wrench, body wrench and spring of a load, (16,)."""
+    if isinstance(load, Spring):
+        return [*[0.0] * 12, _number("spring stiffness", load.stiffness), *_triple("spring anchor", load.anchor)]
+    wrench = [*_triple("load force", load.force), *_triple("load moment", load.moment, unset=0.0)]
+    return [*wrench, *[0.0] * 10] if isinstance(load, WorldForce) else [*[0.0] * 6, *wrench, *[0.0] * 4]
 
 
 def _rows(load: Load, n_links: int) -> list[list[float]]:

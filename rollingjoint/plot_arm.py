@@ -39,7 +39,7 @@ def plot_arm(
         arm: an equilibrium, or a mechanism, which is drawn at rest.
         ax: 3-D axes to draw on; new ones when None.
         tendons: draw the tendons; a slack one is dashed, one without tension known is thin.
-        loads: draw the dead forces that are not weights of beads, as arrows.
+        loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         label: legend text of the beads.
         color: colour of the beads.
     Raises:
@@ -56,6 +56,7 @@ def plot_arm(
         _draw_tendons(ax, chain, poses, None if found is None else found.tensions)
     if found is not None and loads:
         _draw_forces(ax, chain, found)
+        _draw_springs(ax, found)
     return _finish(ax)
 
 
@@ -97,13 +98,20 @@ def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None
     """Arrows of the dead forces at points that are no mass centres: weights would hide the arm."""
     rows = found.loads[np.linalg.norm(found.loads[:, 4:7], axis=1) > 0]
     centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
-    rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, 16)
+    rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])
     scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, 4:7], axis=1), default=1.0)
     for row in rows:
         T = found.poses[int(row[0])]
         at = T[:3, :3] @ row[1:4] + T[:3, 3]
         size = float(np.linalg.norm(row[4:7]))
         ax.quiver(*at, *(scale * row[4:7]), color="black", linewidth=1.5, label=f"{size:.3g} N")
+
+
+def _draw_springs(ax: Axes3D, found: HingeEquilibrium) -> None:
+    for row in found.loads[found.loads[:, 16] > 0]:
+        T = found.poses[int(row[0])]
+        ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[17:20]])
+        ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[16]:.3g} N/mm")
 
 
 def _finish(ax: Axes3D) -> Axes3D:

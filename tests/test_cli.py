@@ -128,11 +128,12 @@ def test_loads_and_start_of_an_arm_reach_the_solver(capsys: pytest.CaptureFixtur
         WorldForce(-1, (0, 0, 0), moment=(3, -4, 5)),
         WorldForce(2, (0.1, -0.2, 0.3)),
         BodyWrench(3, (0.2, 0.1, -0.3)),
+        Spring(-1, 0.02, (-30, 90, 70)),
         arm.gravity((1, 0, 2)),
     ]
     options = (
-        "--moment -1 3 -4 5 --force 2 0.1 -0.2 0.3 --body-force 3 0.2 0.1 -0.3 --gravity --gravity-direction 1 0 2 "
-        "--start 0.01 0.02 0.03 0.04"
+        "--moment -1 3 -4 5 --force 2 0.1 -0.2 0.3 --body-force 3 0.2 0.1 -0.3 --spring -1 0.02 -30 90 70 --gravity "
+        "--gravity-direction 1 0 2 --start 0.01 0.02 0.03 0.04"
     )
     result = solved(capsys, f"small_arm --tensions 6 3 0 0 {options}")
     expected = solve_tensions(arm, (6, 3, 0, 0), loads, start=[0.01, 0.02, 0.03, 0.04])
@@ -239,7 +240,7 @@ def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
         ("solve small_arm --tensions 1 1 1 1 --force -1 1 0", ["--force = [-1.0, 1.0, 0.0]", "LINK FX FY FZ"]),
         ("solve small_arm --tensions 1 1 1 1 --moment -1 1", ["--moment", "LINK MX MY MZ"]),
         ("solve small_arm --tensions 1 1 1 1 --moment 5 1 0 0", ["--moment LINK = 5.0", "0 (base) to 4"]),
-        ("solve small_arm --tensions 1 1 1 1 --spring -1 1 0 0", ["--spring", "a planar chain"]),
+        ("solve small_arm --tensions 1 1 1 1 --spring -1 1 0 0", ["--spring", "LINK K AX AY AZ"]),
         ("solve small_arm --tensions 1 1 1 1 --gravity 0.1", ["--gravity = [0.1]", "weights of their own"]),
         ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 -1", ["--gravity-direction", "3 numbers"]),
         ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 0 0", ["direction"]),

@@ -61,6 +61,7 @@ def problem(seed, model="exact", potential=True):
         for a, end in zip(around, ends, strict=True)
     ]
     loads = [WorldForce(4, rng.normal(size=3), point=rng.normal(size=3)), WorldForce(0, (5, 5, 5))]
+    loads += [Spring(3, 0.4, (9, -8, 70), point=(1, 2, 3)), Spring(-1, 0.2, (-20, 5, 90)), Spring(0, 3.0, (5, 5, 5))]
     if not potential:
         loads += [WorldForce(5, (0, 0, 0), moment=20 * rng.normal(size=3))]
         loads += [BodyWrench(3, rng.normal(size=3), moment=20 * rng.normal(size=3), point=(1, 2, 3))]
@@ -75,7 +76,8 @@ def energy(chain, tensions, loads, theta):
     poses = chain.poses(theta)
     for row in solve_tensions(chain, tensions, loads).loads:
         T = poses[int(row[0])]
-        value -= row[4:7] @ (T[:3, :3] @ row[1:4] + T[:3, 3])
+        x = T[:3, :3] @ row[1:4] + T[:3, 3]
+        value += 0.5 * row[16] * (row[17:20] - x) @ (row[17:20] - x) - row[4:7] @ x
     return value
 
 
@@ -94,7 +96,7 @@ def unbalanced(chain, tensions, loads, theta):
         for tendon, tension in zip(chain.tendons, tensions, strict=True):
             x, y = tendon.link_holes(chain.n_links)[-1]
             couple = tension * np.array([-y, x, 0.0])
-            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple])
+            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple, *[0.0] * 4])
     else:
         residual += differences(chain.tendon_lengths, theta, 1e-5).T @ tensions
     for row in np.array(rows):
@@ -102,7 +104,8 @@ def unbalanced(chain, tensions, loads, theta):
         turn = np.einsum("abi,cb->aci", dT[:3, :3], T[:3, :3])  # [omega] of every hinge
         omega = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
         velocity = np.einsum("abi,b->ai", dT[:3, :3], row[1:4]) + dT[:3, 3]
-        residual -= (row[4:7] + T[:3, :3] @ row[10:13]) @ velocity + (row[7:10] + T[:3, :3] @ row[13:16]) @ omega
+        held = row[16] * (row[17:20] - T[:3, :3] @ row[1:4] - T[:3, 3])
+        residual -= (row[4:7] + held + T[:3, :3] @ row[10:13]) @ velocity + (row[7:10] + T[:3, :3] @ row[13:16]) @ omega
     return residual
 
 
@@ -141,6 +144,29 @@ def test_stretching_tendons_stiffen_the_arm_by_what_the_differences_say():
     assert by_length.joint_angles == pytest.approx(pulled.joint_angles, abs=1e-9)
     stretch = by_length.tendon_rates * chain.stiffnesses @ by_length.tendon_rates.T
     assert by_length.stiffness == pytest.approx(pulled.stiffness + stretch, rel=1e-6)
+
+
+def test_springs_hold_a_long_arm_whose_steps_are_still_newtons():
+    """32 hinges: steps in O(n), whose generators have columns for springs."""
+    arm = flexible_arm()
+    loads = [arm.gravity(HANG), Spring(-1, 0.01, (150.0, -80.0, 600.0)), Spring(14, 0.05, (-60, 20, 300), (5, 0, 0))]
+    tensions = np.array([8.0, 0, 0, 0, 3, 3, 0, 0])
+    for found in (
+        solve_tensions(arm, tensions, loads),
+        solve_lengths(arm, arm.neutral_lengths - (12, 0, -9, 0, 4, 5, 0, 0), loads),
+    ):
+        assert found.status is Status.CONVERGED
+        assert found.iterations <= 7
+        assert unbalanced(arm, found.tensions, loads, found.joint_angles) == pytest.approx(np.zeros(32), abs=2e-5)
+    free = solve_tensions(arm, tensions, loads[:1])
+    assert np.linalg.norm(free.tip - solve_tensions(arm, tensions, loads).tip) > 50.0
+    pinned = free.tip + np.array([1.0, 2.0, -3.0])
+    stiff = solve_tensions(arm, tensions, [loads[0], Spring(-1, 1e6, pinned)])
+    assert stiff.tip == pytest.approx(pinned, abs=1e-4)
+
+
+def test_a_negative_spring_is_a_status():
+    assert solve_tensions(small_arm(), np.ones(4), [Spring(1, -1.0, (0, 0, 0))]).status is Status.INVALID_INPUT
 
 
 def test_a_slack_tendon_carries_nothing_and_limits_hold_and_give_way():
@@ -302,6 +328,7 @@ def test_loads_and_inputs_of_the_wrong_form_are_refused():
     arm = small_arm()
     for load in (
         Spring(1, 1.0, (0, 0)),
+        Spring(1, "stiff", (0, 0, 0)),
         WorldForce(-1, (1, 0)),
         WorldForce(9, (1, 0, 0)),
         WorldForce(1, (1, 0, 0), 3.0),

@@ -9,6 +9,7 @@ from rollingjoint import (
     Bead,
     BeadTendon,
     HingeChain,
+    Spring,
     Status,
     WorldForce,
     flexible_arm,
@@ -52,6 +53,10 @@ def shortened(arm, seed):
     return arm.neutral_lengths + np.random.default_rng(seed).uniform(-4, 2, arm.n_tendons)
 
 
+SPRINGS = [
+    Spring(-1, 0.01, (150.0, -80.0, 600.0), point=(0.0, 0.0, 0.0)),
+    Spring(14, 0.05, (-60.0, 20.0, 300.0), point=(5.0, 2.0, -3.0)),
+]
 CASES = {  # arm, direction of gravity, payload [N], tensions [N] or None
     "hanging": (flexible_arm(), HANG, 0.0, [8, 0, 0, 0, 3, 3, 0, 0]),
     "hanging, by lengths": (flexible_arm(), HANG, 0.0, None),
@@ -59,6 +64,8 @@ CASES = {  # arm, direction of gravity, payload [N], tensions [N] or None
     "tilted with a payload, by lengths": (flexible_arm(), TILTED, 0.3, None),
     "co-contracted": (flexible_arm(), TILTED, 0.0, [12, 9, 10, 8, 11, 9, 9, 12]),
     "standing, stiff": (flexible_arm(stiffness=6000.0), UPRIGHT, 0.2, [30, 0, 5, 0, 0, 20, 4, 0]),
+    "held by springs": (flexible_arm(), HANG, 0.0, [8, 0, 0, 0, 3, 3, 0, 0]),
+    "held by springs, by lengths": (flexible_arm(), HANG, 0.1, None),
     "small": (small_arm(7), TILTED, 0.5, [5, 0, 1, 9]),
     **{f"random {seed}": (random_arm(seed), TILTED, 0.1, [4, 2, 6]) for seed in range(6)},
     **{f"random {seed}, by lengths": (random_arm(seed), TILTED, 0.1, None) for seed in range(6, 12)},
@@ -69,7 +76,9 @@ def both(case, mujoco_arm):
     """Our equilibrium, and MuJoCo's arm with the same tendons and weights."""
     arm, gravity, payload, tensions = CASES[case]
     loads = [arm.gravity(gravity), WorldForce(-1, payload * np.array(gravity) / np.linalg.norm(gravity))]
-    simulated = mujoco_arm(arm, gravity, payload)
+    springs = SPRINGS if "springs" in case else []
+    loads += springs
+    simulated = mujoco_arm(arm, gravity, payload, springs)
     if tensions is None:
         lengths = shortened(arm, len(case))
         simulated.wind(lengths)
@@ -93,7 +102,10 @@ def test_our_equilibrium_is_one_of_mujocos(case, mujoco_arm):
     assert simulated.tip_rotation == pytest.approx(found.rotations[-1], abs=1e-12)
 
 
-@pytest.mark.parametrize("case", ["hanging", "tilted with a payload, by lengths", "random 3", "random 8, by lengths"])
+@pytest.mark.parametrize(
+    "case",
+    ["hanging", "held by springs, by lengths", "tilted with a payload, by lengths", "random 3", "random 8, by lengths"],
+)
 def test_our_stiffness_is_how_mujocos_moments_change(case, mujoco_arm):
     found, simulated = both(case, mujoco_arm)
     step, columns = 1e-5, []
@@ -121,7 +133,7 @@ def test_forces_at_points_of_links_balance_in_mujoco(mujoco_arm):
     assert np.abs(simulated.unbalanced).max() < 1e-9
 
 
-@pytest.mark.parametrize("case", ["small", "hanging, by lengths"])
+@pytest.mark.parametrize("case", ["small", "hanging, by lengths", "held by springs"])
 def test_mujoco_comes_back_to_a_stable_equilibrium(case, mujoco_arm):
     found, simulated = both(case, mujoco_arm)
     assert found.smallest_eigenvalue > 0

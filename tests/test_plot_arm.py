@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 
 from matplotlib import pyplot
 
-from rollingjoint import InvalidInput, WorldForce, five_link, small_arm, solve_tensions, solve_tensions_batch
+from rollingjoint import InvalidInput, Spring, WorldForce, five_link, small_arm, solve_tensions, solve_tensions_batch
 from rollingjoint.plot_arm import plot_arm
 
 
@@ -41,6 +41,17 @@ def test_forces_are_arrows_and_weights_are_not():
     ax = plot_arm(found, tendons=False)
     assert len(ax.collections) == len(bare.collections) + 1
     assert "0.5 N" in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_springs_are_dotted_lines_to_their_anchors():
+    arm, anchor = small_arm(), (30.0, 5.0, 70.0)
+    found = solve_tensions(arm, np.zeros(4), [Spring(-1, 0.05, anchor, point=(0.0, 2.0, 0.0))])
+    ax = plot_arm(found, tendons=False)
+    begin, end = np.array(ax.lines[-1].get_data_3d()).T
+    assert begin == pytest.approx(found.poses[-1, :3, :3] @ (0.0, 2.0, 0.0) + found.tip) and end == pytest.approx(
+        anchor
+    )
+    assert "spring 0.05 N/mm" in [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 def test_a_mechanism_is_drawn_at_rest_and_beads_reach_around_their_holes():

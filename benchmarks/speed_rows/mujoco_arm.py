@@ -7,12 +7,14 @@ simulation, and its time step, were chosen for the shortest way of flexible_arm 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.load import Spring
 
 Array = NDArray[np.float64]
 
@@ -28,7 +30,9 @@ _LIGHT = 1e-3  # kg: mass of a bead where nothing has a weight
 _NEVER = 1e3  # m: a tendon this long is slack
 
 
-def description(arm: HingeChain, gravity: tuple[float, float, float] | None, payload: float) -> str:
+def description(
+    arm: HingeChain, gravity: tuple[float, float, float] | None, payload: float, springs: Sequence[Spring]
+) -> str:
     """The model as MuJoCo's XML; the payload [N] hangs at the tip, along the direction of gravity."""
     sites: list[list[str]] = [[] for _ in range(arm.n_links)]
     tendons = motors = ""
@@ -40,6 +44,13 @@ def description(arm: HingeChain, gravity: tuple[float, float, float] | None, pay
         stiffness = 1e3 * tendon.stiffness
         tendons += f'<spatial name="t{j}" stiffness="{stiffness!r}" springlength="0 {_NEVER}">{through}</spatial>'
         motors += f'<motor tendon="t{j}" gear="-1"/>'
+    for q, spring in enumerate(springs):
+        link = spring.link % arm.n_links
+        point = 1e-3 * (np.array([0.0, 0.0, arm.beads[link - 1].spacing]) + spring.point)
+        sites[link].append(f'<site name="s{q}" pos="{_numbers(point)}"/>')
+        sites[0].append(f'<site name="s{q}anchor" pos="{_numbers(1e-3 * np.array(spring.anchor))}"/>')
+        ends = f'<site site="s{q}"/><site site="s{q}anchor"/>'
+        tendons += f'<spatial stiffness="{1e3 * spring.stiffness!r}" springlength="0 0">{ends}</spatial>'
     body, at = "".join(sites[0]), 0.0
     for link, bead in enumerate(arm.beads, start=1):
         mass = bead.weight / STANDARD_GRAVITY if gravity else _LIGHT
@@ -84,24 +95,29 @@ class MujocoArm:
     """The simulated arm. Raises ImportError without MuJoCo."""
 
     def __init__(
-        self, arm: HingeChain, gravity: tuple[float, float, float] | None = None, payload: float = 0.0
+        self,
+        arm: HingeChain,
+        gravity: tuple[float, float, float] | None = None,
+        payload: float = 0.0,
+        springs: Sequence[Spring] = (),
     ) -> None:
         import mujoco
 
         self._engine: Any = mujoco
-        self.model = mujoco.MjModel.from_xml_string(description(arm, gravity, payload))
+        self.model = mujoco.MjModel.from_xml_string(description(arm, gravity, payload, springs))
         self.state = mujoco.MjData(self.model)
+        self._tendons = slice(arm.n_tendons)
 
     def pull(self, tensions: ArrayLike) -> None:
         """Prescribe the tensions of all tendons [N]."""
         self.model.opt.timestep = TIME_STEP
-        self.model.tendon_lengthspring[:, 1] = _NEVER
+        self.model.tendon_lengthspring[self._tendons, 1] = _NEVER
         self.state.ctrl[:] = tensions
 
     def wind(self, lengths: ArrayLike) -> None:
         """Prescribe the unstretched lengths of all tendons [mm]; shorter than that they are slack."""
         self.model.opt.timestep = SPRING_TIME_STEP
-        self.model.tendon_lengthspring[:, 1] = 1e-3 * np.asarray(lengths)
+        self.model.tendon_lengthspring[self._tendons, 1] = 1e-3 * np.asarray(lengths)
         self.state.ctrl[:] = 0.0
 
     def place(self, joint_angles: ArrayLike) -> None:
@@ -125,13 +141,13 @@ class MujocoArm:
 
     @property
     def spring_moments(self) -> Array:
-        """Moments of hinge springs, and of tendons under given lengths, (n - 1,) [N·mm]."""
+        """Moments of springs, and of tendons under given lengths, (n - 1,) [N·mm]."""
         return 1e3 * self.state.qfrc_passive
 
     @property
     def lengths(self) -> Array:
         """Tendon lengths [mm]."""
-        return 1e3 * self.state.ten_length
+        return 1e3 * self.state.ten_length[self._tendons]
 
     @property
     def tip(self) -> Array:

@@ -82,7 +82,7 @@ class Inputs(NamedTuple):
     actions: np.ndarray  # (B, m) not yet clipped
     starts: np.ndarray  # (B, J) hinge angles from which the solver starts, rad
     commands: np.ndarray  # (B, m) tendon lengths, mm
-    loads: np.ndarray  # (B, rows, 16) weights, and in the last row the payload
+    loads: np.ndarray  # (B, rows, 20) weights, and in the last row the payload
 
 
 class Solved(NamedTuple):

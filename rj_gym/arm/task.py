@@ -70,7 +70,7 @@ class ArmTask(Task):
         return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 
     def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
-        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 16)."""
+        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 20)."""
         rows = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))
         rows[:, 0] = np.append(np.arange(1, arm.n_links), arm.n_links - 1)
         rows[:-1, _PZ] = [-0.5 * bead.spacing for bead in arm.beads]
@@ -78,7 +78,7 @@ class ArmTask(Task):
         return rows
 
     def load_tables(self, episodes: Episodes, step: int) -> Array:
-        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 16)."""
+        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 20)."""
         nowhere = np.zeros(3)
         tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
         tables[:, :-1, FX : FX + 3] = episodes.weights[:, :, None] * episodes.gravity[:, None]
@@ -86,7 +86,7 @@ class ArmTask(Task):
         return tables
 
     def base_load_tables(self, episodes: Episodes) -> Array:
-        """Loads of the unloaded states: weights alone, tables (E, n - 1, 16)."""
+        """Loads of the unloaded states: weights alone, tables (E, n - 1, 20)."""
         return np.ascontiguousarray(self.load_tables(episodes, 0)[:, :-1])
 
     def lanes(self, capacity: int, goal: bool) -> ArmLanes:

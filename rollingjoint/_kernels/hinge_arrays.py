@@ -13,11 +13,13 @@ EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
 # Columns of HingeState.pose: rotation matrix row by row, then the origin
 PX, PY, PZ = 9, 10, 11
-# Columns of a load table, three each: body point, world force, world moment, body force, body moment
-LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, N_COLUMNS = 0, 1, 4, 7, 10, 13, 16
+# Columns of a load table, three each: body point, world force, world moment, body force, body moment, spring's anchor
+LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR, N_COLUMNS = 0, 1, 4, 7, 10, 13, 16, 17, 20
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
 # follower force B, moment of follower loads about the origin
 F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21
+# Columns of HingeState.held, sums over all springs beyond a hinge: k, k x, and k x outer x as xx, xy, xz, yy, yz, zz
+K, KX, KXX, N_HELD = 0, 1, 4, 10
 
 
 class Hinges(NamedTuple):
@@ -47,6 +49,7 @@ class HingeState(NamedTuple):
     gap: np.ndarray  # (J, m, 3): g, g', g''
     torque: np.ndarray  # (J, m): moment about the hinge per tension; g' unless the model is END_COUPLE
     sums: np.ndarray  # (J, N_SUMS)
+    held: np.ndarray  # (J, N_HELD)
     length: np.ndarray  # (m,)
     tension: np.ndarray  # (m,)
     elastic: np.ndarray  # (m,): d tension / d length
@@ -87,6 +90,7 @@ def new_hinge_state(n_joints, n_tendons):
         np.zeros((n_joints, n_tendons, 3)),
         np.zeros((n_joints, n_tendons)),
         np.zeros((n_joints, N_SUMS)),
+        np.zeros((n_joints, N_HELD)),
         np.zeros(n_tendons),
         np.zeros(n_tendons),
         np.zeros(n_tendons),
@@ -120,6 +124,7 @@ def borrow_hinge_state(state):
         borrow(state.gap),
         borrow(state.torque),
         borrow(state.sums),
+        borrow(state.held),
         borrow(state.length),
         borrow(state.tension),
         borrow(state.elastic),

@@ -11,6 +11,7 @@ from rollingjoint._kernels.batch import _resolvable
 from rollingjoint._kernels.hinge_arrays import (
     N_COLUMNS,
     PX,
+    SPRING,
     borrow_hinge_results,
     borrow_hinge_state,
     hinge_design,
@@ -23,11 +24,11 @@ from rollingjoint._kernels.tolerances import LARGEST_INPUT
 
 @part
 def _valid(law, loads, start):
-    """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon."""
+    """True when every number can be solved with: no NaN, nothing huge, limits in order, no pushing tendon or spring."""
     if not (_resolvable(law.command) and _resolvable(start)):
         return False
     for row in range(loads.shape[0]):
-        if not _resolvable(loads[row]):
+        if not _resolvable(loads[row]) or loads[row, SPRING] < 0.0:
             return False
     for j in range(law.low.size):
         if not (0.0 <= law.low[j] <= LARGEST_INPUT and law.low[j] <= law.high[j] and law.stiffness[j] > 0.0):

@@ -26,9 +26,12 @@ from rollingjoint._kernels.hinge_arrays import (
     XF,
     B,
     F,
+    K,
     M,
     borrow_hinge_state,
 )
+from rollingjoint._kernels.hinge_springs import add_springs, evaluate_springs, fill_spring_generators, has_springs
+from rollingjoint._kernels.spatial import cross, turned
 
 
 @part
@@ -41,29 +44,21 @@ def evaluate(chain, law, loads, state):
     _evaluate_geometry(chain, state)
     energy, magnitude = evaluate_tendons(law, state)
     load_energy, load_magnitude = _evaluate_loads(loads, state)
+    springs = has_springs(loads)
+    state.held[0, K] = 0.0  # enough to say that there are none
+    if springs:
+        spring_energy = evaluate_springs(loads, state)
+        load_energy, load_magnitude = load_energy + spring_energy, load_magnitude + spring_energy
     if chain.model == END_COUPLE:
         _add_end_couples(chain, state)
     _accumulate(state.sums)
+    if springs:
+        _accumulate(state.held)
     for i in range(state.angle.size):
         term = 0.5 * chain.springs[i] * (state.angle[i] - chain.joints[i, 2]) ** 2
         load_energy += term
         load_magnitude += term
     return energy + load_energy, magnitude + load_magnitude, _evaluate_residual(chain, state)
-
-
-@part(inline=True)
-def _cross(ax, ay, az, bx, by, bz):
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@part(inline=True)
-def _turned(pose, k, x, y, z):
-    """A vector of link k's frame in the base frame."""
-    return (
-        pose[k, 0] * x + pose[k, 1] * y + pose[k, 2] * z,
-        pose[k, 3] * x + pose[k, 4] * y + pose[k, 5] * z,
-        pose[k, 6] * x + pose[k, 7] * y + pose[k, 8] * z,
-    )
 
 
 @part(inline=True)
@@ -77,7 +72,7 @@ def _evaluate_geometry(chain, state):
     for i in range(state.angle.size):
         sin, cos = math.sin(state.angle[i]), math.cos(state.angle[i])
         x, y, z = chain.axes[i, 0], chain.axes[i, 1], chain.axes[i, 2]
-        axis[i, 0], axis[i, 1], axis[i, 2] = _turned(pose, i, x, y, z)
+        axis[i, 0], axis[i, 1], axis[i, 2] = turned(pose, i, x, y, z)
         rest = 1.0 - cos
         columns = (
             (cos + rest * x * x, rest * x * y + sin * z, rest * x * z - sin * y),
@@ -86,7 +81,7 @@ def _evaluate_geometry(chain, state):
         )
         for column in range(3):
             u, v, w = columns[column]
-            pose[i + 1, column], pose[i + 1, 3 + column], pose[i + 1, 6 + column] = _turned(pose, i, u, v, w)
+            pose[i + 1, column], pose[i + 1, 3 + column], pose[i + 1, 6 + column] = turned(pose, i, u, v, w)
         for row in range(3):
             pose[i + 1, PX + row] = pose[i, PX + row] + chain.spacings[i] * pose[i + 1, 3 * row + 2]
         _evaluate_gaps(chain, state, i, sin, cos)
@@ -114,7 +109,7 @@ def _evaluate_gaps(chain, state, i, sin, cos):
 
 @part(inline=True)
 def _evaluate_loads(loads, state):
-    """Fill sums with the loads of each link; returns (energy, magnitude of its terms)."""
+    """Fill sums with the loads of each link, springs left out; returns (energy, magnitude of its terms)."""
     sums, pose = state.sums, state.pose
     energy = magnitude = 0.0
     for i in range(sums.shape[0]):
@@ -125,7 +120,7 @@ def _evaluate_loads(loads, state):
         if link == 0:
             continue
         i = link - 1
-        px, py, pz = _turned(pose, link, loads[row, POINT], loads[row, POINT + 1], loads[row, POINT + 2])
+        px, py, pz = turned(pose, link, loads[row, POINT], loads[row, POINT + 1], loads[row, POINT + 2])
         x, y, z = px + pose[link, PX], py + pose[link, PY], pz + pose[link, PZ]
         fx, fy, fz = loads[row, FORCE], loads[row, FORCE + 1], loads[row, FORCE + 2]
         term = -(x * fx + y * fy + z * fz)
@@ -137,11 +132,11 @@ def _evaluate_loads(loads, state):
             sums[i, M + a] += loads[row, MOMENT + a]
             for b in range(3):
                 sums[i, XF + 3 * a + b] += at[a] * force[b]
-        bx, by, bz = _turned(pose, link, loads[row, BODY_FORCE], loads[row, BODY_FORCE + 1], loads[row, BODY_FORCE + 2])
-        mx, my, mz = _turned(
+        bx, by, bz = turned(pose, link, loads[row, BODY_FORCE], loads[row, BODY_FORCE + 1], loads[row, BODY_FORCE + 2])
+        mx, my, mz = turned(
             pose, link, loads[row, BODY_MOMENT], loads[row, BODY_MOMENT + 1], loads[row, BODY_MOMENT + 2]
         )
-        tx, ty, tz = _cross(x, y, z, bx, by, bz)
+        tx, ty, tz = cross(x, y, z, bx, by, bz)
         body = (bx, by, bz, tx + mx, ty + my, tz + mz)
         for a in range(6):
             sums[i, B + a] += body[a]
@@ -153,7 +148,7 @@ def _add_end_couples(chain, state):
     """Torques and sums of tendons that act as a couple on their last bead alone."""
     for j in range(state.length.size):
         last = chain.tendon_joints[j]
-        mx, my, mz = _turned(state.pose, last, -chain.ends[j, 1], chain.ends[j, 0], 0.0)
+        mx, my, mz = turned(state.pose, last, -chain.ends[j, 1], chain.ends[j, 0], 0.0)
         state.sums[last - 1, TB] += state.tension[j] * mx
         state.sums[last - 1, TB + 1] += state.tension[j] * my
         state.sums[last - 1, TB + 2] += state.tension[j] * mz
@@ -180,7 +175,7 @@ def _evaluate_residual(chain, state):
     for i in range(state.angle.size):
         cx, cy, cz = state.pose[i, PX], state.pose[i, PY], state.pose[i, PZ]
         fx, fy, fz = sums[i, F] + sums[i, B], sums[i, F + 1] + sums[i, B + 1], sums[i, F + 2] + sums[i, B + 2]
-        ox, oy, oz = _cross(cx, cy, cz, fx, fy, fz)
+        ox, oy, oz = cross(cx, cy, cz, fx, fy, fz)
         mx = sums[i, XF + 5] - sums[i, XF + 7] + sums[i, M] + sums[i, TB] - ox
         my = sums[i, XF + 6] - sums[i, XF + 2] + sums[i, M + 1] + sums[i, TB + 1] - oy
         mz = sums[i, XF + 1] - sums[i, XF + 3] + sums[i, M + 2] + sums[i, TB + 2] - oz
@@ -240,6 +235,8 @@ def stiffness(chain, state, H):
                 along = elastic[j] * state.torque[i, j]
                 for m in range(chain.tendon_joints[j]):
                     H[i, m] += along * state.gap[m, j, 1]
+    if state.held[0, K] != 0.0:
+        add_springs(state, H)
     _add_loads_without_potential(state, H)
 
 
@@ -252,7 +249,7 @@ def _add_loads_without_potential(state, H):
             _add_followers(state, m, H)
         if _any(sums, m, M, 3):  # the axis turns with every hinge below it, the moment does not
             for k in range(m):
-                ux, uy, uz = _cross(axis[k, 0], axis[k, 1], axis[k, 2], axis[m, 0], axis[m, 1], axis[m, 2])
+                ux, uy, uz = cross(axis[k, 0], axis[k, 1], axis[k, 2], axis[m, 0], axis[m, 1], axis[m, 2])
                 H[m, k] -= ux * sums[m, M] + uy * sums[m, M + 1] + uz * sums[m, M + 2]
 
 
@@ -271,11 +268,11 @@ def _add_followers(state, m, H):
     ax, ay, az = axis[m, 0], axis[m, 1], axis[m, 2]
     cx, cy, cz = pose[m, PX], pose[m, PY], pose[m, PZ]
     bx, by, bz = sums[m, B], sums[m, B + 1], sums[m, B + 2]
-    ox, oy, oz = _cross(cx, cy, cz, bx, by, bz)
-    tx, ty, tz = _cross(ax, ay, az, sums[m, TB] - ox, sums[m, TB + 1] - oy, sums[m, TB + 2] - oz)
-    gx, gy, gz = _cross(ax, ay, az, bx, by, bz)
+    ox, oy, oz = cross(cx, cy, cz, bx, by, bz)
+    tx, ty, tz = cross(ax, ay, az, sums[m, TB] - ox, sums[m, TB + 1] - oy, sums[m, TB + 2] - oz)
+    gx, gy, gz = cross(ax, ay, az, bx, by, bz)
     for i in range(m):
-        qx, qy, qz = _cross(cx - pose[i, PX], cy - pose[i, PY], cz - pose[i, PZ], gx, gy, gz)
+        qx, qy, qz = cross(cx - pose[i, PX], cy - pose[i, PY], cz - pose[i, PZ], gx, gy, gz)
         H[i, m] -= axis[i, 0] * (tx + qx) + axis[i, 1] * (ty + qy) + axis[i, 2] * (tz + qz)
 
 
@@ -295,3 +292,5 @@ def fill_generators(chain, state, prox, sweep):
             sweep.U[i, 3 + j], sweep.V[i, 3 + j] = state.elastic[j] * rate, rate
             diagonal += state.elastic[j] * rate * rate
         sweep.diagonal[i] = diagonal
+    if sweep.U.shape[1] > 3 + n_tendons:
+        fill_spring_generators(state, sweep, 3 + n_tendons)

@@ -15,8 +15,9 @@ from rollingjoint._kernels import newton
 from rollingjoint._kernels import solve as planar
 from rollingjoint._kernels.arrays import UNSTABLE, TendonLaw
 from rollingjoint._kernels.family import rebound
-from rollingjoint._kernels.hinge_arrays import END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS
+from rollingjoint._kernels.hinge_arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
 from rollingjoint._kernels.hinge_chain import evaluate, fill_generators, stiffness
+from rollingjoint._kernels.hinge_springs import has_springs
 from rollingjoint._kernels.long_chain import DENSE_JOINTS, Sweep
 from rollingjoint._kernels.newton import mark_free, move
 from rollingjoint._kernels.solve import begin
@@ -43,16 +44,16 @@ def _has_potential(chain, loads):
     if chain.model == END_COUPLE:
         return False
     for row in range(loads.shape[0]):
-        for column in range(MOMENT, N_COLUMNS):
+        for column in range(MOMENT, SPRING):
             if loads[row, LINK] > 0.0 and loads[row, column] != 0.0:
                 return False
     return True
 
 
 @part
-def new_sweep(n_joints, n_tendons):
-    """An empty Sweep."""
-    shape = (n_joints, 3 + n_tendons)
+def new_sweep(n_joints, n_tendons, springs):
+    """An empty Sweep; springs need three columns more."""
+    shape = (n_joints, 3 + n_tendons + (3 if springs else 0))
     return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
 
 
@@ -120,7 +121,7 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
             part_law.high[j] = share * law.high[j] if law.low[j] == law.high[j] else law.high[j]
         for row in range(loads.shape[0]):
             for column in range(N_COLUMNS):
-                part_loads[row, column] = loads[row, column] * (share if column >= FORCE else 1.0)
+                part_loads[row, column] = loads[row, column] * (share if FORCE <= column < ANCHOR else 1.0)
         for i in range(n):
             last[i] = state.angle[i]
         status, iterations, worst, left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
@@ -146,7 +147,7 @@ def solve_hinges(chain, law, loads, start, rest, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = _has_potential(chain, loads)
     n = start.size if conservative and start.size > DENSE_JOINTS else 0
-    sweep = new_sweep(n, law.low.size)
+    sweep = new_sweep(n, law.low.size, has_springs(loads))
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
     status, count, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
