@@ -118,7 +118,8 @@ def _numbers(where: str, given: Mapping[str, Any], config: SearchConfig, objecti
     """The numbers of an entry; "reference", which no weight can be, is what the reference mechanism has."""
     found = {}
     for key, value in given.items():
-        found[key] = number(f"{where}.{key}", value) if value != REFERENCE or key == "weight" else _measured(config, objective)
+        theirs = value == REFERENCE and key != "weight"
+        found[key] = _measured(config, objective) if theirs else number(f"{where}.{key}", value)
         if not math.isfinite(found[key]):
             raise ConfigError(f"{where}.{key}", value, "a number", f"{config.reference} has no equilibrium there.")
     return found

@@ -1,9 +1,9 @@
 """Sequential quadratic programming: descents that know the constraints one by one, not as a penalty.
 
 Every step minimises a quadratic model of the worth under the constraints made linear; so it goes along a limit where
-L-BFGS on a penalised cost bounces off it. Steps along a bent limit leave it a little; the constraints are therefore
-tightened at first, and less and less once designs keep to them. By scipy's SLSQP. Source: Kraft, "A software package for
-sequential quadratic programming" (1988); Nocedal and Wright, Numerical Optimization (2006), chapter 18.
+L-BFGS on a penalised cost bounces off it. Steps along a bent limit leave it a little: constraints have a reserve, which
+shrinks once designs keep to them. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
+programming" (1988); Nocedal and Wright, Numerical Optimization (2006), chapter 18.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from agents.fields import check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest
-INSIDE = 1e-2  # by how much constraints are to be kept at first
-NEARER = 0.1  # of that is left after a step to a design that keeps all constraints
-ROUNDING = 1e-6  # by how much they are to be kept at last: one broken by rounding is broken
+RESERVE = 1e-2  # by how much constraints are to be kept at first
+LEFT = 0.1  # of it after a step to a design that keeps all constraints
+ROUNDING = 1e-6  # the reserve at last: a constraint broken by rounding is broken
 MOST_STEPS = 200
 
 
@@ -71,9 +71,9 @@ class _Answer(NamedTuple):
     jacobian: Array  # (1 + constraints, d)
     ok: bool
 
-    def tightened(self, inside: float) -> Array:
-        """The constraints, to be kept by so much; those that nothing changes as they are."""
-        return self.constraints - np.where(self.jacobian[1:].any(1), inside, 0.0)
+    def tightened(self, reserve: float) -> Array:
+        """The constraints less a reserve; those that nothing changes as they are."""
+        return self.constraints - np.where(self.jacobian[1:].any(1), reserve, 0.0)
 
 
 class Descent:
@@ -111,15 +111,15 @@ class _Inside:
         self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
         self.answers: SimpleQueue[_Answer | None] = SimpleQueue()  # None: given up
         self.known: tuple[Array, _Answer] | None = None
-        self.inside = INSIDE
+        self.reserve = RESERVE
 
     def minimise(self, start: Array) -> None:
-        """Minimise from a start, asking for every point; at rest at once where it has no equilibrium, hence no slope."""
+        """Minimise from a start, asking for every point; at rest at once where it has no equilibrium."""
         try:
             if self.answer(start).ok:
                 rest = self._minimise(start)
-                if self.inside > ROUNDING:
-                    self.inside = ROUNDING
+                if self.reserve > ROUNDING:
+                    self.reserve = ROUNDING
                     self._minimise(rest)
         except _GivenUp:
             return
@@ -134,7 +134,7 @@ class _Inside:
         scale = 1.0 / steepest if steepest else 1.0  # SLSQP takes the second derivatives for 1 at first
         constraints = {
             "type": "ineq",
-            "fun": lambda x: self.answer(x).tightened(self.inside),
+            "fun": lambda x: self.answer(x).tightened(self.reserve),
             "jac": lambda x: self.answer(x).jacobian[1:],
         }
         options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
@@ -151,9 +151,9 @@ class _Inside:
         return np.asarray(found.x)
 
     def stepped(self, x: Array) -> None:
-        """After every step: constraints that are kept are to be kept by less."""
+        """After every step: a smaller reserve, if all constraints are kept."""
         if (self.answer(x).constraints >= 0).all():
-            self.inside = max(NEARER * self.inside, ROUNDING)
+            self.reserve = max(LEFT * self.reserve, ROUNDING)
 
     def answer(self, x: Array) -> _Answer:
         """What was found about a point, asked for once."""
