@@ -2,6 +2,7 @@
 
 import errno
 import os
+import time
 from itertools import islice
 from types import SimpleNamespace
 
@@ -149,6 +150,22 @@ def test_sqp_goes_along_a_limit_to_the_end():
     assert np.sqrt(2.0) + min(batch.worth[0] for batch in batches if batch.constraints[0, 0] >= 0) < 2e-6
 
 
+def test_sqp_keeps_to_bent_limits_from_its_first_steps_on():
+    """Steps along a sphere leave it: with a limit as it is, 7 designs of 40 keep to it, tightened at first 20."""
+    far = np.linspace(1.0, 3.0, 12)
+    problem = Toy(lambda x: -x @ far, 12, breaks=lambda x: np.square(x).sum(1) - 1.0)
+    found = explored("sqp", problem, 40, starts=1)
+    kept = np.square(found.x).sum(1) <= 1.0
+    assert kept.sum() > 15 and (found.x[kept] @ far).max() == pytest.approx(np.linalg.norm(far), rel=1e-4)
+
+
+def test_sqp_spends_one_design_on_a_start_without_an_equilibrium():
+    problem = Toy(sphere, 3, fails=lambda x: x[:, 0] < 0)
+    x = explored("sqp", problem, 60, starts=1).x
+    failed = np.flatnonzero(problem.fails(x))
+    assert len(failed) > 1 and np.abs(np.diff(x, axis=0))[failed[failed < 59]].max(1).min() > 1e-3
+
+
 def test_a_descent_without_slope_is_at_rest_at_once():
     descent = Descent(np.zeros(2), 5, 0.5)
     descent.tell(1.0, np.zeros(2))
@@ -247,6 +264,17 @@ def test_seconds_go_on_where_they_were(tmp_path):
     run.journal.unlink()
     run.append(batch, 1000.0)
     assert 1000.0 < searched(run, "gradient").seconds < 1100.0
+
+
+def test_seconds_are_processor_time(tmp_path):
+    class Waits(Toy):
+        def evaluate(self, x):
+            time.sleep(0.4)
+            return super().evaluate(x)
+
+    run, problem = begun(tmp_path / "run", "cma_es"), Waits(sphere, 3)
+    progress = list(islice(search(run, problem, optimiser("cma_es", problem), 45), 3))
+    assert 0.0 < progress[-1].seconds < 0.2
 
 
 def test_a_full_disk_loses_no_more_than_a_batch(tmp_path, monkeypatch):

@@ -19,8 +19,9 @@ from agents.search.config import load_search
 from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
 from agents.search.outcome import Search, median
-from agents.search.problem import KINDS, check, design_problem
+from agents.search.problem import KINDS, against, check, design_problem
 from agents.search.report import CAPTIONS, Report
+from agents.search.workers import _one_thread_each
 from rollingjoint.errors import ConfigError
 from rollingjoint.mechanism_file import load_mechanism
 
@@ -68,6 +69,22 @@ def test_shipped_searches_can_be_searched(path):
     assert load_search(path).to_dict() == config.to_dict()
 
 
+def test_the_scale_reference_is_what_the_reference_has(tmp_path):
+    text = SMALL.replace("kind: lateral_stiffness", "kind: lateral_stiffness, scale: reference", 1)
+    config = load_search(written(tmp_path, text))
+    problem = design_problem(config)
+    assert problem.objectives[0].factor * against(config, problem)[0] == pytest.approx(-1.0, abs=1e-12)
+
+
+def test_worker_processes_do_linear_algebra_on_one_thread(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    with _one_thread_each():
+        child = subprocess.run(["sh", "-c", "echo $OPENBLAS_NUM_THREADS $MKL_NUM_THREADS"], capture_output=True)
+    assert child.stdout == b"1 1\n"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "3" and "MKL_NUM_THREADS" not in os.environ
+
+
 def test_there_is_a_shipped_search_for_every_objective():
     kinds = {item["kind"] for path in SHIPPED for item in load_search(path).objectives}
     assert kinds == set(KINDS)
@@ -87,6 +104,7 @@ def test_there_is_a_shipped_search_for_every_objective():
         ),
         ("tensions: [[5, 5]]", "tensions: [[-5, 5]]", r"objectives\[0\].*tensions of 0 or more"),
         ("tensions: [[5, 5]]", "weight: -1", r"objectives\[0\]: weight = -1"),
+        ("tensions: [[5, 5]]", "weight: reference", r"objectives\[0\].weight = 'reference'"),
         ("knots: 3", "knot: 3", "space: unknown key = 'knot'.*Did you mean 'knots'"),
         ("knots: 3", "knots: 4", "space"),
         ("high: reference", "high: refrence", r"limits\[1\].high = 'refrence'"),

@@ -3,7 +3,7 @@
 config.yaml          the search, with this method and this seed alone
 command.txt          what was typed; a line more whenever the run goes on
 versions.json        Python, packages, platform
-evaluations.jsonl    a line per batch: designs, what was found, seconds so far; a line without its end does not count
+evaluations.jsonl    a line per batch: designs, what was found, processor time; one without its end does not count
 lock                 held by the process that searches
 """
 
@@ -100,7 +100,7 @@ class SearchRun:
             raise RunFolderError("run", str(self.path), "one in which no other process searches", mend) from None
 
     def batches(self) -> list[tuple[Evaluated, float]]:
-        """All batches and the seconds that had passed after each; raises RunFolderError for a broken journal."""
+        """All batches, the processor time after each [s]; raises RunFolderError for a broken journal."""
         if not self.journal.is_file():
             return []
         lines = self.journal.read_bytes().split(b"\n")[:-1]

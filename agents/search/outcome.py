@@ -39,7 +39,7 @@ class Outcome:
 
     Args:
         evaluated: all its designs, (n,).
-        seconds: that had passed when each had been evaluated, (n,); interruptions and resuming left out.
+        seconds: of processor time that had been used when each had been evaluated, (n,); resuming left out.
     """
 
     method: str

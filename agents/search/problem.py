@@ -44,7 +44,7 @@ def design_problem(config: SearchConfig, held_out: bool = False) -> Problem:
     space = mapping("space", config.space, keys)
     with _located("space"):
         made = DesignSpace(**{key: _frozen(value) for key, value in space.items()})
-    terms = tuple(_term(f"objectives[{i}]", item, other) for i, item in enumerate(config.objectives))
+    terms = tuple(_term(f"objectives[{i}]", item, config, other) for i, item in enumerate(config.objectives))
     limits = tuple(_limit(f"limits[{i}]", item, config, other) for i, item in enumerate(config.limits))
     with _located("objectives"):
         return Problem(made, terms, limits)
@@ -100,22 +100,29 @@ def _measured(config: SearchConfig, objective: Objective) -> float:
         return math.nan
 
 
-def _term(where: str, item: object, other: Mapping[str, Any]) -> Term:
+def _term(where: str, item: object, config: SearchConfig, other: Mapping[str, Any]) -> Term:
     objective, rest = _objective(where, item, ("weight", "scale"), other)
-    values = {key: number(f"{where}.{key}", value) for key, value in rest.items()}
+    values = _numbers(where, rest, config, objective)
     with _located(where):
         return Term(objective, **values)
 
 
 def _limit(where: str, item: object, config: SearchConfig, other: Mapping[str, Any]) -> Limit:
     objective, rest = _objective(where, item, ("low", "high"), other)
-    bounds = {}
-    for key, value in rest.items():
-        bounds[key] = _measured(config, objective) if value == REFERENCE else number(f"{where}.{key}", value)
-        if not math.isfinite(bounds[key]):
-            raise ConfigError(f"{where}.{key}", value, "a number", f"{config.reference} has no equilibrium there.")
+    bounds = _numbers(where, rest, config, objective)
     with _located(where):
         return Limit(objective, **bounds)
+
+
+def _numbers(where: str, given: Mapping[str, Any], config: SearchConfig, objective: Objective) -> dict[str, float]:
+    """The numbers of an entry; "reference", which no weight can be, is what the reference mechanism has."""
+    found = {}
+    for key, value in given.items():
+        theirs = value == REFERENCE and key != "weight"
+        found[key] = _measured(config, objective) if theirs else number(f"{where}.{key}", value)
+        if not math.isfinite(found[key]):
+            raise ConfigError(f"{where}.{key}", value, "a number", f"{config.reference} has no equilibrium there.")
+    return found
 
 
 def _objective(

@@ -177,7 +177,7 @@ class Report:
             )
         return (
             f"Best feasible design of a run: median of the seeds, then the best and the worst.{what} A design with its "
-            "gradient counts as one evaluation; seconds are wall time of a run, with the time that the method itself "
+            "gradient counts as one evaluation; seconds are processor time of a run, with what the method itself "
             "takes. Feasible: share of all designs that were evaluated."
         )
 

@@ -16,7 +16,7 @@ AGREEMENT = 1e-9  # largest difference between designs in the journal and those 
 
 
 class Progress(NamedTuple):
-    """Designs evaluated, the least cost of a feasible one (infinite before), seconds."""
+    """Designs evaluated, the least cost of a feasible one (infinite before), seconds of processor time."""
 
     evaluations: int
     best: float
@@ -25,6 +25,9 @@ class Progress(NamedTuple):
 
 def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
     """Go on with a run; yields after every batch, and once before the first.
+
+    Its seconds are processor time of this process with all its threads: what other processes do does not count, what
+    this one does between two batches would.
 
     Args:
         problem: `evaluate`, `with_gradient` and `with_jacobian`, as rollingjoint.design.Problem has them.
@@ -37,11 +40,11 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
         run.cut_off_unfinished_line()
         now = _replay(run, optimiser, budget)
         yield now
-        begun = time.monotonic() - now.seconds
+        begun = time.process_time() - now.seconds
         while now.evaluations < budget:
             evaluated = evaluated_by(problem, optimiser, optimiser.ask(budget - now.evaluations))
             optimiser.tell(evaluated)
-            seconds = time.monotonic() - begun
+            seconds = time.process_time() - begun
             run.append(evaluated, seconds)
             now = _advanced(now, evaluated, seconds)
             yield now

@@ -1,7 +1,8 @@
 """Sequential quadratic programming: descents that know the constraints one by one, not as a penalty.
 
 Every step minimises a quadratic model of the worth under the constraints made linear; so it goes along a limit where
-L-BFGS on a penalised cost bounces off it. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
+L-BFGS on a penalised cost bounces off it. Steps along a bent limit leave it a little: constraints have a reserve, which
+shrinks once designs keep to them. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
 programming" (1988); Nocedal and Wright, Numerical Optimization (2006), chapter 18.
 """
 
@@ -14,11 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from agents.fields import check_integer
+from agents.fields import check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest
-INSIDE = 1e-6  # by how much constraints are to be kept: one broken by rounding is broken
+RESERVE = 1e-2  # by how much constraints are to be kept at first
+LEFT = 0.1  # of it after a step to a design that keeps all constraints
+ROUNDING = 1e-6  # the reserve at last: a constraint broken by rounding is broken
 MOST_STEPS = 200
 
 
@@ -28,15 +31,18 @@ class Sqp:
 
     Args:
         starts: descents side by side, from random designs.
+        share: of the box, around its middle, in which they begin; far out fewer designs have an equilibrium.
     """
 
     task: Task
     starts: int = 2
+    share: float = 0.5
 
     wants: ClassVar[Derivatives] = "jacobian"
 
     def __post_init__(self) -> None:
         check_integer("starts", self.starts, 1)
+        check_number("share", self.share, 1e-3, 1.0)
         self.generator = self.task.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 
@@ -48,13 +54,13 @@ class Sqp:
         """Every descent goes on, and begins anew where it is at rest."""
         assert evaluated.worth is not None, "this optimiser wants Jacobians"
         assert evaluated.constraints is not None and evaluated.jacobian is not None
-        rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, strict=True)
-        for place, (worth, constraints, jacobian) in enumerate(rows):
-            if not self.descents[place].tell(_Answer(float(worth), constraints, jacobian)):
+        rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, evaluated.ok, strict=True)
+        for place, row in enumerate(rows):
+            if not self.descents[place].tell(_Answer(*row)):
                 self.descents[place] = self._descent()
 
     def _descent(self) -> Descent:
-        return Descent(self.generator.uniform(-1.0, 1.0, self.task.dimensions))
+        return Descent(self.generator.uniform(-self.share, self.share, self.task.dimensions))
 
 
 class _Answer(NamedTuple):
@@ -63,6 +69,11 @@ class _Answer(NamedTuple):
     worth: float
     constraints: Array
     jacobian: Array  # (1 + constraints, d)
+    ok: bool
+
+    def tightened(self, reserve: float) -> Array:
+        """The constraints less a reserve; those that nothing changes as they are."""
+        return self.constraints - np.where(self.jacobian[1:].any(1), reserve, 0.0)
 
 
 class Descent:
@@ -100,33 +111,49 @@ class _Inside:
         self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
         self.answers: SimpleQueue[_Answer | None] = SimpleQueue()  # None: given up
         self.known: tuple[Array, _Answer] | None = None
+        self.reserve = RESERVE
 
     def minimise(self, start: Array) -> None:
-        """Minimise from a start, asking for every point."""
-        from scipy.optimize import minimize
-
-        constraints = {
-            "type": "ineq",
-            "fun": lambda x: self.answer(x).constraints - INSIDE,
-            "jac": lambda x: self.answer(x).jacobian[1:],
-        }
-        options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
+        """Minimise from a start, asking for every point; at rest at once where it has no equilibrium."""
         try:
-            steepest = np.abs(self.answer(start).jacobian[0]).max()
-            scale = 1.0 / steepest if steepest else 1.0  # SLSQP takes the second derivatives for 1 at first
-            minimize(
-                lambda x: scale * self.answer(x).worth,
-                start,
-                jac=lambda x: scale * self.answer(x).jacobian[0],
-                bounds=[(-1.0, 1.0)] * len(start),
-                constraints=constraints,
-                method="SLSQP",
-                options=options,
-            )
+            if self.answer(start).ok:
+                rest = self._minimise(start)
+                if self.reserve > ROUNDING:
+                    self.reserve = ROUNDING
+                    self._minimise(rest)
         except _GivenUp:
             return
         finally:
             self.asked.put(None)
+
+    def _minimise(self, start: Array) -> Array:
+        """Where SLSQP comes to rest."""
+        from scipy.optimize import minimize
+
+        steepest = np.abs(self.answer(start).jacobian[0]).max()
+        scale = 1.0 / steepest if steepest else 1.0  # SLSQP takes the second derivatives for 1 at first
+        constraints = {
+            "type": "ineq",
+            "fun": lambda x: self.answer(x).tightened(self.reserve),
+            "jac": lambda x: self.answer(x).jacobian[1:],
+        }
+        options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
+        found = minimize(
+            lambda x: scale * self.answer(x).worth,
+            start,
+            jac=lambda x: scale * self.answer(x).jacobian[0],
+            bounds=[(-1.0, 1.0)] * len(start),
+            constraints=constraints,
+            method="SLSQP",
+            callback=self.stepped,
+            options=options,
+        )
+        return np.asarray(found.x)
+
+    def stepped(self, x: Array) -> None:
+        """After every step: a smaller reserve, if all constraints are kept."""
+        if (self.answer(x).constraints >= 0).all():
+            self.reserve = max(LEFT * self.reserve, ROUNDING)
 
     def answer(self, x: Array) -> _Answer:
         """What was found about a point, asked for once."""

@@ -6,6 +6,7 @@ done, the end of the pipe too, makes it stop after the batch that it works on. S
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from agents.search.folder import SearchRun
-from agents.search.run import Progress, search
+from agents.search.run import Progress, evaluated_by, search
 from rollingjoint.errors import RollingJointError
 
 POLL = 0.2  # seconds between two looks at whether to stop
@@ -30,7 +31,7 @@ def work_on(runs: Sequence[Path], jobs: int, stop: Callable[[], bool]) -> Iterat
         for _ in range(min(jobs, len(left))):
             ours, theirs = context.Pipe()
             worker = context.Process(target=_serve, args=(theirs,))
-            with _without_interrupts():
+            with _without_interrupts(), _one_thread_each():
                 worker.start()
             theirs.close()
             workers.append((worker, ours))
@@ -55,6 +56,22 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that start here do linear algebra on one thread: of small matrices a second one only waits, at work."""
+    names = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _give(pipe: Connection, left: list[Path], busy: dict[Connection, Path]) -> None:
@@ -103,6 +120,6 @@ def _searched(path: Path) -> Iterator[Progress]:
 
     torch.set_num_threads(1)
     run = SearchRun(path)
-    problem = design_problem(run.config)
-    problem.with_gradient(problem.space.reference()[None])  # what is loaded and compiled once is no method's time
+    problem, first = design_problem(run.config), optimiser(run.config, design_problem(run.config))
+    first.tell(evaluated_by(problem, first, first.ask(run.config.budget)))  # what is compiled once is no run's time
     return search(run, problem, optimiser(run.config, problem), run.config.budget)

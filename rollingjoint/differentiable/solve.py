@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
@@ -95,8 +96,8 @@ def _solve(
         *([] if begin is None else [begin.shape[:-1]]),
     ]
     try:
-        batch = torch.broadcast_shapes(*shapes)
-    except RuntimeError:
+        batch = np.broadcast_shapes(*map(tuple, shapes))
+    except ValueError:
         raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
     law = law.each(lambda row: row.expand(*batch, row.shape[-1]))
     table = table[(None,) * (len(batch) + 2 - table.ndim)]

@@ -84,7 +84,7 @@ class Surfaces:
         quadrature = _quadrature(turning, lengths)
 
         def placed(points: Tensor, tangent: Tensor) -> Surfaces:
-            shape = torch.broadcast_shapes(points.shape, tangent.shape[:-1], lengths.shape)
+            shape = np.broadcast_shapes(tuple(points.shape), tuple(tangent.shape[:-1]), tuple(lengths.shape))
             columns = breaks[..., :-1, None], as_pairs(points), tangent
             return cls(limits, borders, torch.cat([c.expand(*shape, c.shape[-1]) for c in columns], -1), *quadrature)
 
