@@ -6,7 +6,7 @@ import yaml
 from scipy.optimize import least_squares
 
 from agents.baselines import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
-from agents.baselines.measured import estimated_loads, measured_equilibrium
+from agents.baselines.measured_chain import estimated_loads, measured_equilibrium
 from agents.baselines.model_inverse import nearest_tensions
 from agents.baselines.responses import bounded_step, length_responses
 from agents.config import EnvConfig
@@ -148,7 +148,7 @@ def test_the_model_under_the_estimated_load_is_near_the_measured_pose():
     seen, _ = stepped()
     controller = LoadEstimate()
     controller.begin(seen.task, len(seen.tip))
-    model, loads = controller.loaded(seen)
+    model, loads = controller.measured.loaded(seen)
     np.testing.assert_array_equal(model.loads, loads)
     np.testing.assert_allclose(model.poses, seen.poses, atol=0.05)
 
