@@ -18,7 +18,7 @@ from rollingjoint.errors import ConfigError
 class EnvConfig:
     """The environment: Gymnasium id, copies that are stepped together, and settings.
 
-    For ids of rj_gym the settings are the keys of TrackingConfig or DesignConfig; else arguments of gymnasium.make.
+    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
     """
 
     id: str = "rj_gym/RollingJoint-v0"

@@ -10,15 +10,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.observation import observation_entries
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 from rollingjoint.errors import InvalidInput
 from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.solve import solve_lengths_batch
 
 Array = NDArray[np.float64]
-Task = TrackingTask
-
 HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 
 
@@ -125,8 +122,7 @@ class Seen:
     @cached_property
     def _places(self) -> dict[str, int]:
         goal = isinstance(self.observation, Mapping)
-        entries = observation_entries(self._task.config, self._task.mechanism, goal)
-        return {entry.name: place for place, entry in enumerate(entries)}
+        return {entry.name: place for place, entry in enumerate(self._task.entries(goal))}
 
     def _entries(self, *names: str) -> Array:
         """These entries of the observation, (B, len(names)), in their units."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.controller import Array, Seen, Task
+from agents.controller import Array, Seen
+from rj_gym.tracking.task import Task
 
 
 class DoNothing:

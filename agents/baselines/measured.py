@@ -6,7 +6,8 @@ from typing import Any, Protocol
 
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
-from agents.controller import Array, Seen, Task
+from agents.controller import Array, Seen
+from rj_gym.tracking.task import Task
 from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.solution import Solution
 

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from agents.baselines.responses import choose
-from agents.controller import HANGING, Array, Seen, Task
+from agents.controller import HANGING, Array, Seen
+from rj_gym.tracking.task import Task
 from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.hinge_equilibrium import HingeEquilibrium
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table

@@ -6,7 +6,8 @@ import numpy as np
 
 from agents.baselines.model_inverse import nearest_tensions
 from agents.baselines.measured import measured_by, unstretched
-from agents.controller import Array, Seen, Task
+from agents.controller import Array, Seen
+from rj_gym.tracking.task import Task
 from rollingjoint.solve import solve_tensions_batch
 
 
