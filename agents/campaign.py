@@ -16,12 +16,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.config import TrainConfig, load_config
+from agents.config import TrainConfig, load_config, plain_settings
 from agents.fields import check_integer
 from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
 from rj_gym.config import TaskConfig
@@ -112,7 +112,7 @@ def content(config: TrainConfig) -> dict[str, Any]:
     if isinstance(settings, TaskConfig):
         mechanism = task_of(settings).mechanism
         numbers = mechanism_to_dict(mechanism) | {"name": ""}
-        values["env"]["settings"] = asdict(replace(settings, mechanism="")) | {"mechanism": numbers}
+        values["env"]["settings"] = plain_settings(settings) | {"mechanism": numbers}
     return values
 
 

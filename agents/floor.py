@@ -157,10 +157,11 @@ class _Lanes:
     tension_range: tuple[float, float]
 
     def __getitem__(self, rows: NDArray[np.int64] | slice) -> _Lanes:
-        return replace(self, **{name: getattr(self, name)[rows] for name in ("chains", "targets", "loads", "base_loads")})
+        names = ("chains", "targets", "loads", "base_loads")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     @property
-    def mechanism(self) -> Mechanism | list[Mechanism]:
+    def mechanism(self) -> Any:
         """What the solvers take."""
         one = bool(np.all(self.chains == self.chains[0]))
         return self.chains[0] if one else list(self.chains)

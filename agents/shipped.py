@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 
-from agents.config import EnvConfig
+from agents.config import EnvConfig, plain_settings
 from agents.fields import check_integer
 from agents.network import Network, PolicyError, Vectors
 from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
@@ -96,7 +96,7 @@ class ShippedPolicy:
     @property
     def environment(self) -> EnvConfig:
         """The environment that it was trained for, as agents.rollout wants it."""
-        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | _plain_settings(self.settings))
+        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
 
     def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
         """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
@@ -152,7 +152,7 @@ class ShippedPolicy:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
         network = self.network
-        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | _plain_settings(self.settings)
+        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | plain_settings(self.settings)
         return {
             "name": self.name,
             "algorithm": self.algorithm,
@@ -214,7 +214,7 @@ def is_goal(env_id: str) -> bool:
 
 def standalone(settings: TaskConfig) -> TaskConfig:
     """The settings with the mechanism itself in place of its name or file."""
-    return replace(settings, mechanism=_mechanism_of(settings))
+    return settings.updated({"mechanism": _mechanism_of(settings)})
 
 
 def entry_names(settings: TaskConfig, goal: bool) -> tuple[str, ...]:
@@ -259,13 +259,6 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
         "training": training,
         "score": None if content["score"] is None else RecordedScore(**content["score"]),
     }
-
-
-def _plain_settings(config: TaskConfig) -> dict[str, Any]:
-    """All settings but the mechanism, as plain values."""
-    values = asdict(replace(config, mechanism=""))
-    del values["mechanism"]
-    return values
 
 
 def _numbers_of(mechanism: Mechanism) -> dict[str, Any]:

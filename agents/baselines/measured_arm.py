@@ -81,7 +81,9 @@ class MeasuredArm:
         tables[..., _FORCE] = tables[..., _FORCE.stop - 1, None] * direction[:, None]
         return tables
 
-    def _under(self, seen: Seen, estimate: Array, near: HingeEquilibrium | None = None) -> tuple[HingeEquilibrium, Array]:
+    def _under(
+        self, seen: Seen, estimate: Array, near: HingeEquilibrium | None = None
+    ) -> tuple[HingeEquilibrium, Array]:
         """The model under the commands and these loads, and their tables."""
         tables, starts = self.tables(estimate), self._starts if near is None else near.joint_angles
         return solve_lengths_batch(self.mechanism, seen.commands, tables, starts), tables

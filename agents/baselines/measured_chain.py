@@ -1,4 +1,4 @@
-"""What the model of a planar chain makes of a measured pose and its tensions: an equilibrium, and the load it tells of."""
+"""What the model of a planar chain makes of measured poses and tensions: an equilibrium, and the load they tell of."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def nearest_tensions(
     low, high = np.log(np.maximum(limits, 1e-3))
     pull, calm = (_PULL * mechanism.length) ** 2, np.log(rest)
     best = np.clip(np.log(starts), low, high)
-    found = solve_tensions_batch(mechanism, np.exp(best), loads)
+    found: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
     least, damping = _cost(found, targets, pull, best - calm), np.full(len(best), 1e-3)
     going = np.ones((len(best), 1), bool)
     for _ in range(most_steps):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.baselines.model_inverse import nearest_tensions
 from agents.baselines.measured import measured_by, unstretched
+from agents.baselines.model_inverse import nearest_tensions
 from agents.controller import Array, Seen
 from rj_gym.tracking.task import Task
 from rollingjoint.solve import solve_tensions_batch

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from rollingjoint.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 from rollingjoint.solution import Solution
 
 Mask = NDArray[np.bool_]
+Equilibria = TypeVar("Equilibria", bound=Solution)
 
 _ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
 
@@ -62,21 +65,28 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     return step
 
 
-def lanes_of(equilibria: Solution, rows: Mask) -> Solution:
+def lanes_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
     """Some of the equilibria of one mechanism."""
-    return replace(equilibria, **{name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
+    return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 
 
-def choose(rows: Mask, one: Solution, other: Solution) -> Solution:
+def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
     """The equilibria of `one` in these rows, those of `other`, under as many loads, elsewhere."""
     chosen = {}
     for name in _array_names(one):
         first, second = getattr(one, name), getattr(other, name)
         chosen[name] = np.where(rows.reshape(-1, *[1] * (first.ndim - 1)), first, second)
-    return replace(one, **chosen)
+    return with_arrays(one, chosen)
 
 
-def _array_names(equilibria: Solution) -> list[str]:
+def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Array]) -> Equilibria:
+    """The equilibria with other arrays."""
+    either_family: Any = equilibria
+    changed: Equilibria = replace(either_family, **arrays)
+    return changed
+
+
+def _array_names(equilibria: Any) -> list[str]:
     return [field.name for field in fields(equilibria) if field.name != "mechanism"]
 
 

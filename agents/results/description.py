@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig, TrackingConfig
+from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig
 from rj_gym.tracking.task import task_of
 from rollingjoint.hinge_chain import HingeChain
 
@@ -33,7 +33,7 @@ def load_range(load: LoadConfig | PayloadConfig, low: float, high: float) -> str
     return f"drifting up to {high:g} N" if load.process == "ou" else f"{low:g} to {high:g} N"
 
 
-def _loads(config: TrackingConfig) -> list[str]:
+def _loads(config: TaskConfig) -> list[str]:
     load, seen = config.load, "is observed" if config.observe_load else "is not observed"
     where = "the tip" if load.link == "tip" else "a random link"
     low, high = load.magnitude
@@ -73,7 +73,10 @@ def _randomised(settings: RandomizationConfig | ArmRandomizationConfig) -> str:
     parts = {f"tendon stiffness by up to {100 * settings.stiffness_spread:g} %": settings.stiffness_spread}
     if isinstance(settings, ArmRandomizationConfig):
         hinges, weights = settings.hinge_stiffness_spread, settings.weight_spread
-        parts |= {f"every hinge by up to {100 * hinges:g} %": hinges, f"every weight by up to {100 * weights:g} %": weights}
+        parts |= {
+            f"every hinge by up to {100 * hinges:g} %": hinges,
+            f"every weight by up to {100 * weights:g} %": weights,
+        }
     else:
         surfaces = f"{settings.link_tolerance_mm:g} mm and {settings.link_tolerance_rad:g} rad"
         parts[f"contact surfaces by up to {surfaces}"] = settings.link_tolerance_mm or settings.link_tolerance_rad
