@@ -88,7 +88,7 @@ class Seen:
         away = self._entries(*(f"tendon {j} command" for j in tendons))
         return self._task.neutral_lengths + self._task.config.command_scale_mm * away
 
-    @property
+    @cached_property
     def tensions(self) -> Array:
         """Measured tensions, (B, m) [N]; where they are not observed, those of the model at pose and commands.
 

@@ -36,7 +36,7 @@ class MeasuredArm:
 
     STEPS = 2  # of Gauss-Newton in every step of control
     TIP = 1.0  # mm: an error of the model's tip that is as likely
-    TENSION = 0.3  # N: as this error of a tension,
+    TENSION = 0.05  # N: as this error of a tension,
     TILT = 1.0  # rad: this turn of gravity,
     PAYLOAD = 1.0  # N: and this payload
 
@@ -47,7 +47,8 @@ class MeasuredArm:
         weights = spatial_load_table(self.nominal_loads, self.mechanism.n_links)
         payload = spatial_load_table([WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))], self.mechanism.n_links)
         self._rows = np.concatenate([weights, payload])
-        self._spreads = np.array([*[self.TIP] * 3, *[self.TENSION] * self.mechanism.n_tendons])
+        tension = self.TENSION if task.config.observe_tensions else np.inf
+        self._spreads = np.array([*[self.TIP] * 3, *[tension] * self.mechanism.n_tendons])
         self._starts: Array | None = None
 
     def unloaded(self, seen: Seen) -> HingeEquilibrium:
