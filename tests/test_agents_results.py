@@ -245,7 +245,9 @@ def test_a_task_is_described_by_its_settings():
         )
     )
     assert "small_arm (4 beads, 4 tendons, 80 mm): the tip follows a path through 3 points" in arm
-    assert "hangs from a base that is tilted by up to 29°; a payload of 0.1 to 0.4 N hangs from its tip and drifts" in arm
+    assert (
+        "hangs from a base that is tilted by up to 29°; a payload of 0.1 to 0.4 N hangs from its tip and drifts" in arm
+    )
     assert "Tilt and payload are observed." in arm and "turn into that of the target, too." in arm
     assert "noisy (standard deviations 1 mm and 0 rad)" in arm and "off: every weight by up to 10 %." in arm
 

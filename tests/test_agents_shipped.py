@@ -110,9 +110,7 @@ print(info["error_mm"] < 1, truncated, sorted({"torch", "stable_baselines3", "pi
     assert run_python("-c", program).split("\n")[0] == "True True []"
 
 
-@pytest.mark.parametrize(
-    ("env_id", "changes"), [(FLAT, {}), (GOAL, {}), (ARM, {}), (ARM_GOAL, {"orientation": True})]
-)
+@pytest.mark.parametrize(("env_id", "changes"), [(FLAT, {}), (GOAL, {}), (ARM, {}), (ARM_GOAL, {"orientation": True})])
 def test_written_policy_is_read_back_to_the_last_bit(env_id, changes):
     policy = random_policy(env_id, observe_load=True, randomization={"stiffness_spread": 0.1}, **changes)
     again = ShippedPolicy.from_bytes(policy.to_bytes())
