@@ -29,7 +29,12 @@ COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip
 RECIPES = {
     "ppo_near": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}"],
-    "sac_near": ["algorithm=sac", "parameters={learning_starts: 20, batch_size: 8}", "env.settings.reward.effort=0"],
+    "sac_near": [
+        "algorithm=sac",
+        "parameters={learning_starts: 20, batch_size: 8}",
+        "env.settings.reward.effort=0",
+        "env.id=rj_gym/RollingJointGoal-v0",
+    ],
     "ppo_drift": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}", "env.settings.load.process=ou"],
     "ppo_reach": [
         "parameters={n_steps: 20, batch_size: 40, n_epochs: 1}",
