@@ -16,16 +16,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.config import TrainConfig, load_config
+from agents.config import TrainConfig, load_config, plain_settings
 from agents.fields import check_integer
 from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
-from rj_gym.config import TrackingConfig
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.config import TaskConfig
+from rj_gym.tracking.task import task_of
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.mechanism_file import mechanism_to_dict
@@ -109,10 +109,10 @@ def content(config: TrainConfig) -> dict[str, Any]:
     """Plain values of all that a configuration means: settings left out are written in, a mechanism is its numbers."""
     values = config.to_dict()
     settings = config.env.arguments().get("config")
-    if isinstance(settings, TrackingConfig):
-        mechanism = TrackingTask(settings).mechanism
+    if isinstance(settings, TaskConfig):
+        mechanism = task_of(settings).mechanism
         numbers = mechanism_to_dict(mechanism) | {"name": ""}
-        values["env"]["settings"] = asdict(replace(settings, mechanism="")) | {"mechanism": numbers}
+        values["env"]["settings"] = plain_settings(settings) | {"mechanism": numbers}
     return values
 
 

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from agents.fields import check_boolean, check_choice, check_integer, check_number
 from agents.parameters import PARAMETERS, check_hindsight, check_parameters
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
 
+if TYPE_CHECKING:
+    from rj_gym.config import TaskConfig
+
 
 @dataclass(frozen=True)
 class EnvConfig:
     """The environment: Gymnasium id, copies that are stepped together, and settings.
 
-    For ids of rj_gym the settings are the keys of TrackingConfig or DesignConfig; else arguments of gymnasium.make.
+    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
     """
 
     id: str = "rj_gym/RollingJoint-v0"
@@ -50,6 +53,14 @@ class EnvConfig:
         """Steps of an episode; None for an environment that is not one of rj_gym."""
         config = self.arguments().get("config") if self.id.startswith("rj_gym/") else None
         return None if config is None else config.episode_steps
+
+
+def plain_settings(config: TaskConfig) -> dict[str, Any]:
+    """All settings of a tracking environment but the mechanism, as plain values."""
+    either_task: Any = config
+    values = asdict(replace(either_task, mechanism=""))
+    del values["mechanism"]
+    return values
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.observation import observation_entries
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 from rollingjoint.errors import InvalidInput
+from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.solve import solve_lengths_batch
 
 Array = NDArray[np.float64]
+HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 
 
 class Controller(Protocol):
@@ -24,7 +26,7 @@ class Controller(Protocol):
     nothing reads.
     """
 
-    def begin(self, task: TrackingTask, lanes: int) -> None:
+    def begin(self, task: Task, lanes: int) -> None:
         """So many episodes begin together; the task is None where the environment is not one of rj_gym."""
 
     def act(self, seen: Seen) -> NDArray[Any]:
@@ -35,29 +37,31 @@ class Controller(Protocol):
 class Seen:
     """What an agent sees of B episodes, read out of the observation in mm, rad, N when it is asked for.
 
+    Positions have d coordinates, 2 of a planar chain and 3 of an arm. Only a planar chain shows `poses` of its links.
+
     Args:
         observation: as the environment gave it: (B, entries) float32, or the goal environment's dict of such arrays.
         task: the tracking task; without it nothing but the observation can be read.
     """
 
     observation: Any
-    task: TrackingTask | None = None
+    task: Task | None = None
 
     @property
     def tip(self) -> Array:
-        """Measured position of the tip, (B, 2) [mm]."""
-        return self.poses[:, -1, :2]
+        """Measured position of the tip, (B, d) [mm]."""
+        return self._task.length * self._entries(*(f"{self._tip_name} {axis}" for axis in self._axes))
 
     @property
     def target(self) -> Array:
-        """Where the tip should be now, (B, 2) [mm]."""
+        """Where the tip should be now, (B, d) [mm]."""
         if isinstance(self.observation, Mapping):
-            return self._task.length * np.asarray(self.observation["desired_goal"], float)
-        return self._task.length * self._entries("target x", "target y")
+            return self._task.length * np.asarray(self.observation["desired_goal"], float)[:, : len(self._axes)]
+        return self._task.length * self._entries(*(f"target {axis}" for axis in self._axes))
 
     @property
     def error(self) -> Array:
-        """Target minus measured tip, (B, 2) [mm]."""
+        """Target minus measured tip, (B, d) [mm]."""
         return self.target - self.tip
 
     @cached_property
@@ -84,18 +88,33 @@ class Seen:
         away = self._entries(*(f"tendon {j} command" for j in tendons))
         return self._task.neutral_lengths + self._task.config.command_scale_mm * away
 
-    @property
+    @cached_property
     def tensions(self) -> Array:
-        """Measured tensions, (B, m) [N]; where they are not observed, those of the model at pose and commands."""
+        """Measured tensions, (B, m) [N]; where they are not observed, those of the model at pose and commands.
+
+        The pose of an arm is not measured either: then they are those of the hanging arm under the commands.
+        """
         config, mechanism = self._task.config, self._task.mechanism
         if config.observe_tensions:
             tendons = range(mechanism.n_tendons)
             return config.tension_range[1] * self._entries(*(f"tendon {j} tension" for j in tendons))
+        if isinstance(mechanism, HingeChain):
+            hanging = [mechanism.gravity(HANGING)]
+            return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
         stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
         return np.clip(mechanism.stiffnesses * stretch, *config.tension_range)
 
     @property
-    def _task(self) -> TrackingTask:
+    def _axes(self) -> str:
+        return "xyz"[: self._task.dimension]
+
+    @property
+    def _tip_name(self) -> str:
+        """What the observation calls the tip: of a planar chain it is the last of all links."""
+        return "tip" if "tip x" in self._places else f"link {self._task.mechanism.n_links - 1}"
+
+    @property
+    def _task(self) -> Task:
         if self.task is None:
             raise InvalidInput("environment", "not one of rj_gym", "rj_gym/...", "This controller needs its task.")
         return self.task
@@ -103,8 +122,7 @@ class Seen:
     @cached_property
     def _places(self) -> dict[str, int]:
         goal = isinstance(self.observation, Mapping)
-        entries = observation_entries(self._task.config, self._task.mechanism, goal)
-        return {entry.name: place for place, entry in enumerate(entries)}
+        return {entry.name: place for place, entry in enumerate(self._task.entries(goal))}
 
     def _entries(self, *names: str) -> Array:
         """These entries of the observation, (B, len(names)), in their units."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agents.build import algorithm_class, load_normaliser
 from agents.controller import Seen
 from agents.run_folder import RunFolder, RunFolderError
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -33,7 +33,7 @@ class Policy:
             raise RunFolderError("policy", str(policy), "a saved policy", "Has the training run got that far?")
         return cls(algorithm_class(config.algorithm).load(policy, device="cpu"), load_normaliser(normaliser))
 
-    def begin(self, task: TrackingTask | None, lanes: int) -> None:
+    def begin(self, task: Task | None, lanes: int) -> None:
         """Nothing to prepare: the policy has no memory."""
 
     def act(self, seen: Seen) -> NDArray[Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.config import EnvConfig
 from agents.controller import Array, Controller, Seen
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 from rollingjoint.errors import ConfigError
 
 
@@ -26,8 +26,8 @@ class Episodes:
         seeds: (E,). terminated: (E,) whether the environment ended the episode early.
         errors: tip error at the start and after every step, (E, T + 1) [mm]; an early end keeps its last error.
         rewards: sum over the episode, (E,).
-        loads: force over time, (E, T + 1, 2) [N]. link: the link that it pulls, (E,). targets: (E, T + 1, 2) [mm].
-            None where the task is not tracking.
+        loads: force over time, (E, T + 1, 2 or 3) [N]. link: the link that it pulls, (E,). targets: (E, T + 1, 2 or 3)
+            [mm]. None where the task is not tracking.
     """
 
     seeds: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Episodes:
 
 
 def is_tracking(env: EnvConfig) -> bool:
-    """Whether its task is that of rj_gym.tracking, for which there are baselines and floors."""
+    """Whether its task is one of tracking, planar or of an arm, for which there are baselines and floors."""
     from rj_gym import IDS
 
     return env.id in IDS
@@ -99,7 +99,7 @@ def _side_by_side(
     envs = _vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
     task = getattr(envs, "task", None) if is_tracking(env) else None
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
-    controller.begin(cast(TrackingTask, task), len(seeds))
+    controller.begin(cast(Task, task), len(seeds))
     drawn = info.get("sampled", {}) if task else {}
     errors, rewards = [np.array(_tip_errors(info), float)], np.zeros(len(seeds))
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)

@@ -14,25 +14,26 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 
-from agents.config import EnvConfig
+from agents.config import EnvConfig, plain_settings
 from agents.fields import check_integer
 from agents.network import Network, PolicyError, Vectors
 from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
 from agents.recorded_score import RecordedScore
-from rj_gym import IDS, TrackingConfig, observation_entries
+from rj_gym import IDS, settings_of
+from rj_gym.config import TaskConfig
+from rj_gym.tracking.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, suggestion, text
 from rollingjoint.errors import InvalidInput
-from rollingjoint.mechanism_file import load_mechanism, mechanism_from_dict, mechanism_to_dict
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.families import Mechanism
+from rollingjoint.mechanism_file import mechanism_from_dict, mechanism_to_dict
 
 if TYPE_CHECKING:
     from agents.controller import Seen
     from agents.report import Score
-    from rj_gym.tracking.task import TrackingTask
 
 FOLDER = Path(__file__).parent / "policies"
 PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
@@ -61,7 +62,7 @@ class ShippedPolicy:
     algorithm: str
     network: Network
     env_id: str
-    settings: TrackingConfig
+    settings: TaskConfig
     entries: tuple[str, ...]
     training: Mapping[str, Any]
     score: RecordedScore | None = None
@@ -69,7 +70,8 @@ class ShippedPolicy:
     def __post_init__(self) -> None:
         if self.env_id not in IDS:
             raise PolicyError("environment", self.env_id, f"one of {', '.join(IDS)}")
-        inputs = {"achieved_goal": 2, "desired_goal": 2, "observation": len(self.entries)} if self.goal else {}
+        size = len(task_of(self.settings).goal_bounds())
+        inputs = {"achieved_goal": size, "desired_goal": size, "observation": len(self.entries)} if self.goal else {}
         if dict(self.network.inputs) != inputs or (not inputs and self.network.entries != len(self.entries)):
             raise PolicyError("inputs", self.network.inputs or self.network.entries, f"{inputs or len(self.entries)}")
         if len(self.network.low) != self.mechanism.n_tendons:
@@ -82,7 +84,7 @@ class ShippedPolicy:
         return is_goal(self.env_id)
 
     @property
-    def mechanism(self) -> RollingChain:
+    def mechanism(self) -> Mechanism:
         """The mechanism that it was trained on."""
         return _mechanism_of(self.settings)
 
@@ -94,7 +96,7 @@ class ShippedPolicy:
     @property
     def environment(self) -> EnvConfig:
         """The environment that it was trained for, as agents.rollout wants it."""
-        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | _plain_settings(self.settings))
+        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
 
     def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
         """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
@@ -110,7 +112,7 @@ class ShippedPolicy:
         """
         return self.network(observation)
 
-    def begin(self, task: TrackingTask | None, lanes: int) -> None:
+    def begin(self, task: Task | None, lanes: int) -> None:
         """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
         mend = "policy.make_env() makes the environment of this policy."
         if task is None:
@@ -140,7 +142,7 @@ class ShippedPolicy:
             raise PolicyError("score", None, "a policy that was scored when it was exported")
         return self.score_on(self.score.seeds)
 
-    def _check_entries(self, settings: TrackingConfig, mend: str = "") -> None:
+    def _check_entries(self, settings: TaskConfig, mend: str = "") -> None:
         found = entry_names(settings, self.goal)
         if found != self.entries:
             other = [one for one in found if one not in self.entries] or [f"{len(found)} entries"]
@@ -150,7 +152,7 @@ class ShippedPolicy:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
         network = self.network
-        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | _plain_settings(self.settings)
+        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | plain_settings(self.settings)
         return {
             "name": self.name,
             "algorithm": self.algorithm,
@@ -210,20 +212,19 @@ def is_goal(env_id: str) -> bool:
     return IDS[env_id].endswith("Goal")
 
 
-def standalone(settings: TrackingConfig) -> TrackingConfig:
+def standalone(settings: TaskConfig) -> TaskConfig:
     """The settings with the mechanism itself in place of its name or file."""
-    return replace(settings, mechanism=_mechanism_of(settings))
+    return settings.updated({"mechanism": _mechanism_of(settings)})
 
 
-def entry_names(settings: TrackingConfig, goal: bool) -> tuple[str, ...]:
+def entry_names(settings: TaskConfig, goal: bool) -> tuple[str, ...]:
     """The entries of the observation vector, with their units: "target x [L]"."""
-    entries = observation_entries(settings, _mechanism_of(settings), goal)
-    return tuple(f"{entry.name} [{entry.unit}]" for entry in entries)
+    return tuple(f"{entry.name} [{entry.unit}]" for entry in task_of(settings).entries(goal))
 
 
-def _mechanism_of(settings: TrackingConfig) -> RollingChain:
-    chosen = settings.mechanism
-    return load_mechanism(chosen, RollingChain) if isinstance(chosen, str) else chosen
+def _mechanism_of(settings: TaskConfig) -> Mechanism:
+    mechanism: Mechanism = task_of(settings).mechanism
+    return mechanism
 
 
 def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
@@ -246,26 +247,21 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     settings = dict(environment["settings"])
     mechanism = mechanism_from_dict(settings.pop("mechanism"))
     check_integer("training.steps", training["steps"], 0)
+    env_id = text("environment.id", environment["id"])
+    kind = cast(type[TaskConfig], settings_of(env_id))
     return {
         "name": text("name", content["name"]),
         "algorithm": text("algorithm", content["algorithm"]),
         "network": Network.from_tensors(tensors, **network),
-        "env_id": text("environment.id", environment["id"]),
-        "settings": TrackingConfig.from_dict(settings | {"mechanism": mechanism}),
+        "env_id": env_id,
+        "settings": kind.from_dict(settings | {"mechanism": mechanism}),
         "entries": tuple(environment["entries"]),
         "training": training,
         "score": None if content["score"] is None else RecordedScore(**content["score"]),
     }
 
 
-def _plain_settings(config: TrackingConfig) -> dict[str, Any]:
-    """All settings but the mechanism, as plain values."""
-    values = asdict(replace(config, mechanism=""))
-    del values["mechanism"]
-    return values
-
-
-def _numbers_of(mechanism: RollingChain) -> dict[str, Any]:
+def _numbers_of(mechanism: Mechanism) -> dict[str, Any]:
     """All that makes up a mechanism, but its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}
 

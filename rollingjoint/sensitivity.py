@@ -51,9 +51,28 @@ def dtensions_dlengths(equilibrium: Solution) -> Array:
     Raises:
         SolverError: when the equilibrium is not stable.
     """
-    k = equilibrium.tendon_stiffness[..., :, None]
-    dlengths = np.swapaxes(equilibrium.tendon_rates, -1, -2) @ _dangles_dlengths(equilibrium)
-    return k * (dlengths - np.eye(k.shape[-2]))
+    return _dtensions(equilibrium, _dangles_dlengths(equilibrium))
+
+
+def dtip_dtensions(equilibrium: Solution) -> Array:
+    """d tip position / d tensions, (2 or 3, m) [mm/N], the other tensions held: part of dposes_dtensions, at less cost.
+
+    Raises:
+        SolverError: when the equilibrium is not stable.
+    """
+    return _tip_jacobian(equilibrium) @ _dangles_dtensions(equilibrium)
+
+
+def tip_and_tensions_dlengths(equilibrium: Solution) -> tuple[Array, Array]:
+    """d tip position / d commanded lengths, (2 or 3, m) [mm/mm], and d tensions / d commanded lengths, (m, m) [N/mm].
+
+    Parts of dposes_dlengths and all of dtensions_dlengths, at the cost of one of them for a single link.
+
+    Raises:
+        SolverError: when the equilibrium is not stable.
+    """
+    dangles = _dangles_dlengths(equilibrium)
+    return _tip_jacobian(equilibrium) @ dangles, _dtensions(equilibrium, dangles)
 
 
 def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None = None) -> Array:
@@ -84,6 +103,19 @@ def _dangles_dlengths(equilibrium: Solution) -> Array:
     return _respond(
         equilibrium, equilibrium.stiffness, equilibrium.torques_per_tension * equilibrium.tendon_stiffness[..., None, :]
     )
+
+
+def _dtensions(equilibrium: Solution, dangles: Array) -> Array:
+    """Chain d joint angles / d commanded lengths (n - 1, m) to d tensions (m, m)."""
+    k = equilibrium.tendon_stiffness[..., :, None]
+    dlengths = np.swapaxes(equilibrium.tendon_rates, -1, -2) @ dangles
+    return np.asarray(k * (dlengths - np.eye(k.shape[-2])), float)
+
+
+def _tip_jacobian(equilibrium: Solution) -> Array:
+    """(2 or 3, n - 1) d tip position / d joint angles [mm/rad]."""
+    jacobian = equilibrium.point_jacobian(equilibrium.tendon_rates.shape[-2])
+    return jacobian[..., : equilibrium.tip.shape[-1], :]
 
 
 def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:

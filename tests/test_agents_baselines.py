@@ -6,19 +6,20 @@ import yaml
 from scipy.optimize import least_squares
 
 from agents.baselines import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
-from agents.baselines.measured import estimated_loads, measured_equilibrium
+from agents.baselines.measured_chain import estimated_loads, measured_equilibrium
 from agents.baselines.model_inverse import nearest_tensions
-from agents.baselines.responses import bounded_step, length_responses
+from agents.baselines.responses import bounded_step, length_responses, tension_response
 from agents.config import EnvConfig
 from agents.controller import Seen
 from agents.floor import episode_floor
 from agents.rollout import run_episodes
+from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.config import TrackingConfig
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import task_of
 from rj_gym.tracking.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.load import load_table
-from rollingjoint.presets import preset, uniform
+from rollingjoint.presets import preset, small_arm, uniform
 from rollingjoint.sensitivity import dposes_dtensions
 
 SEEDS = range(9000, 9040)
@@ -113,9 +114,13 @@ def test_feedback_keeps_tensions_away_from_slack_and_from_yielding():
 
 
 @pytest.mark.parametrize("name", baselines())
-@pytest.mark.parametrize("mechanism", ["five_link", "two_segment"])
-def test_actions_are_finite_and_within_bounds_whatever_is_seen(name, mechanism):
-    task, controller = TrackingTask(TrackingConfig(mechanism=mechanism)), baselines()[name]
+@pytest.mark.parametrize(
+    "config",
+    [TrackingConfig(), TrackingConfig(mechanism="two_segment"), FlexibleArmConfig(orientation=True)],
+    ids=["five_link", "two_segment", "flexible_arm"],
+)
+def test_actions_are_finite_and_within_bounds_whatever_is_seen(name, config):
+    task, controller = task_of(config), baselines()[name]
     controller.begin(task, 50)
     low, high = task.observation_bounds()
     rng = np.random.default_rng(0)
@@ -148,7 +153,7 @@ def test_the_model_under_the_estimated_load_is_near_the_measured_pose():
     seen, _ = stepped()
     controller = LoadEstimate()
     controller.begin(seen.task, len(seen.tip))
-    model, loads = controller.loaded(seen)
+    model, loads = controller.measured.loaded(seen)
     np.testing.assert_array_equal(model.loads, loads)
     np.testing.assert_allclose(model.poses, seen.poses, atol=0.05)
 
@@ -186,17 +191,22 @@ def _scipy_tensions(mechanism, target):
     return np.exp(least_squares(misfit, np.full(2, middle), slope, bounds=np.log([0.5, 15.0])).x)
 
 
-def test_responses_are_central_differences():
-    mechanism = preset("two_segment")
+@pytest.mark.parametrize(
+    ("mechanism", "loads"), [(preset("two_segment"), []), (small_arm(), [small_arm().gravity((0.2, 0.0, 1.0))])]
+)
+def test_responses_are_central_differences(mechanism, loads):
     rng = np.random.default_rng(2)
     lengths = mechanism.neutral_lengths - rng.uniform(0.5, 3.0, (5, 4))
-    found = solve_lengths_batch(mechanism, lengths)
+    found = solve_lengths_batch(mechanism, lengths, loads)
     tips, tensions = length_responses(found)
+    by_tension = tension_response(found)
     for j in range(4):
         step = 1e-5 * np.eye(4)[j]
-        ahead, behind = (solve_lengths_batch(mechanism, lengths + way, (), found) for way in (step, -step))
-        np.testing.assert_allclose(tips[:, :, j], (ahead.tip - behind.tip) / 2e-5, atol=1e-5)
-        np.testing.assert_allclose(tensions[:, :, j], (ahead.tensions - behind.tensions) / 2e-5, atol=1e-5)
+        ahead, behind = (solve_lengths_batch(mechanism, lengths + way, loads, found) for way in (step, -step))
+        np.testing.assert_allclose(tips[:, :, j], (ahead.tip - behind.tip) / 2e-5, atol=1e-4)
+        np.testing.assert_allclose(tensions[:, :, j], (ahead.tensions - behind.tensions) / 2e-5, atol=1e-4)
+        ahead, behind = (solve_tensions_batch(mechanism, found.tensions + w, loads, found) for w in (step, -step))
+        np.testing.assert_allclose(by_tension[:, :, j], (ahead.tip - behind.tip) / 2e-5, atol=1e-4)
 
 
 def test_without_a_usable_equilibrium_tendons_only_stretch():

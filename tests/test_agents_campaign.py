@@ -12,8 +12,10 @@ import pytest
 
 from agents import campaign, train
 from agents.campaign import content, load_campaign
-from agents.config import load_config
+from agents.config import EnvConfig, TrainConfig, load_config
 from rollingjoint.errors import ConfigError
+from rollingjoint.mechanism_file import mechanism_to_dict
+from rollingjoint.presets import small_arm
 
 TINY = """
 algorithm: ppo
@@ -168,6 +170,15 @@ def test_a_configuration_means_the_same_wherever_its_mechanism_is_written(tmp_pa
     assert content(from_file) == content(by_name)
     assert content(load_config(tmp_path / "train.yaml", ["env.settings.mechanism=five_link"])) != content(by_name)
     assert content(load_config(tmp_path / "train.yaml", ["env.settings.start_tension=3.5"])) != content(from_file)
+
+
+def test_the_content_of_an_arm_s_configuration_has_every_setting_and_bead():
+    env = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
+    settings = content(TrainConfig(env=env))["env"]["settings"]
+    assert settings["gravity"]["tilt"] == (0.0, 0.5) and settings["load"]["process"] == "constant"
+    assert settings["mechanism"] == mechanism_to_dict(small_arm()) | {"name": ""}
+    other = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": small_arm(5)})
+    assert content(TrainConfig(env=other)) != content(TrainConfig(env=env))
 
 
 @pytest.mark.parametrize("path", sorted(Path("configs/campaign").glob("*.yaml")), ids=lambda path: path.stem)

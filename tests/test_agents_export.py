@@ -29,6 +29,7 @@ from rj_gym.sb3 import make_sb3_env
 torch.set_num_threads(1)
 
 FLAT, GOAL = "rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"
+ARM, ARM_GOAL = "rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0"
 TRAINING = {"config": {}, "steps": 0, "seed": 0, "versions": {}}
 ON_POLICY, OFF_POLICY = {"n_steps": 8, "batch_size": 8}, {"buffer_size": 10, "learning_starts": 0}
 SMALL = {PPO: ON_POLICY, SAC: OFF_POLICY, TQC: OFF_POLICY, CrossQ: OFF_POLICY}
@@ -89,13 +90,16 @@ def expected_actions(model, normaliser, seen):
         (TQC, "relu", GOAL),
         (CrossQ, "relu", FLAT),  # sb3-contrib has no CrossQ policy for dictionaries
         (CrossQ, "tanh", FLAT),
+        (PPO, "tanh", ARM),
+        (SAC, "relu", ARM_GOAL),
     ],
 )
 def test_numpy_gives_the_deterministic_action_of_stable_baselines(algorithm, activation, env_id):
-    env = make_sb3_env(env_id, 1, mechanism="two_segment")
+    mechanism = "small_arm" if env_id in (ARM, ARM_GOAL) else "two_segment"  # four tendons each
+    env = make_sb3_env(env_id, 1, mechanism=mechanism)
     normaliser = random_normaliser(env)
     model = random_model(algorithm, env, {"net_arch": [32, 16], "activation_fn": ACTIVATIONS[activation]})
-    policy = export_policy(model, normaliser, EnvConfig(env_id, settings={"mechanism": "two_segment"}), "x", TRAINING)
+    policy = export_policy(model, normaliser, EnvConfig(env_id, settings={"mechanism": mechanism}), "x", TRAINING)
     policy = ShippedPolicy.from_bytes(policy.to_bytes())
     seen = observations(env)
     expected = expected_actions(model, normaliser, seen)
@@ -104,7 +108,7 @@ def test_numpy_gives_the_deterministic_action_of_stable_baselines(algorithm, act
     assert np.mean(np.abs(expected)) > 0.05 and expected.shape == (300, 4)
     assert actions.dtype == expected.dtype
     assert np.abs(actions - expected).max() < 1e-6
-    one = {key: values[0] for key, values in seen.items()} if env_id == GOAL else seen[0]
+    one = {key: values[0] for key, values in seen.items()} if isinstance(seen, dict) else seen[0]
     assert np.abs(policy(one) - expected[0]).max() < 1e-6
     assert check_against_torch(policy, model, normaliser, lanes=2) < 1e-6
 

@@ -3,13 +3,14 @@ import dataclasses
 import gymnasium
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import rj_gym  # noqa: F401  (registers its ids)
 from agents.config import EnvConfig
 from agents.floor import episode_floor, floor
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.load import WorldForce, load_table
-from rollingjoint.presets import preset
+from rollingjoint.load import WorldForce, load_table, spatial_load_table
+from rollingjoint.presets import preset, small_arm
 from rollingjoint.solve import solve_lengths_batch, solve_tensions, solve_tensions_batch
 
 HEAVY_TIP = {"load": {"link": "tip", "magnitude": [1.0, 1.5]}}
@@ -27,6 +28,20 @@ RANDOMISED = {
     },
 }
 TENSIONS = (0.5, 15.0)
+
+
+HARD_ARM = {
+    "start": "random",
+    "gravity": {"tilt": [0.5, 1.0]},
+    "load": {"magnitude": [0.5, 1.5], "process": "step"},
+    "randomization": {
+        "position_noise_mm": 1.0,
+        "stiffness_spread": 0.2,
+        "hinge_stiffness_spread": 0.1,
+        "weight_spread": 0.1,
+        "actuator_offset_mm": 0.5,
+    },
+}
 
 
 def drive(config, seeds, act):
@@ -50,8 +65,10 @@ def drive(config, seeds, act):
         ("RollingJointGoal-v0", HEAVY_TIP),
         ("RollingJoint-v0", RANDOMISED),
         ("RollingJoint-v0", TWO_SEGMENT),
+        ("FlexibleArm-v0", {}),
+        ("FlexibleArmGoal-v0", HARD_ARM | {"orientation": True}),
     ],
-    ids=["default", "heavy tip", "randomised", "two segments"],
+    ids=["default", "heavy tip", "randomised", "two segments", "arm", "randomised arm"],
 )
 def test_a_controller_that_knows_the_best_command_arrives_exactly_at_the_floor(name, settings):
     config, seeds = EnvConfig(f"rj_gym/{name}", settings=settings), range(20000, 20020)
@@ -65,15 +82,20 @@ def test_a_controller_that_knows_the_best_command_arrives_exactly_at_the_floor(n
     assert np.abs(regret).max() < 1e-8
 
 
-def test_no_controller_is_ever_below_the_floor_of_moving_targets_and_drifting_loads():
-    config, seeds, steps = EnvConfig(settings=MOVING), range(30), [0, 1, 10, 29, 30]
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("RollingJoint-v0", {}), ("FlexibleArm-v0", {"mechanism": "small_arm", "tension_range": [1.0, 5.0]})],
+)
+def test_no_controller_is_ever_below_the_floor_of_moving_targets_and_drifting_loads(name, settings):
+    config = EnvConfig(f"rj_gym/{name}", settings=MOVING | settings)
+    seeds, steps, m = range(30), [0, 1, 10, 29, 30], 2 if settings == {} else 4
     best, rng = episode_floor(config, seeds, steps), np.random.default_rng(0)
-    assert best.errors.shape == (30, 5) and best.tensions.shape == (30, 5, 2)
+    assert best.errors.shape == (30, 5) and best.tensions.shape == (30, 5, m)
 
     def chase(info):
         return np.clip(info["command"] - best.commands[:, -1], -1.0, 1.0)
 
-    for act in (chase, lambda info: rng.uniform(-1.0, 1.0, (30, 2))):
+    for act in (chase, lambda info: rng.uniform(-1.0, 1.0, (30, m))):
         regret = drive(config, seeds, act)[:, steps] - best.errors
         assert regret.min() > -1e-8
         assert act is not chase or np.mean(regret[:, -1] < 1e-8) > 0.9
@@ -123,6 +145,30 @@ def test_the_floor_is_held_by_its_command_within_the_tension_range():
     assert 0 < np.mean(best.errors > 1e-6) < 1
 
 
+def test_bounded_least_squares_over_held_tensions_find_the_same_minima_for_an_arm():
+    arm, rng, limits = small_arm(), np.random.default_rng(3), (0.5, 4.0)
+    weights = [arm.gravity((0.3, 0.1, 1.0))]
+    targets = np.array([solve_tensions(arm, np.exp(rng.uniform(-0.7, 1.4, 4)), weights).tip for _ in range(6)])
+    loads = [[*weights, WorldForce(-1, tuple(rng.uniform(-0.3, 0.3, 3)), point=(0.0, 0.0, 0.0))] for _ in targets]
+    tables = np.array([spatial_load_table(some, 5) for some in loads])
+    base = np.repeat(spatial_load_table(weights, 5)[None], len(targets), axis=0)
+    ours = floor(arm, targets, tables, limits, base).errors
+    theirs = [
+        min(_least_miss(arm, target, some, limits, start) for start in rng.uniform(*limits, (12, 4)))
+        for target, some in zip(targets, loads, strict=True)
+    ]
+    assert np.all(ours > 1e-3)
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def _least_miss(arm, target, loads, limits, start):
+    """Smallest tip error [mm] that SciPy finds over held tensions from one start."""
+    found = least_squares(
+        lambda tensions: solve_tensions(arm, tensions, loads).tip - target, start, bounds=limits, xtol=1e-12, ftol=1e-14
+    )
+    return np.linalg.norm(found.fun)
+
+
 def test_without_a_load_the_floor_is_zero_and_the_same_at_every_step():
     config = EnvConfig(settings={"load": {"magnitude": [0.0, 0.0]}})
     best = episode_floor(config, range(30), [0, 50])
@@ -139,8 +185,11 @@ def test_stronger_motors_never_raise_the_floor():
     assert np.diff(np.mean(floors, axis=1)).max() < -0.01
 
 
-def test_an_episode_has_the_same_floor_alone_and_among_others():
-    config = EnvConfig(settings=RANDOMISED)
+@pytest.mark.parametrize(
+    ("name", "settings"), [("RollingJoint-v0", RANDOMISED), ("FlexibleArm-v0", HARD_ARM | {"mechanism": "small_arm"})]
+)
+def test_an_episode_has_the_same_floor_alone_and_among_others(name, settings):
+    config = EnvConfig(f"rj_gym/{name}", settings=settings)
     together, alone = episode_floor(config, [3, 4, 5]), episode_floor(config, [4])
     for field in dataclasses.fields(together):
         np.testing.assert_allclose(getattr(alone, field.name)[0], getattr(together, field.name)[1], atol=1e-6)
@@ -164,15 +213,31 @@ def test_an_environment_without_a_tracking_task_has_no_floor():
         episode_floor(EnvConfig("Pendulum-v1"), range(2))
 
 
-def gain_of_more_starts(settings, episodes, starts, candidates):
+def gain_of_more_starts(settings, episodes, starts, candidates, name="RollingJoint-v0"):
     """How much lower the floors are with other starts than the usual ones, (E,) [mm]."""
-    config, seeds = EnvConfig(settings=settings), range(episodes)
+    config, seeds = EnvConfig(f"rj_gym/{name}", settings=settings), range(episodes)
     more = episode_floor(config, seeds, starts=starts, candidates=candidates)
     return episode_floor(config, seeds).errors - more.errors
 
 
 def test_twice_the_starts_find_nothing_better():
     assert gain_of_more_starts({"load": {"link": "tip"}}, 100, starts=32, candidates=8).max() < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"load": {"magnitude": [0.5, 0.75]}},
+        {"tension_range": [0.5, 5.0]},
+        {"gravity": {"tilt": [0.5, 1.0]}, "load": {"magnitude": [1.0, 2.0]}},
+    ],
+    ids=str,
+)
+def test_three_times_the_starts_find_nothing_better_for_the_arm(settings):
+    better = gain_of_more_starts(settings, 200, starts=48, candidates=16, name="FlexibleArm-v0")
+    print(f"at most {better.max():.1e} mm better in 200: {settings}")
+    assert better.max() < 1e-6
 
 
 @pytest.mark.slow

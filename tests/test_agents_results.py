@@ -10,26 +10,38 @@ from PIL import Image
 
 from agents import train
 from agents.baselines import baselines
-from agents.config import EnvConfig
+from agents.config import EnvConfig, TrainConfig
 from agents.evaluate import evaluate_controllers
 from agents.policy import Policy
 from agents.report import Score
 from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
+from agents.results.description import description
 from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
-from agents.results.runs import find_tasks, heavier
+from agents.results.runs import Recipe, Run, Task, find_tasks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
 from agents.rollout import Episodes
 from agents.run_folder import RunFolder
+from rj_gym.arm.config import FlexibleArmConfig
+from rj_gym.config import TrackingConfig
 
 COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip
 RECIPES = {
     "ppo_near": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}"],
-    "sac_near": ["algorithm=sac", "parameters={learning_starts: 20, batch_size: 8}", "env.settings.reward.effort=0"],
+    "sac_near": [
+        "algorithm=sac",
+        "parameters={learning_starts: 20, batch_size: 8}",
+        "env.settings.reward.effort=0",
+        "env.id=rj_gym/RollingJointGoal-v0",
+    ],
     "ppo_drift": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}", "env.settings.load.process=ou"],
+    "ppo_reach": [
+        "parameters={n_steps: 20, batch_size: 40, n_epochs: 1}",
+        "env={id: rj_gym/FlexibleArm-v0, n_envs: 2, settings: {mechanism: small_arm, episode_steps: 12}}",
+    ],
 }
-SEEDS = {"ppo_near": (1, 2), "sac_near": (1, 2), "ppo_drift": (3,)}
+SEEDS = {"ppo_near": (1, 2), "sac_near": (1, 2), "ppo_drift": (3,), "ppo_reach": (4,)}
 EPISODES, FIRST = 12, 20_000
 
 
@@ -90,7 +102,8 @@ def test_every_task_has_a_row_for_every_configuration_baseline_and_the_floor(pag
     for number in (0, 1):
         assert table(page, "Near", number).keys() == rows | {"ppo_near", "sac_near"}
         assert table(page, "Drift", number).keys() == rows | {"ppo_drift"}
-    assert list(table(page, "In short"))[2:] == ["[near](#near)", "[drift](#drift)"]
+        assert table(page, "Reach", number).keys() == rows | {"ppo_reach"}
+    assert list(table(page, "In short"))[2:] == ["[near](#near)", "[drift](#drift)", "[reach](#reach)"]
 
 
 @pytest.mark.parametrize("loads", ["of training", "heavier"])
@@ -127,9 +140,9 @@ def test_steps_seeds_and_single_runs_are_said(page):
     assert near["ppo_near"][6::2] == ["80", "2"]
     assert drift["ppo_drift"][6::2] == ["80", "1 (one run)"]
     flat = " ".join(page.split())
-    assert "One run, not a mean over seeds: ppo_drift." in flat
-    assert "Training seeds: 1, 2 (ppo_near, sac_near); 3 (ppo_drift)." in flat
-    assert "training 1 to 4, evaluations during it 1000000 to 1000001; here 20000 to 20011" in flat
+    assert "One run, not a mean over seeds: ppo_drift, ppo_reach." in flat
+    assert "Training seeds: 1, 2 (ppo_near, sac_near); 3 (ppo_drift); 4 (ppo_reach)." in flat
+    assert "training 1 to 5, evaluations during it 1000000 to 1000001; here 20000 to 20011" in flat
     assert "12 steps of at most 1 mm" in flat and "drifts (Ornstein-Uhlenbeck, correlation time 15 steps)" in flat
 
 
@@ -163,7 +176,7 @@ def test_pictures_are_of_sensible_size_and_all_on_the_page(page, out):
     assert (
         "results_near.gif" in named and "results_drift.gif" not in named
     )  # one for every mechanism and kind of target
-    assert frames["results_near.gif"] == 13
+    assert frames["results_near.gif"] == frames["results_reach.gif"] == 13
     assert (out / "images/results_near.gif").stat().st_size < 1_500_000
 
 
@@ -217,8 +230,39 @@ def test_a_folder_without_a_finished_run_is_an_error(tmp_path, capsys):
 
 def test_rewards_do_not_make_another_task_but_loads_do(runs):
     tasks, _ = find_tasks(runs)
-    assert [task.title for task in tasks] == ["near", "drift"]
+    assert [task.title for task in tasks] == ["near", "drift", "reach"]
     assert [(recipe.name, recipe.seeds) for recipe in tasks[0].recipes] == [("ppo_near", [1, 2]), ("sac_near", [1, 2])]
+
+
+def test_a_task_is_described_by_its_settings():
+    planar = description(TrackingConfig(load={"link": "tip", "process": "step"}, start="random"))
+    assert "five_link (5 links, 2 tendons, 100 mm): the tip goes to a fixed target in 50 steps" in planar
+    assert "pulls at the tip and jumps to another one every 15 steps" in planar and "The load is not" in planar
+    arm = description(
+        FlexibleArmConfig(
+            mechanism="small_arm",
+            observe_load=True,
+            orientation=True,
+            gravity={"tilt": [0.0, 0.5]},
+            load={"magnitude": [0.1, 0.4], "process": "ou"},
+            target={"process": "path"},
+            randomization={"position_noise_mm": 1.0, "weight_spread": 0.1},
+        )
+    )
+    assert "small_arm (4 beads, 4 tendons, 80 mm): the tip follows a path through 3 points" in arm
+    assert (
+        "hangs from a base that is tilted by up to 29°; a payload of 0.1 to 0.4 N hangs from its tip and drifts" in arm
+    )
+    assert "Tilt and payload are observed." in arm and "turn into that of the target, too." in arm
+    assert "noisy (standard deviations 1 mm and 0 rad)" in arm and "off: every weight by up to 10 %." in arm
+
+
+def test_the_goal_environment_s_policies_belong_to_the_same_task():
+    goal = EnvConfig("rj_gym/FlexibleArmGoal-v0", settings={"mechanism": "small_arm"})
+    runs = [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1))) for env in (goal, EnvConfig())]
+    arm, planar = (Task("some", [Recipe("one", [run])]) for run in runs)
+    assert arm.env == EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
+    assert planar.complexity == (0, 0) and arm.complexity == (2, 1)
 
 
 def episodes(errors: np.ndarray) -> Episodes:

@@ -14,6 +14,8 @@ from agents.rollout import film, run_episodes
 from rollingjoint.errors import ConfigError, InvalidInput
 
 IDS = ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"]
+ARM_IDS = ["rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0"]
+MECHANISMS = [("small_arm", "flexible_arm"), ("five_link", "two_segment")]
 VARIED = {
     "episode_steps": 12,
     "load": {"process": "step", "hold_steps": 3},
@@ -44,10 +46,10 @@ def scalar_episode(config, controller, seed):
     return [info["error_mm"] for info in infos], total, infos
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(("env_id", "mechanism"), [*((i, "five_link") for i in IDS), (ARM_IDS[0], "small_arm")])
 @pytest.mark.parametrize("lanes", [1, 2, 5, 100])
-def test_every_episode_is_that_of_the_scalar_environment_whatever_the_lanes(env_id, lanes):
-    config, seeds = EnvConfig(env_id, settings=VARIED), [7, 3, 11, 4, 20]
+def test_every_episode_is_that_of_the_scalar_environment_whatever_the_lanes(env_id, mechanism, lanes):
+    config, seeds = EnvConfig(env_id, settings=VARIED | {"mechanism": mechanism}), [7, 3, 11, 4, 20]
     episodes = run_episodes(config, JacobianFeedback(), seeds, lanes)
     assert episodes.seeds.tolist() == seeds
     for k, seed in enumerate(seeds):
@@ -59,26 +61,31 @@ def test_every_episode_is_that_of_the_scalar_environment_whatever_the_lanes(env_
         assert episodes.link[k] == infos[0]["load"]["link"]
 
 
-@pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("mechanism", ["five_link", "two_segment"])
+@pytest.mark.parametrize("env_id", [*IDS, *ARM_IDS])
+@pytest.mark.parametrize("size", ["small", "large"])
 @pytest.mark.parametrize("observe", [True, False])
-def test_what_is_seen_is_what_info_says_in_millimetres_and_newtons(env_id, mechanism, observe):
+def test_what_is_seen_is_what_info_says_in_millimetres_and_newtons(env_id, size, observe):
+    """Unobserved tensions are known where the pose is, which an arm does not show."""
+    planar = env_id in IDS
     settings = {
-        "mechanism": mechanism,
+        "mechanism": MECHANISMS[planar][size == "large"],
         "observe_tensions": observe,
         "observe_load": True,
-        "load": {"magnitude": (1, 1)},
+        "load": {"magnitude": (0.5, 0.5)},
+        **({} if planar else {"orientation": size == "large"}),
     }
     env = gymnasium.make_vec(env_id, 6, "vector_entry_point", **settings)
     observation, _ = env.reset(seed=0)
     for _ in range(4):
         observation, *_, info = env.step(env.action_space.sample())
     seen = Seen(observation, env.task)
-    for name, known in (("tip", "tip"), ("target", "target"), ("commands", "command"), ("tensions", "tensions")):
+    names = [("tip", "tip"), ("target", "target"), ("commands", "command"), ("tensions", "tensions")]
+    for name, known in names if planar or observe else names[:3]:
         np.testing.assert_allclose(getattr(seen, name), info[known], atol=2e-4, err_msg=name)
-    np.testing.assert_allclose(np.linalg.norm(seen.error, axis=1), info["error_mm"], atol=1e-4)
-    np.testing.assert_allclose(seen.poses, env._lanes.state.poses, atol=1e-4)
-    np.testing.assert_allclose(env.task.mechanism.poses(seen.joint_angles), seen.poses, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(seen.error, axis=1), info["error_mm"], atol=2e-4)
+    if planar:
+        np.testing.assert_allclose(seen.poses, env._lanes.state.poses, atol=1e-4)
+        np.testing.assert_allclose(env.task.mechanism.poses(seen.joint_angles), seen.poses, atol=1e-3)
 
 
 def test_joint_angles_are_seen_beyond_half_a_turn_of_the_tip():

@@ -17,13 +17,14 @@ from agents.network import Network, PolicyError
 from agents.policy_file import pack, unpack
 from agents.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.shipped import FOLDER, ShippedPolicy, entry_names, list_policies, load_policy, standalone
-from rj_gym import TrackingConfig
-from rj_gym.tracking.task import TrackingTask
+from rj_gym import TrackingConfig, settings_of
+from rj_gym.tracking.task import TrackingTask, task_of
 from rollingjoint.errors import RollingJointError
 from rollingjoint.mechanism_file import load_mechanism
 
 FILES = sorted(FOLDER.glob("*.safetensors"))
 FLAT, GOAL = "rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"
+ARM, ARM_GOAL = "rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0"
 
 
 def random_network(inputs, entries, actions, activation="tanh", output="clip"):
@@ -40,9 +41,10 @@ def random_network(inputs, entries, actions, activation="tanh", output="clip"):
 
 def random_policy(env_id=FLAT, **changes):
     """A policy that has learned nothing."""
-    config = standalone(TrackingConfig(**changes))
-    entries = entry_names(config, env_id == GOAL)
-    inputs = {"observation": len(entries), "achieved_goal": 2, "desired_goal": 2} if env_id == GOAL else {}
+    config = standalone(settings_of(env_id)(**changes))
+    goal, size = env_id in (GOAL, ARM_GOAL), len(task_of(config).goal_bounds())
+    entries = entry_names(config, goal)
+    inputs = {"observation": len(entries), "achieved_goal": size, "desired_goal": size} if goal else {}
     network = random_network(inputs, sum(inputs.values()) or len(entries), config.mechanism.n_tendons)
     training = {"config": {"seed": 1}, "steps": 40, "seed": 1, "versions": {"python": "3"}}
     record = RecordedScore(20_000, 4, dict.fromkeys(ERRORS + SHARES, 0.5), dict.fromkeys(ERRORS + SHARES, 0.1))
@@ -108,13 +110,14 @@ print(info["error_mm"] < 1, truncated, sorted({"torch", "stable_baselines3", "pi
     assert run_python("-c", program).split("\n")[0] == "True True []"
 
 
-@pytest.mark.parametrize("env_id", [FLAT, GOAL])
-def test_written_policy_is_read_back_to_the_last_bit(env_id):
-    policy = random_policy(env_id, observe_load=True, randomization={"stiffness_spread": 0.1})
+@pytest.mark.parametrize(("env_id", "changes"), [(FLAT, {}), (GOAL, {}), (ARM, {}), (ARM_GOAL, {"orientation": True})])
+def test_written_policy_is_read_back_to_the_last_bit(env_id, changes):
+    policy = random_policy(env_id, observe_load=True, randomization={"stiffness_spread": 0.1}, **changes)
     again = ShippedPolicy.from_bytes(policy.to_bytes())
     assert again.to_bytes() == policy.to_bytes()
     assert again.sha256 == policy.sha256
-    assert again.settings.updated({"mechanism": "five_link"}) == policy.settings.updated({"mechanism": "five_link"})
+    name = policy.mechanism.name
+    assert again.settings.updated({"mechanism": name}) == policy.settings.updated({"mechanism": name})
     with again.make_env() as env:
         observation, _ = env.reset(seed=3)
         assert np.array_equal(again(observation), policy(observation))
@@ -224,6 +227,17 @@ def test_policy_drives_harder_episodes_of_its_environment():
     policy.begin(TrackingTask(harder), 1)
     with gymnasium.make(FLAT, config=harder) as env:
         assert policy.act(Seen(env.reset(seed=0)[0][None], env.unwrapped.task)).shape == (1, 2)
+
+
+def test_policy_of_an_arm_and_one_of_a_chain_refuse_each_other_s_environment():
+    arm, chain = random_policy(ARM), random_policy()
+    for policy, other in ((arm, chain), (chain, arm)):
+        with pytest.raises(PolicyError, match="in every number"):
+            policy.begin(task_of(other.settings), 1)
+    content, tensors = unpack(FILE, "x")
+    content["environment"]["id"] = ARM
+    with pytest.raises(PolicyError, match="PayloadConfig key = 'link'"):
+        ShippedPolicy.from_bytes(pack(content, tensors))
 
 
 def test_policy_that_was_never_scored_cannot_be_scored_again():

@@ -34,6 +34,7 @@ def test_tension_sensitivities(build, tensions, loads):
     assert np.linalg.eigvalsh(jacobian).max() < 1e-9
     numeric = central(lambda t: solve_tensions(chain, t, loads, start=result).poses, tau)
     assert sensitivity.dposes_dtensions(result) == pytest.approx(numeric, rel=1e-5, abs=2e-5)
+    assert sensitivity.dtip_dtensions(result) == pytest.approx(sensitivity.dposes_dtensions(result)[-1, :2], abs=1e-12)
 
 
 def test_scaling_all_tensions_moves_nothing_when_nothing_else_acts():
@@ -51,6 +52,9 @@ def test_length_sensitivities(build, tensions, loads):
     assert sensitivity.dposes_dlengths(result) == pytest.approx(numeric, rel=1e-5, abs=1e-6)
     numeric = central(lambda c: solve_lengths(chain, c, loads, start=result).tensions, command)
     assert sensitivity.dtensions_dlengths(result) == pytest.approx(numeric, rel=1e-5, abs=1e-6)
+    tip, rates = sensitivity.tip_and_tensions_dlengths(result)
+    assert tip == pytest.approx(sensitivity.dposes_dlengths(result)[-1, :2], abs=1e-12)
+    assert np.array_equal(rates, sensitivity.dtensions_dlengths(result))
     jacobian = sensitivity.dposes_dtensions(result)  # tensions held, although lengths were given
     assert jacobian == pytest.approx(sensitivity.dposes_dtensions(by_tension), rel=1e-6, abs=1e-6)
 

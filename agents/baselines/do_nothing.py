@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from agents.controller import Array, Seen
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 
 
 class DoNothing:
     """Leaves the tendons as they are."""
 
-    def begin(self, task: TrackingTask, lanes: int) -> None:
+    def begin(self, task: Task, lanes: int) -> None:
         """Remember how many episodes and tendons there are."""
         self.shape = lanes, task.mechanism.n_tendons
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.baselines.measured import measured_equilibrium
+from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
 from agents.controller import Array, Seen
-from rj_gym.tracking.task import TrackingTask
-from rollingjoint.equilibrium import Equilibrium
+from rj_gym.tracking.task import Task
+from rollingjoint.solution import Solution
 
 
 class JacobianFeedback:
@@ -17,7 +17,8 @@ class JacobianFeedback:
     The increments d minimise |error - J d|² + STIFFEN² |wanted - tensions - K d|² + damping² |d|² within the action's
     range, with J = d tip / d lengths and K = d tensions / d lengths. The tip of two tendons moves along a curve, and
     what lies across it hardly answers: there the second term decides. It pulls all tendons in together, because a
-    mechanism under tension gives way less to a load that nobody announces.
+    chain under tension gives way less to a load that nobody announces. An arm's springs hold it without tension: there
+    the second term keeps the tensions as they are.
     """
 
     GAIN = 0.8  # of the error, removed per step: less than 1 averages sensor noise and costs nothing where loads drift
@@ -27,11 +28,12 @@ class JacobianFeedback:
     MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
-    def begin(self, task: TrackingTask, lanes: int) -> None:
+    def begin(self, task: Task, lanes: int) -> None:
         """Nothing is known of the target's motion yet."""
         low, high = task.config.tension_range
         margin = self.MARGIN * (high - low)
         self.task, self.tension_range = task, (low + margin, high - margin)
+        self.measured = measured_by(task, lanes)
         self.target: Array | None = None
 
     def act(self, seen: Seen) -> Array:
@@ -42,15 +44,17 @@ class JacobianFeedback:
         return -self.increments(seen, way) / self.task.config.action_scale_mm
 
     def increments(self, seen: Seen, way: Array) -> Array:
-        """Changes of the commanded lengths that move the tip by `way` (B, 2), (B, m) both [mm]."""
-        model = measured_equilibrium(self.task.mechanism, seen)
+        """Changes of the commanded lengths that move the tip by `way` (B, d), (B, m) both [mm]."""
+        model = self.measured.unloaded(seen)
         return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
 
-    def wanted(self, model: Equilibrium) -> Array:
-        """Tensions to go for, (B, m) [N]: all alike higher, up to where the highest ends its range."""
+    def wanted(self, model: Solution) -> Array:
+        """Tensions to go for, (B, m) [N]: where that stiffens, all alike higher, until the highest ends its range."""
+        if not self.measured.stiffens:
+            return model.tensions
         return model.tensions + self.tension_range[1] - model.tensions.max(axis=1, keepdims=True)
 
-    def step(self, model: Equilibrium, way: Array, wanted: Array, done: Array) -> Array:
+    def step(self, model: Solution, way: Array, wanted: Array, done: Array) -> Array:
         """One Gauss-Newton step of the increments, beyond those done already, (B, m) [mm].
 
         Tensions that would leave their range are given the weight KEEP and the end of the range to go for.

@@ -1,67 +1,40 @@
-"""What the model makes of a measured pose and its tensions: an equilibrium there, and the load that it tells of."""
+"""What a model makes of what is seen: an equilibrium there, and the load that it tells of; one way per family."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, Protocol
 
+from agents.baselines.measured_arm import MeasuredArm
+from agents.baselines.measured_chain import MeasuredChain
 from agents.controller import Array, Seen
-from rollingjoint.equilibrium import Equilibrium
-from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.rolling_chain import RollingChain
-from rollingjoint.solve import solve_lengths_batch
-
-_LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))
-_TURN = 1e-5  # rad, of central differences
+from rj_gym.tracking.task import Task
+from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.solution import Solution
 
 
-def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
-    """The model at the measured pose and tensions, B lanes.
+class Measured(Protocol):
+    """What controllers ask of a model, B episodes side by side.
 
-    The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
-    Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
-    left out: where a motor holds or gives way its command follows, and the law of the elastic tendon goes on to hold.
+    Attributes:
+        nominal_loads: those that the model knows of: none, or the weight of an arm that hangs.
+        stiffens: whether higher tensions stiffen the mechanism, so that they are worth going for.
     """
-    moments = _joint_moments(mechanism, seen)
-    loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))
-    loads[..., _LINK] = np.arange(1, mechanism.n_links)
-    loads[..., _MOMENT] = -np.diff(moments, axis=1, append=0.0)
-    commands = mechanism.tendon_lengths(seen.joint_angles) - seen.tensions / mechanism.stiffnesses
-    return solve_lengths_batch(mechanism, commands, loads, seen.joint_angles)
+
+    nominal_loads: Any
+    stiffens: bool
+
+    def unloaded(self, seen: Seen) -> Solution:
+        """The model where it was measured, the load unknown."""
+
+    def loaded(self, seen: Seen) -> tuple[Solution, Array]:
+        """The model under the loads that the measurements tell of, and these, (B, rows, columns)."""
 
 
-def unstretched(equilibria: Equilibrium) -> Array:
+def measured_by(task: Task, lanes: int) -> Measured:
+    """The model of a task's mechanism, for episodes that begin."""
+    return MeasuredArm(task, lanes) if isinstance(task.mechanism, HingeChain) else MeasuredChain(task.mechanism)
+
+
+def unstretched(equilibria: Solution) -> Array:
     """Commanded lengths that hold these equilibria, (B, m) [mm]."""
-    return equilibria.lengths - equilibria.tensions / equilibria.chain.stiffnesses
-
-
-def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
-    """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
-
-    Statics: the moment of a force at joint i is that about its contact point. At every link the force that explains the
-    moments best, by least squares that prefer small forces; and the link where that is least unlikely.
-
-    Args:
-        measured: from measured_equilibrium.
-        noise: joint moment that is as likely an error of the sensors as a force of 1 N is a load [N·mm]. Forces along
-            the chain have little moment, and would be guesses without it.
-    """
-    moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
-    arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]
-    links = arm.shape[1]
-    rows = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * np.tri(links)[..., None]  # joint i carries links k > i
-    columns = np.swapaxes(rows, -1, -2)
-    forces = np.linalg.solve(columns @ rows + noise**2 * np.eye(2), columns @ moments[:, None, :, None])
-    left = moments[:, None] - (rows @ forces)[..., 0]
-    unlikely = np.sum(left**2, axis=-1) + noise**2 * np.sum(forces[..., 0] ** 2, axis=-1)
-    likeliest = unlikely.argmin(axis=1)
-    loads = np.zeros((len(likeliest), 1, len(LOAD_COLUMNS)))
-    loads[:, 0, _LINK] = 1 + likeliest
-    loads[:, 0, _FX : _FX + 2] = forces[np.arange(len(likeliest)), likeliest, :, 0]
-    return loads
-
-
-def _joint_moments(mechanism: RollingChain, seen: Seen) -> Array:
-    """Moments that balance the measured tensions at the measured joint angles, (B, n - 1) [N·mm]."""
-    turns = _TURN * np.eye(mechanism.n_joints)  # a joint's angle changes the tendons' gaps at this joint alone
-    ahead, behind = (mechanism.tendon_lengths(seen.joint_angles[:, None] + turn) for turn in (turns, -turns))
-    return ((ahead - behind) / (2 * _TURN) @ seen.tensions[..., None])[..., 0]
+    return equilibria.lengths - equilibria.tensions / equilibria.mechanism.stiffnesses

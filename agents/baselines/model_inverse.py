@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agents.baselines.responses import bounded_step, choose, tension_response
 from agents.controller import Array
-from rollingjoint.equilibrium import Equilibrium
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.families import Mechanism
+from rollingjoint.load import Load
+from rollingjoint.solution import Solution
 from rollingjoint.solve import solve_tensions_batch
 
 _PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
@@ -15,12 +18,12 @@ _CLOSE = 1e-6  # of a tension: smaller steps end the search
 
 
 def nearest_tensions(
-    mechanism: RollingChain,
+    mechanism: Mechanism,
     targets: Array,
     limits: tuple[float, float],
     rest: Array,
     starts: Array,
-    loads: Array | tuple[()] = (),
+    loads: Array | Sequence[Load] = (),
     most_steps: int = 30,
 ) -> Array:
     """Tensions (B, m) [N] within `limits` at which the model's tip is nearest to the target.
@@ -30,16 +33,16 @@ def nearest_tensions(
 
     Args:
         mechanism: the model.
-        targets: (B, 2) [mm].
+        targets: (B, d) [mm].
         limits: lowest and highest tension [N].
         rest, starts: tensions at rest, and the first guess, (B, m) [N].
-        loads: load tables, (B, rows, 11); nothing is no load.
+        loads: load tables, (B, rows, columns), or loads that act on all lanes; nothing is no load.
         most_steps: after which it ends.
     """
     low, high = np.log(np.maximum(limits, 1e-3))
     pull, calm = (_PULL * mechanism.length) ** 2, np.log(rest)
     best = np.clip(np.log(starts), low, high)
-    found = solve_tensions_batch(mechanism, np.exp(best), loads)
+    found: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
     least, damping = _cost(found, targets, pull, best - calm), np.full(len(best), 1e-3)
     going = np.ones((len(best), 1), bool)
     for _ in range(most_steps):
@@ -60,7 +63,7 @@ def nearest_tensions(
     return np.exp(best)
 
 
-def _cost(equilibria: Equilibrium, targets: Array, pull: float, away: Array) -> Array:
+def _cost(equilibria: Solution, targets: Array, pull: float, away: Array) -> Array:
     """What is minimised, (B,) [mm²]."""
     cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(away**2, axis=1)
     return np.where(equilibria.ok, cost, np.inf)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
 from agents.controller import Array, Seen
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.tracking.task import Task
 from rollingjoint.solve import solve_tensions_batch
 
 
@@ -16,10 +17,11 @@ class OpenLoop:
     It knows the mechanism, the target and its own commands, and looks neither at the pose nor at the load.
     """
 
-    def begin(self, task: TrackingTask, lanes: int) -> None:
+    def begin(self, task: Task, lanes: int) -> None:
         """Nothing is planned yet."""
         self.task = task
-        self.target = np.full((lanes, 2), np.nan)
+        self.loads = measured_by(task, lanes).nominal_loads
+        self.target = np.full((lanes, task.dimension), np.nan)
         self.rest = self.tensions = np.full((lanes, task.mechanism.n_tendons), task.config.start_tension)
 
     def act(self, seen: Seen) -> Array:
@@ -31,12 +33,12 @@ class OpenLoop:
         return way / np.maximum(1.0, np.abs(way).max(axis=1, keepdims=True))
 
     def aim(self, seen: Seen) -> Array:
-        """Where the model's tip shall go, (B, 2) [mm]: to the target."""
+        """Where the model's tip shall go, (B, d) [mm]: to the target."""
         return seen.target
 
     def plan(self, target: Array) -> None:
         """Set the commanded lengths for these targets: unstretched lengths at the tensions that the model proposes."""
         mechanism, limits = self.task.mechanism, self.task.config.tension_range
         self.target = target
-        self.tensions = nearest_tensions(mechanism, target, limits, self.rest, self.tensions)
-        self.lengths = solve_tensions_batch(mechanism, self.tensions).lengths - self.tensions / mechanism.stiffnesses
+        self.tensions = nearest_tensions(mechanism, target, limits, self.rest, self.tensions, self.loads)
+        self.lengths = unstretched(solve_tensions_batch(mechanism, self.tensions, self.loads))

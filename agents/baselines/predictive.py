@@ -22,8 +22,8 @@ class Predictive(LoadEstimate):
     STEPS = 3  # after which increments change by less than sensors can tell
 
     def increments(self, seen: Seen, way: Array) -> Array:
-        """Changes of the commanded lengths that move the predicted tip by `way` (B, 2), (B, m) both [mm]."""
-        now, loads = self.loaded(seen)
+        """Changes of the commanded lengths that move the predicted tip by `way` (B, d), (B, m) both [mm]."""
+        now, loads = self.measured.loaded(seen)
         commands, wanted = unstretched(now), self.planned(seen, loads)
         found, moves = now, np.zeros_like(now.tensions)
         for _ in range(self.STEPS):

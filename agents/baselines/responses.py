@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.controller import Array
-from rollingjoint.equilibrium import Equilibrium
-from rollingjoint.sensitivity import dposes_dlengths, dposes_dtensions, dtensions_dlengths
+from rollingjoint.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
+from rollingjoint.solution import Solution
 
 Mask = NDArray[np.bool_]
+Equilibria = TypeVar("Equilibria", bound=Solution)
 
 _ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
 
 
-def length_responses(equilibria: Equilibrium) -> tuple[Array, Array]:
-    """d tip / d commanded lengths (B, 2, m) [mm/mm] and d tensions / d commanded lengths (B, m, m) [N/mm].
+def length_responses(equilibria: Solution) -> tuple[Array, Array]:
+    """d tip / d commanded lengths (B, d, m) [mm/mm] and d tensions / d commanded lengths (B, m, m) [N/mm].
 
     Where an equilibrium is not usable the pose is taken as held, so that tendons do nothing but stretch.
     """
-    usable, stiffnesses = np.asarray(equilibria.ok), equilibria.chain.stiffnesses
-    tips = np.zeros((len(usable), 2, len(stiffnesses)))
+    usable, stiffnesses = np.asarray(equilibria.ok), equilibria.mechanism.stiffnesses
+    tips = np.zeros((*equilibria.tip.shape, len(stiffnesses)))
     tensions = np.repeat(-np.diag(stiffnesses)[None], len(usable), axis=0)
     if usable.any():
-        stable = lanes_of(equilibria, usable)
-        tips[usable], tensions[usable] = dposes_dlengths(stable)[:, -1, :2], dtensions_dlengths(stable)
+        tips[usable], tensions[usable] = tip_and_tensions_dlengths(lanes_of(equilibria, usable))
     return tips, tensions
 
 
-def tension_response(equilibria: Equilibrium) -> Array:
-    """d tip / d tensions, (B, 2, m) [mm/N]; zero where an equilibrium is not usable."""
+def tension_response(equilibria: Solution) -> Array:
+    """d tip / d tensions, (B, d, m) [mm/N]; zero where an equilibrium is not usable."""
     usable = np.asarray(equilibria.ok)
-    tips = np.zeros((len(usable), 2, equilibria.tensions.shape[1]))
+    tips = np.zeros((*equilibria.tip.shape, equilibria.tensions.shape[1]))
     if usable.any():
-        tips[usable] = dposes_dtensions(lanes_of(equilibria, usable))[:, -1, :2]
+        tips[usable] = dtip_dtensions(lanes_of(equilibria, usable))
     return tips
 
 
@@ -63,21 +65,28 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     return step
 
 
-def lanes_of(equilibria: Equilibrium, rows: Mask) -> Equilibrium:
+def lanes_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
     """Some of the equilibria of one mechanism."""
-    return replace(equilibria, **{name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
+    return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 
 
-def choose(rows: Mask, one: Equilibrium, other: Equilibrium) -> Equilibrium:
+def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
     """The equilibria of `one` in these rows, those of `other`, under as many loads, elsewhere."""
     chosen = {}
     for name in _array_names(one):
         first, second = getattr(one, name), getattr(other, name)
         chosen[name] = np.where(rows.reshape(-1, *[1] * (first.ndim - 1)), first, second)
-    return replace(one, **chosen)
+    return with_arrays(one, chosen)
 
 
-def _array_names(equilibria: Equilibrium) -> list[str]:
+def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Array]) -> Equilibria:
+    """The equilibria with other arrays."""
+    either_family: Any = equilibria
+    changed: Equilibria = replace(either_family, **arrays)
+    return changed
+
+
+def _array_names(equilibria: Any) -> list[str]:
     return [field.name for field in fields(equilibria) if field.name != "mechanism"]
 
 

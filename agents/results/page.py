@@ -12,11 +12,10 @@ import numpy as np
 
 from agents.controller import Array
 from agents.report import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.results.description import description, load_range
 from agents.results.runs import HEAVIER, Recipe, Task
 from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
 from agents.run_folder import seeds as used_seeds
-from rj_gym.config import LoadConfig, RandomizationConfig
-from rj_gym.tracking.task import TrackingTask
 
 CLEAR = 3.0  # standard errors from which on a difference counts
 ERRORS = ("mean [mm]", "median [mm]", "95 % below [mm]")
@@ -109,61 +108,16 @@ def _reading(seeds: range) -> str:
 
 def _section(scored: Scored, about: About) -> list[str]:
     task, scores, beyond = scored.task, scored.scores, scored.beyond
-    parts = [f"## {task.title[0].upper()}{task.title[1:]}", description(task), score_table(task, scores)]
+    parts = [f"## {task.title[0].upper()}{task.title[1:]}", description(task.config), score_table(task, scores)]
     parts += [_early(scores), verdict_text(scores)]
     if beyond:
         low = task.config.load.magnitude[1]
         parts += [
-            f"**Heavier loads than in training**, {_range(task.config.load, low, HEAVIER * low)}:",
+            f"**Heavier loads than in training**, {load_range(task.config.load, low, HEAVIER * low)}:",
             _heavier_table(task, beyond),
             verdict_text(beyond),
         ]
     return [part for part in parts if part] + _pictures(about.animations.get(task.title, {}))
-
-
-def description(task: Task) -> str:
-    """What the task is, in a few sentences, from its settings."""
-    config, mechanism = task.config, TrackingTask(task.config).mechanism
-    path = f"follows a path through {config.target.waypoints} points"
-    way = "goes to a fixed target" if config.target.process == "fixed" else path
-    seen = "is observed" if config.observe_load else "is not observed"
-    start = "random tensions" if config.start == "random" else f"tensions of {config.start_tension:g} N"
-    return (
-        f"Mechanism {mechanism.name or 'without a name'} ({mechanism.n_links} links, {mechanism.n_tendons} tendons, "
-        f"{mechanism.length:g} mm): the tip {way} in {config.episode_steps} steps of at most "
-        f"{config.action_scale_mm:g} mm of each tendon, from {start}. {_load(config.load)} The load {seen}. "
-        f"{_randomised(config.randomization)}"
-    ).strip()
-
-
-def _range(load: LoadConfig, low: float, high: float) -> str:
-    return f"drifting up to {high:g} N" if load.process == "ou" else f"{low:g} to {high:g} N"
-
-
-def _load(load: LoadConfig) -> str:
-    where = "the tip" if load.link == "tip" else "a random link"
-    low, high = load.magnitude
-    ways = {
-        "constant": f"A constant force of {low:g} to {high:g} N pulls at {where}.",
-        "step": f"A force of {low:g} to {high:g} N pulls at {where} and jumps to another one every "
-        f"{load.hold_steps:g} steps on average.",
-        "ou": f"A force of up to {high:g} N pulls at {where} and drifts (Ornstein-Uhlenbeck, correlation time "
-        f"{load.correlation_steps:g} steps).",
-    }
-    return ways[load.process]
-
-
-def _randomised(settings: RandomizationConfig) -> str:
-    surfaces = f"{settings.link_tolerance_mm:g} mm and {settings.link_tolerance_rad:g} rad"
-    parts = {
-        f"tendon stiffness by up to {100 * settings.stiffness_spread:g} %": settings.stiffness_spread,
-        f"contact surfaces by up to {surfaces}": settings.link_tolerance_mm or settings.link_tolerance_rad,
-        f"motors by up to {settings.actuator_offset_mm:g} mm": settings.actuator_offset_mm,
-    }
-    off = [text for text, size in parts.items() if size]
-    noise = f"{settings.position_noise_mm:g} mm and {settings.angle_noise_rad:g} rad"
-    noisy = f"Measured poses are noisy (standard deviations {noise}). " if settings.sensor_noise else ""
-    return noisy + (f"In every episode other things are off: {', '.join(off)}." if off else "")
 
 
 def score_table(task: Task, scores: Scores) -> str:

@@ -34,7 +34,7 @@ STYLES: dict[str, dict[str, Any]] = {  # dashes where lines lie on each other
     FLOOR: {"color": "black", "linewidth": 1},
 }
 LEARNED = (COLOURS[0], COLOURS[4], COLOURS[2], COLOURS[3], COLOURS[5])
-BIN_N = 0.1  # width of the bins over the load [N]
+BINS = 10  # over the loads of training
 FEWEST = 10  # episodes in a bin
 DPI = 110
 PICTURE_WIDTH = 300  # of one episode in an animation [pixels]
@@ -85,18 +85,18 @@ def error_against_load(scored: Sequence[Scored]) -> bytes:
         loads = np.concatenate([scores.loads[inside], beyond.loads[outside]])
         for name, label in ((scores.best_policy, POLICY_LABEL), (FEEDBACK, FEEDBACK), (OPEN_LOOP, OPEN_LOOP)):
             errors = np.concatenate([scores.errors(name)[:, inside], beyond.errors(name)[:, outside]], axis=1)
-            axes.plot(*_binned(loads, errors), marker=".", label=label, **STYLES[label])
+            axes.plot(*_binned(loads, errors, high / BINS), marker=".", label=label, **STYLES[label])
         floors = np.concatenate([scores.floors[inside], beyond.floors[outside]])[None]
-        axes.plot(*_binned(loads, floors), label=FLOOR, **STYLES[FLOOR])
+        axes.plot(*_binned(loads, floors, high / BINS), label=FLOOR, **STYLES[FLOOR])
     return png(_with_legend(figure, panels), DPI)
 
 
-def _binned(loads: Array, errors: Array) -> tuple[Array, Array]:
-    """Middles of bins over the loads (E,), and the median of the errors (S, E) in each."""
-    places = np.floor(loads / BIN_N * (1 - 1e-9)).astype(int)
+def _binned(loads: Array, errors: Array, width: float) -> tuple[Array, Array]:
+    """Middles of bins of that width [N] over the loads (E,), and the median of the errors (S, E) in each."""
+    places = np.floor(loads / width * (1 - 1e-9)).astype(int)
     bins = [place for place in np.unique(places) if np.sum(places == place) >= FEWEST]
     medians = [np.median(np.maximum(errors[:, places == place], SMALLEST_MM)) for place in bins]
-    return (np.array(bins) + 0.5) * BIN_N, np.array(medians)
+    return (np.array(bins) + 0.5) * width, np.array(medians)
 
 
 def distributions(scored: Sequence[Scored]) -> bytes:

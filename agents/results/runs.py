@@ -18,7 +18,8 @@ from agents.parameters import PARAMETERS
 from agents.policy import Policy
 from agents.rollout import is_tracking
 from agents.run_folder import PROCESSOR, RunFolder, RunFolderError
-from rj_gym.config import TrackingConfig
+from rj_gym import IDS
+from rj_gym.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training
@@ -95,12 +96,13 @@ class Task:
     @property
     def env(self) -> EnvConfig:
         """The environment that baselines and floor see."""
-        return EnvConfig(settings=dict(self.recipes[0].config.env.settings))
+        env = self.recipes[0].config.env
+        return EnvConfig(_without_goal(env.id), settings=dict(env.settings))
 
     @property
-    def config(self) -> TrackingConfig:
+    def config(self) -> TaskConfig:
         """The settings of the environment."""
-        config: TrackingConfig = self.env.arguments()["config"]
+        config: TaskConfig = self.env.arguments()["config"]
         return config
 
     @property
@@ -109,10 +111,12 @@ class Task:
         return re.sub(r"\W+", "_", self.title)
 
     @cached_property
-    def complexity(self) -> int:
-        """In how many settings it differs from the default one."""
-        default = content(TrainConfig())["env"]["settings"]
-        return _differences(content(self.recipes[0].config)["env"]["settings"], default)
+    def complexity(self) -> tuple[int, int]:
+        """Which environment it is, planar chains first, and in how many settings it differs from the default one."""
+        env_id = self.env.id
+        default = content(TrainConfig(env=EnvConfig(env_id)))["env"]["settings"]
+        settings = content(self.recipes[0].config)["env"]["settings"]
+        return list(IDS).index(env_id), _differences(settings, default)
 
     @property
     def has_heavier(self) -> bool:
@@ -173,7 +177,12 @@ def _without_seed(config: TrainConfig) -> str:
 
 def _episodes_key(config: TrainConfig) -> str:
     """Equal for configurations with the same episodes and the same observations of them."""
-    return repr(content(config)["env"]["settings"] | {"reward": None})
+    return repr((_without_goal(config.env.id), content(config)["env"]["settings"] | {"reward": None}))
+
+
+def _without_goal(env_id: str) -> str:
+    """The id of the same task whose observation is one vector."""
+    return env_id.replace("Goal-", "-")
 
 
 def _name(folder: Path, root: Path) -> str:
@@ -195,6 +204,6 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 
 def _differences(values: Any, others: Any) -> int:
-    if isinstance(values, Mapping) and isinstance(others, Mapping) and "links" not in values:
+    if isinstance(values, Mapping) and isinstance(others, Mapping) and "tendons" not in values:
         return sum(_differences(values[key], others[key]) for key in values if key != "reward")
     return int(values != others)

@@ -1,0 +1,83 @@
+"""What the model of a planar chain makes of measured poses and tensions: an equilibrium, and the load they tell of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.controller import Array, Seen
+from rollingjoint.equilibrium import Equilibrium
+from rollingjoint.load import LOAD_COLUMNS
+from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.solve import solve_lengths_batch
+
+_LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))
+_TURN = 1e-5  # rad, of central differences
+
+
+class MeasuredChain:
+    """A planar chain, of which the poses of all links are measured."""
+
+    nominal_loads = ()
+    stiffens = True  # nothing but tensions holds the links together
+
+    def __init__(self, mechanism: RollingChain) -> None:
+        self.mechanism = mechanism
+
+    def unloaded(self, seen: Seen) -> Equilibrium:
+        """The model at the measured pose and tensions, B lanes."""
+        return measured_equilibrium(self.mechanism, seen)
+
+    def loaded(self, seen: Seen) -> tuple[Equilibrium, Array]:
+        """The model under the estimated loads, and these, (B, 1, 11)."""
+        measured = self.unloaded(seen)
+        loads = estimated_loads(measured)
+        commands = measured.lengths - measured.tensions / self.mechanism.stiffnesses
+        return solve_lengths_batch(self.mechanism, commands, loads, measured), loads
+
+
+def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
+    """The model at the measured pose and tensions, B lanes.
+
+    The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
+    Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
+    left out: where a motor holds or gives way its command follows, and the law of the elastic tendon goes on to hold.
+    """
+    moments = _joint_moments(mechanism, seen)
+    loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))
+    loads[..., _LINK] = np.arange(1, mechanism.n_links)
+    loads[..., _MOMENT] = -np.diff(moments, axis=1, append=0.0)
+    commands = mechanism.tendon_lengths(seen.joint_angles) - seen.tensions / mechanism.stiffnesses
+    return solve_lengths_batch(mechanism, commands, loads, seen.joint_angles)
+
+
+def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
+    """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
+
+    Statics: the moment of a force at joint i is that about its contact point. At every link the force that explains the
+    moments best, by least squares that prefer small forces; and the link where that is least unlikely.
+
+    Args:
+        measured: from measured_equilibrium.
+        noise: joint moment that is as likely an error of the sensors as a force of 1 N is a load [N·mm]. Forces along
+            the chain have little moment, and would be guesses without it.
+    """
+    moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
+    arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]
+    links = arm.shape[1]
+    rows = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * np.tri(links)[..., None]  # joint i carries links k > i
+    columns = np.swapaxes(rows, -1, -2)
+    forces = np.linalg.solve(columns @ rows + noise**2 * np.eye(2), columns @ moments[:, None, :, None])
+    left = moments[:, None] - (rows @ forces)[..., 0]
+    unlikely = np.sum(left**2, axis=-1) + noise**2 * np.sum(forces[..., 0] ** 2, axis=-1)
+    likeliest = unlikely.argmin(axis=1)
+    loads = np.zeros((len(likeliest), 1, len(LOAD_COLUMNS)))
+    loads[:, 0, _LINK] = 1 + likeliest
+    loads[:, 0, _FX : _FX + 2] = forces[np.arange(len(likeliest)), likeliest, :, 0]
+    return loads
+
+
+def _joint_moments(mechanism: RollingChain, seen: Seen) -> Array:
+    """Moments that balance the measured tensions at the measured joint angles, (B, n - 1) [N·mm]."""
+    turns = _TURN * np.eye(mechanism.n_joints)  # a joint's angle changes the tendons' gaps at this joint alone
+    ahead, behind = (mechanism.tendon_lengths(seen.joint_angles[:, None] + turn) for turn in (turns, -turns))
+    return ((ahead - behind) / (2 * _TURN) @ seen.tensions[..., None])[..., 0]

@@ -1,0 +1,85 @@
+"""What a task is, in a few sentences, from its settings."""
+
+from __future__ import annotations
+
+import math
+
+from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
+from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig
+from rj_gym.tracking.task import task_of
+from rollingjoint.hinge_chain import HingeChain
+
+
+def description(config: TaskConfig) -> str:
+    """What the task with these settings is, in a few sentences."""
+    mechanism = task_of(config).mechanism
+    path = f"follows a path through {config.target.waypoints} points"
+    way = "goes to a fixed target" if config.target.process == "fixed" else path
+    start = "random tensions" if config.start == "random" else f"tensions of {config.start_tension:g} N"
+    parts = f"{mechanism.n_joints} beads" if isinstance(mechanism, HingeChain) else f"{mechanism.n_links} links"
+    sentences = [
+        f"Mechanism {mechanism.name or 'without a name'} ({parts}, {mechanism.n_tendons} tendons, "
+        f"{mechanism.length:g} mm): the tip {way} in {config.episode_steps} steps of at most "
+        f"{config.action_scale_mm:g} mm of each tendon, from {start}.",
+        *(_arm_loads(config) if isinstance(config, FlexibleArmConfig) else _loads(config)),
+        _noise(config.randomization),
+        _randomised(config.randomization),
+    ]
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def load_range(load: LoadConfig | PayloadConfig, low: float, high: float) -> str:
+    """Loads between two magnitudes, in words."""
+    return f"drifting up to {high:g} N" if load.process == "ou" else f"{low:g} to {high:g} N"
+
+
+def _loads(config: TaskConfig) -> list[str]:
+    load, seen = config.load, "is observed" if config.observe_load else "is not observed"
+    where = "the tip" if load.link == "tip" else "a random link"
+    low, high = load.magnitude
+    ways = {
+        "constant": f"A constant force of {low:g} to {high:g} N pulls at {where}.",
+        "step": f"A force of {low:g} to {high:g} N pulls at {where} and jumps to another one every "
+        f"{load.hold_steps:g} steps on average.",
+        "ou": f"A force of up to {high:g} N pulls at {where} and drifts (Ornstein-Uhlenbeck, correlation time "
+        f"{load.correlation_steps:g} steps).",
+    }
+    return [ways[load.process], f"The load {seen}."]
+
+
+def _arm_loads(config: FlexibleArmConfig) -> list[str]:
+    load, seen = config.load, "are observed" if config.observe_load else "are not observed"
+    low, high = load.magnitude
+    least, most = (f"{math.degrees(angle):.0f}" for angle in config.gravity.tilt)
+    tilted = f"by {least} to {most}" if config.gravity.tilt[0] else f"by up to {most}"
+    ways = {
+        "constant": f"a payload of {low:g} to {high:g} N hangs from its tip.",
+        "step": f"a payload of {low:g} to {high:g} N hangs from its tip and changes every {load.hold_steps:g} steps on "
+        "average.",
+        "ou": f"a payload of {low:g} to {high:g} N hangs from its tip and drifts (Ornstein-Uhlenbeck, correlation time "
+        f"{load.correlation_steps:g} steps).",
+    }
+    hangs = f"The arm hangs from a base that is tilted {tilted}°;"
+    turned = "The tip frame has to turn into that of the target, too." if config.orientation else ""
+    return [hangs, ways[load.process], f"Tilt and payload {seen}.", turned]
+
+
+def _noise(settings: RandomizationConfig | ArmRandomizationConfig) -> str:
+    noise = f"{settings.position_noise_mm:g} mm and {settings.angle_noise_rad:g} rad"
+    return f"Measured poses are noisy (standard deviations {noise})." if settings.sensor_noise else ""
+
+
+def _randomised(settings: RandomizationConfig | ArmRandomizationConfig) -> str:
+    parts = {f"tendon stiffness by up to {100 * settings.stiffness_spread:g} %": settings.stiffness_spread}
+    if isinstance(settings, ArmRandomizationConfig):
+        hinges, weights = settings.hinge_stiffness_spread, settings.weight_spread
+        parts |= {
+            f"every hinge by up to {100 * hinges:g} %": hinges,
+            f"every weight by up to {100 * weights:g} %": weights,
+        }
+    else:
+        surfaces = f"{settings.link_tolerance_mm:g} mm and {settings.link_tolerance_rad:g} rad"
+        parts[f"contact surfaces by up to {surfaces}"] = settings.link_tolerance_mm or settings.link_tolerance_rad
+    parts[f"motors by up to {settings.actuator_offset_mm:g} mm"] = settings.actuator_offset_mm
+    off = [text for text, size in parts.items() if size]
+    return f"In every episode other things are off: {', '.join(off)}." if off else ""
