@@ -172,7 +172,8 @@ def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]
 
 def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
     """The figure with one legend, since its panels have the same lines."""
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    columns = 4 if len(panels) > 1 else 2
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=columns, frameon=False)
     return figure
 
 
