@@ -59,7 +59,7 @@ class MeasuredArm:
         return replace(found, tensions=seen.tensions, tendon_stiffness=elastic)
 
     def loaded(self, seen: Seen) -> tuple[HingeEquilibrium, Array]:
-        """The model under the commands and the estimated loads, and these, (B, rows, 16)."""
+        """The model under the commands and the estimated loads, and these, (B, rows, columns)."""
         best, loads = self._under(seen, self.estimate)
         least = self._unlikely(seen, best, self.estimate)
         for _ in range(self.STEPS):
@@ -74,7 +74,7 @@ class MeasuredArm:
         return best, loads
 
     def tables(self, estimate: Array) -> Array:
-        """Load tables (B, rows, 16) of the estimates (B, 3): the weights and the payload along gravity."""
+        """Load tables (B, rows, columns) of the estimates (B, 3): the weights and the payload along gravity."""
         turn = np.linalg.norm(estimate[:, :2], axis=1, keepdims=True)
         direction = np.concatenate([estimate[:, :2] * np.sinc(turn / np.pi), np.cos(turn)], axis=1)
         tables = np.repeat(self._rows[None], len(estimate), axis=0)
