@@ -11,6 +11,7 @@ from agents.config import TrainConfig, load_config
 from agents.fields import Linear
 from agents.parameters import PARAMETERS, constructor_arguments
 from rollingjoint.errors import ConfigError
+from rollingjoint.presets import PRESETS
 
 CONFIGS = sorted(Path("configs/train").glob("*.yaml"))
 
@@ -27,7 +28,7 @@ def test_every_shipped_config_loads_and_survives_a_round_trip_through_yaml(path,
     again = load_config(write(tmp_path, yaml.safe_dump(config.to_dict())))
     assert again == config
     if config.env.id in rj_gym.IDS:
-        assert config.env.settings["mechanism"] in ("five_link", "two_segment")
+        assert config.env.settings["mechanism"] in PRESETS
 
 
 def test_the_configs_named_in_the_documentation_exist():
