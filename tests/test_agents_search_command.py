@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -169,6 +170,16 @@ def test_verdicts_follow_from_the_numbers(finished):
         2: f"after {max(known, default=0)} (median",
     }
     assert expected[len(known)] in said
+
+
+@pytest.mark.parametrize("chosen", ["", " --methods cma_es sqp", " --methods sqp --jobs 1"])
+def test_the_command_of_a_report_runs_all_methods(finished, tmp_path, chosen):
+    again = tmp_path / "again"
+    shutil.copytree(finished, again)
+    for path in again.glob("*/*/command.txt"):
+        path.write_text(f"python -m agents.search 'a b.yaml'{chosen}\n")
+    rest = " --jobs 1" if "--jobs" in chosen else ""
+    assert Search.read(again).command == f"python -m agents.search 'a b.yaml'{rest}"
 
 
 def test_the_best_design_is_a_mechanism_file(finished):
