@@ -150,6 +150,9 @@ def test_the_report_says_what_the_runs_hold(finished):
     costs = [one.best for one in search.outcomes["gradient"]]
     row = next(line for line in (finished / "report.md").read_text().splitlines() if line.startswith("| gradient"))
     assert f"{-median(costs):.4g}" in row
+    counts = [one.reached(search.goal) for one in search.outcomes["cma_es"]]
+    times = [one.seconds[count - 1] for one, count in zip(search.outcomes["cma_es"], counts, strict=True) if count]
+    assert times and any(f"| {time:.1f} |" in (finished / "report.md").read_text() for time in times)
     winner = report["runs"][report["winner"]]
     assert winner["cost"] == min(run["cost"] for run in report["runs"]) == search.winner.best
     assert winner["measured"][0] == pytest.approx(-winner["cost"]) and winner["held_out"][0] != winner["measured"][0]

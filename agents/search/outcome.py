@@ -83,6 +83,10 @@ class Outcome:
         below = self.best_so_far <= cost
         return int(below.argmax()) + 1 if below.any() else None
 
+    def seconds_at(self, evaluations: float) -> float:
+        """Processor time when so many designs had been evaluated; infinite for infinitely many [s]."""
+        return float(self.seconds[int(evaluations) - 1]) if math.isfinite(evaluations) else math.inf
+
 
 @dataclass(frozen=True)
 class Search:
