@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -149,6 +150,9 @@ def test_the_report_says_what_the_runs_hold(finished):
     costs = [one.best for one in search.outcomes["gradient"]]
     row = next(line for line in (finished / "report.md").read_text().splitlines() if line.startswith("| gradient"))
     assert f"{-median(costs):.4g}" in row
+    counts = [one.reached(search.goal) for one in search.outcomes["cma_es"]]
+    times = [one.seconds[count - 1] for one, count in zip(search.outcomes["cma_es"], counts, strict=True) if count]
+    assert times and any(f"| {time:.1f} |" in (finished / "report.md").read_text() for time in times)
     winner = report["runs"][report["winner"]]
     assert winner["cost"] == min(run["cost"] for run in report["runs"]) == search.winner.best
     assert winner["measured"][0] == pytest.approx(-winner["cost"]) and winner["held_out"][0] != winner["measured"][0]
@@ -169,6 +173,16 @@ def test_verdicts_follow_from_the_numbers(finished):
         2: f"after {max(known, default=0)} (median",
     }
     assert expected[len(known)] in said
+
+
+@pytest.mark.parametrize("chosen", ["", " --methods cma_es sqp", " --methods sqp --jobs 1"])
+def test_the_command_of_a_report_runs_all_methods(finished, tmp_path, chosen):
+    again = tmp_path / "again"
+    shutil.copytree(finished, again)
+    for path in again.glob("*/*/command.txt"):
+        path.write_text(f"python -m agents.search 'a b.yaml'{chosen}\n")
+    rest = " --jobs 1" if "--jobs" in chosen else ""
+    assert Search.read(again).command == f"python -m agents.search 'a b.yaml'{rest}"
 
 
 def test_the_best_design_is_a_mechanism_file(finished):

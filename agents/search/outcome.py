@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -81,6 +83,10 @@ class Outcome:
         below = self.best_so_far <= cost
         return int(below.argmax()) + 1 if below.any() else None
 
+    def seconds_at(self, evaluations: float) -> float:
+        """Processor time when so many designs had been evaluated; infinite for infinitely many [s]."""
+        return float(self.seconds[int(evaluations) - 1]) if math.isfinite(evaluations) else math.inf
+
 
 @dataclass(frozen=True)
 class Search:
@@ -91,7 +97,7 @@ class Search:
         config: with all methods and seeds of the runs.
         outcomes: by method, in the order of the seeds.
         left_out: why, by folder of a run.
-        command: that was typed last.
+        command: that was typed last, for all methods.
     """
 
     name: str
@@ -119,7 +125,7 @@ class Search:
             methods |= run.config.methods
             seeds.add(outcome.seed)
             commons.append(replace(run.config, methods={BASELINE: {}}, seeds=(0,)))
-            command = (run.path / "command.txt").read_text().splitlines()[-1]
+            command = _for_all_methods((run.path / "command.txt").read_text().splitlines()[-1])
         if not outcomes:
             raise RunFolderError("search", str(out), "a folder with at least one finished run")
         if any(common != commons[0] for common in commons):
@@ -215,6 +221,16 @@ def plain_number(value: float | Array) -> str:
 def median(values: Sequence[N]) -> N:
     """The middle one, or of an even number the larger of the two in the middle, so that infinite ones stay so."""
     return sorted(values)[len(values) // 2]
+
+
+def _for_all_methods(command: str) -> str:
+    """A command without the choice of some methods, which are run one after the other."""
+    words = shlex.split(command)
+    if "--methods" in words:
+        begin = words.index("--methods")
+        chosen = itertools.takewhile(lambda word: not word.startswith("--"), words[begin + 1 :])
+        del words[begin : begin + 1 + len(list(chosen))]
+    return shlex.join(words)
 
 
 def _order(run: SearchRun) -> tuple[int, int]:

@@ -138,13 +138,14 @@ class Report:
 
     def _methods(self) -> tuple[list[str], list[list[str]]]:
         search = self.search
-        head = ["method", f"best {search.shown_name}", "of the seeds", "feasible", "evaluations to goal", "seconds"]
+        head = ["method", f"best {search.shown_name}", "of the seeds", "feasible"]
+        head += ["evaluations to goal", "seconds to goal", "seconds"]
         if self.held_out is not None and search.single is not None:
             head.append(f"held out [{search.units[search.single]}]")
         rows = []
         for method, outcomes in search.outcomes.items():
             costs = sorted(one.best for one in outcomes)
-            reached = sorted(math.inf if count is None else count for count in search.reached(method))
+            reached = [math.inf if count is None else count for count in search.reached(method)]
             feasible = float(np.mean([one.evaluated.feasible.mean() for one in outcomes]))
             row = [words(method), plain_number(search.shown(median(costs)))]
             row += [
@@ -152,6 +153,8 @@ class Report:
                 f"{100 * feasible:.0f} %",
             ]
             row += [f"{median(reached):,}" if math.isfinite(median(reached)) else "–"]
+            until = median([one.seconds_at(count) for one, count in zip(outcomes, reached, strict=True)])
+            row += [f"{until:.1f}" if math.isfinite(until) else "–"]
             row += [f"{median([float(one.seconds[-1]) for one in outcomes]):.1f}"]
             if len(head) > len(row):
                 row.append(self._held_out_median(method))
@@ -172,8 +175,8 @@ class Report:
         if self.search.goal is not None:
             goal = plain_number(self.search.shown(self.search.goal))
             what = (
-                f" The goal is the median of what {words(YARDSTICK)} ends with, {goal}; evaluations to it are the "
-                "median of the seeds, – where half of them or more do not reach it."
+                f" The goal is the median of what {words(YARDSTICK)} ends with, {goal}; evaluations and seconds to it "
+                "are medians of the seeds, – where half of them or more do not reach it."
             )
         return (
             f"Best feasible design of a run: median of the seeds, then the best and the worst.{what} A design with its "

@@ -84,14 +84,14 @@ def compared(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> str:
     rows = [_row(name, errors, found["policy"][0], seconds / tasks) for name, (errors, seconds) in found.items()]
     says = (
         f"Smallest error [mm] of a valid design among {budget}, on {tasks} tasks (seeds from {FIRST_SEED:,}); a method "
-        "has the seed of its task. Seconds are wall time; the policy works on all tasks at once."
+        "has the seed of its task. Seconds are processor time; the policy works on all tasks at once."
     )
     return "\n".join([head, *rows]) + "\n\n" + says
 
 
 def _timed(work: Callable[[], Array]) -> tuple[Array, float]:
-    begin = time.monotonic()
-    return work(), time.monotonic() - begin
+    begin = time.process_time()
+    return work(), time.process_time() - begin
 
 
 def _row(name: str, errors: Array, policy: Array, seconds: float) -> str:
