@@ -10,7 +10,7 @@ a step that ended an episode without an equilibrium (`terminated`) are no equili
 several starts; that it finds the best of all is checked by sample, not proven: `pytest -m slow -s
 tests/test_agents_floor.py` finds, with four times the starts and eight times the candidates for them, in eight planar
 tasks of 500 episodes nothing better by more than 5e-7 mm; but in two of 500 where tensions may go down to zero, by
-0.013 mm. For the flexible arm three times the starts find in three hard tasks of 200 nothing better by 1e-9 mm.
+0.013 mm. For the flexible arm three times the starts find in three hard tasks of 200 nothing better by 1e-8 mm.
 """
 
 from __future__ import annotations
