@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 
 
-class Task:
+class Task(ABC):
     """A tracking task of one configuration, as environments and controllers see it; no method changes anything.
 
     Attributes:
@@ -51,37 +52,37 @@ class Task:
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._blocks = self._uniform_blocks()
 
+    @abstractmethod
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves target and tip error out."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rules(self, goal: bool = False) -> Any:
         """The numbers that all lanes share, as the kernels want them."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Any = None) -> Any:
         """One episode per generator; each takes the same count of numbers from its own."""
-        raise NotImplementedError
 
+    @abstractmethod
     def load_tables(self, episodes: Any, step: int) -> Array:
         """The true loads of E episodes at a step, tables (E, rows, columns)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def base_load_tables(self, episodes: Any) -> Array:
         """Loads of the unloaded states, in which episodes begin and targets are found, tables (E, rows, columns)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def lanes(self, capacity: int, goal: bool) -> TaskLanes:
         """Room for so many episodes side by side."""
-        raise NotImplementedError
 
+    @abstractmethod
     def checked_options(self, options: Mapping[str, Any] | None) -> Any:
         """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
-        raise NotImplementedError
 
+    @abstractmethod
     def renderer(self) -> Any:
         """What draws the scenes of the lanes."""
-        raise NotImplementedError
 
     def observation_bounds(self, goal: bool = False) -> tuple[Array, Array]:
         """Lowest and highest value of every observation entry, (entries,) each."""
@@ -117,25 +118,25 @@ class Task:
         """Whether the target is reached within the tolerance, from readings (..., columns)."""
         return readings[..., ERROR] <= self.config.reward.goal_tolerance_mm
 
+    @abstractmethod
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        raise NotImplementedError
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
         return info.reward_info(readings)
 
+    @abstractmethod
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        raise NotImplementedError
 
     def sampled_info(self, lanes: TaskLanes, episodes: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         return info.sampled_info(lanes, episodes)
 
+    @abstractmethod
     def _uniform_blocks(self) -> dict[str, Block]:
         """The blocks of uniform numbers that one episode needs."""
-        raise NotImplementedError
 
 
 class TrackingTask(Task):

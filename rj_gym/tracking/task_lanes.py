@@ -5,6 +5,7 @@ A scalar environment has one lane. What a task has of its own, its arrays, loads
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
 
 
-class TaskLanes:
+class TaskLanes(ABC):
     """Room for B episodes of a task, as many of them in use as the last `begin` was asked for.
 
     `state` and `course` change in every call: who hands out parts of them takes copies.
@@ -130,9 +131,9 @@ class TaskLanes:
             designs = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
 
+    @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
         """What a picture of one lane shows; trail (steps, 2 or 3) [mm] is where its tip has been."""
-        raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
         bound = ("_finite", "_step", "_solve", "_finish", "_action", "_readings", *self._BOUND)
@@ -142,29 +143,29 @@ class TaskLanes:
         self.__dict__ |= state
         self._bind()
 
+    @abstractmethod
     def _make_room(self) -> None:
         """Make the arrays of the task: course, state, loads, results."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _enter_loads(self, episodes: Any) -> None:
         """Put into the first lanes what loads and a task's own numbers depend on."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _tips(self, count: int) -> Array:
         """What a target says of the tip, of the solved first lanes, (count, d) [mm]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _bound_solve(self) -> Any:
         """The solve of a range of lanes; lane by lane where mechanisms cannot be stacked."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _bind_step(self) -> None:
         """The kernels that go around the solve: `_step`, `_finish`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _observe(self, observation: Observation) -> None:
         """Fill the flat observation anew."""
-        raise NotImplementedError
 
     def _kept(self) -> tuple[NDArray[Any], ...]:
         """The arrays (B, ...) that steps go on from."""
