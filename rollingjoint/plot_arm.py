@@ -14,6 +14,7 @@ from rollingjoint._draw import LINK_COLOR, PALETTE
 from rollingjoint.errors import InvalidInput
 from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.hinge_equilibrium import HingeEquilibrium
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 _SIDES = 16  # of a bead
 _SLACK = 1e-9  # N
+_FX, _SPRING = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("fx", "k"))
+_FORCE, _ANCHOR = slice(_FX, _FX + 3), slice(_SPRING + 1, _SPRING + 4)
 
 
 def plot_arm(
@@ -96,22 +99,22 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
 
 def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None:
     """Arrows of the dead forces at points that are no mass centres: weights would hide the arm."""
-    rows = found.loads[np.linalg.norm(found.loads[:, 4:7], axis=1) > 0]
+    rows = found.loads[np.linalg.norm(found.loads[:, _FORCE], axis=1) > 0]
     centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
     rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])
-    scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, 4:7], axis=1), default=1.0)
+    scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, _FORCE], axis=1), default=1.0)
     for row in rows:
         T = found.poses[int(row[0])]
         at = T[:3, :3] @ row[1:4] + T[:3, 3]
-        size = float(np.linalg.norm(row[4:7]))
-        ax.quiver(*at, *(scale * row[4:7]), color="black", linewidth=1.5, label=f"{size:.3g} N")
+        size = float(np.linalg.norm(row[_FORCE]))
+        ax.quiver(*at, *(scale * row[_FORCE]), color="black", linewidth=1.5, label=f"{size:.3g} N")
 
 
 def _draw_springs(ax: Axes3D, found: HingeEquilibrium) -> None:
-    for row in found.loads[found.loads[:, 16] > 0]:
+    for row in found.loads[found.loads[:, _SPRING] > 0]:
         T = found.poses[int(row[0])]
-        ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[17:20]])
-        ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[16]:.3g} N/mm")
+        ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[_ANCHOR]])
+        ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[_SPRING]:.3g} N/mm")
 
 
 def _finish(ax: Axes3D) -> Axes3D:
