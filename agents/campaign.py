@@ -28,7 +28,7 @@ from rj_gym.config import TaskConfig
 from rj_gym.tracking.task import task_of
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
-from rollingjoint.mechanism_file import mechanism_to_dict
+from rollingjoint.io.mechanism_file import mechanism_to_dict
 
 POLL = 0.1  # seconds between two looks at the children
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rj_gym.tracking.task import Task
 from rollingjoint.errors import InvalidInput
-from rollingjoint.hinge_chain import HingeChain
-from rollingjoint.solve import solve_lengths_batch
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.statics.solve import solve_lengths_batch
 
 Array = NDArray[np.float64]
 HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm

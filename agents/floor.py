@@ -8,7 +8,7 @@ floor, the regret, is what a controller could have done better, and below zero b
 Quasi-static: the floor asks what can be held at one step, not whether there was time to get there, and the errors of
 a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
 several starts; that it finds the best of all is checked by sample, not proven: `pytest -m slow -s
-tests/test_agents_floor.py` finds, with four times the starts and eight times the candidates for them, in eight planar
+tests/agents/evaluation/test_floor.py` finds, with four times the starts and eight times the candidates, in eight planar
 tasks of 500 episodes nothing better by more than 5e-7 mm; but in two of 500 where tensions may go down to zero, by
 0.013 mm. For the flexible arm three times the starts find in three hard tasks of 200 nothing better by 1e-8 mm.
 """
@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 from agents.config import EnvConfig
 from agents.rollout import is_tracking
 from rj_gym.tracking.task import task_of
-from rollingjoint.equilibrium import Status
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.families import Mechanism
-from rollingjoint.sensitivity import tip_and_tensions_dlengths
-from rollingjoint.solve import solve_lengths_batch, solve_tensions_batch
+from rollingjoint.planar.equilibrium import Status
+from rollingjoint.statics.families import Mechanism
+from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
+from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
 Array = NDArray[np.float64]
 

@@ -28,8 +28,8 @@ from rj_gym.config import TaskConfig
 from rj_gym.tracking.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, suggestion, text
 from rollingjoint.errors import InvalidInput
-from rollingjoint.families import Mechanism
-from rollingjoint.mechanism_file import mechanism_from_dict, mechanism_to_dict
+from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
+from rollingjoint.statics.families import Mechanism
 
 if TYPE_CHECKING:
     from agents.controller import Seen

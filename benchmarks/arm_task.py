@@ -16,7 +16,7 @@ import numpy as np
 from rj_gym import FlexibleArmConfig, FlexibleArmVectorEnv
 from rj_gym.tracking.task import task_of
 from rollingjoint import solve_lengths, solve_tensions, solve_tensions_batch
-from rollingjoint.sensitivity import dposes_dtensions
+from rollingjoint.statics.sensitivity import dposes_dtensions
 
 STEPS = 40
 

@@ -24,8 +24,8 @@ from rollingjoint import (
     solve_tensions,
     solve_tensions_batch,
 )
-from rollingjoint.random_chain import random_chain, random_lengths, random_loads, random_tensions
-from rollingjoint.solve import Start
+from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
+from rollingjoint.statics.solve import Start
 
 N_CASES = 8
 

@@ -14,11 +14,11 @@ import numba
 import numpy as np
 
 from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
-from rollingjoint._jit import standalone
-from rollingjoint._kernels.arrays import TendonLaw, design, new_state
-from rollingjoint._kernels.chain import evaluate, stiffness
-from rollingjoint._kernels.linear import descent_step
-from rollingjoint._kernels.long_chain import fill_generators, long_step, new_sweep
+from rollingjoint._numba.jit import standalone
+from rollingjoint.kernels.planar.arrays import TendonLaw, design, new_state
+from rollingjoint.kernels.planar.chain import evaluate, stiffness
+from rollingjoint.kernels.shared.linear import descent_step
+from rollingjoint.kernels.shared.long_chain import fill_generators, long_step, new_sweep
 from rollingjoint.load import load_table
 
 LINKS = (3, 5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)

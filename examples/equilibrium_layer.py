@@ -17,7 +17,7 @@ from matplotlib import pyplot
 
 import rollingjoint as rj
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_lengths
-from rollingjoint.plot import PALETTE, save_figure
+from rollingjoint.plotting import PALETTE, save_figure
 
 TRAVEL = 16.0  # mm that a pair of tendons may be pulled and released
 FOLLOWS = 2 / 3  # of what the first pair moves, the second moves when only the first segment bends: their holes' ratio

@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib import pyplot
 
 import rollingjoint as rj
-from rollingjoint.constant_curvature import bends_of_lengths, constant_curvature_poses, tip_errors
-from rollingjoint.plot import PALETTE, save_figure
+from rollingjoint.plotting import PALETTE, save_figure
+from rollingjoint.spatial.constant_curvature import bends_of_lengths, constant_curvature_poses, tip_errors
 
 HANG = (0.0, 0.0, 1.0)
 SHARES = (-50, -40, -30, -20, -10, 0, 10, 20, 30, 40, 50)  # % of the true number

@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib import pyplot
 
 import rollingjoint as rj
-from rollingjoint.outline import link_outline, to_world
-from rollingjoint.plot import PALETTE, plot_mechanism, save_figure
+from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.plotting import PALETTE, plot_mechanism, save_figure
 
 MEASUREMENTS = Path(__file__).parent / "data" / "measured_poses.json"
 WEIGHT = 2.94  # N, 300 g; without external load only the ratio of the tensions matters

@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 
 import rollingjoint as rj
-from rollingjoint.plot import PALETTE, plot_family, save_figure
+from rollingjoint.plotting import PALETTE, plot_family, save_figure
 
 FIGURE_3 = [(3, 1), (1, 1), (1, 3)]
 FIGURE_4_TENSIONS, FIGURE_4_FORCES = (6, 3), (0.0, 0.5, 1.0, 1.5)

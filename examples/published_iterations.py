@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import rollingjoint as rj
-from rollingjoint.published import PublishedSolution, solve_lengths_published, solve_tensions_published
+from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 
 FIGURE_3 = [(3, 1), (1, 1), (1, 3), (6, 2), (2, 2), (2, 6)]
 FIGURE_4 = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5]

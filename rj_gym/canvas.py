@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.outline import link_outline, surface_points
-from rollingjoint.rolling_chain import Link
+from rollingjoint.planar.chain import Link
+from rollingjoint.planar.outline import link_outline, surface_points
 
 if TYPE_CHECKING:
     import pygame

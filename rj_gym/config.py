@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
 from rollingjoint.errors import ConfigError
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 PROCESSES = ("constant", "step", "ou")
 """How a load goes on from step to step."""

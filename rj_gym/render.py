@@ -21,8 +21,8 @@ from rj_gym.canvas import (
     blend,
     tension_color,
 )
-from rollingjoint.outline import link_outline, to_world
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.outline import link_outline, to_world
 
 if TYPE_CHECKING:
     import pygame

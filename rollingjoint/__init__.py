@@ -1,17 +1,18 @@
 """Quasi-static physics of tendon-driven rolling-joint and flexible-joint mechanisms. Units: mm, N, N·mm, rad."""
 
-from rollingjoint._threads import set_threads
-from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
-from rollingjoint.hinge_chain import Bead, HingeChain
-from rollingjoint.hinge_equilibrium import HingeEquilibrium
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
+from rollingjoint.planar.chain import Link, RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import Link, RollingChain
 from rollingjoint.solution import Status
-from rollingjoint.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
+from rollingjoint.spatial.chain import Bead, HingeChain
+from rollingjoint.spatial.equilibrium import HingeEquilibrium
+from rollingjoint.statics import sensitivity
+from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.tendon import BeadTendon, OnSurface, Tendon
+from rollingjoint.threads import set_threads
 
 __version__ = "0.1.0"
 
@@ -41,6 +42,7 @@ __all__ = [
     "five_link",
     "flexible_arm",
     "preset",
+    "sensitivity",
     "set_threads",
     "small_arm",
     "solve_lengths",

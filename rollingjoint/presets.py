@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rollingjoint.errors import InvalidInput, as_integer
-from rollingjoint.families import Mechanism
-from rollingjoint.hinge_chain import Bead, HingeChain
+from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import Link, RollingChain
+from rollingjoint.spatial.chain import Bead, HingeChain
+from rollingjoint.statics.families import Mechanism
 from rollingjoint.tendon import DEFAULT_STIFFNESS, BeadTendon, Tendon
 
 _LIMITS = (-15.0, 15.0)

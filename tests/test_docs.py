@@ -15,7 +15,7 @@ ARCHITECTURE, CONVERGENCE = PAGES["docs/architecture.md"], PAGES["docs/convergen
 
 PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
-RUN_ELSEWHERE = {"docs/environment.md": "test_gym_docs.py", "docs/training.md": "test_agents_docs.py"}
+RUN_ELSEWHERE = {"docs/environment.md": "rj_gym/planar/test_docs.py", "docs/training.md": "agents/test_docs.py"}
 RUN_HERE = [page for page, text in PAGES.items() if "```python" in text and page not in RUN_ELSEWHERE]
 FOLDERS = [
     "rollingjoint",

@@ -8,8 +8,8 @@ from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.controller import Array, Seen
 from rj_gym.tracking.task import Task
-from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.solution import Solution
+from rollingjoint.spatial.chain import HingeChain
 
 
 class Measured(Protocol):

@@ -12,10 +12,10 @@ import numpy as np
 from agents.baselines.responses import choose
 from agents.controller import HANGING, Array, Seen
 from rj_gym.tracking.task import Task
-from rollingjoint.hinge_chain import HingeChain
-from rollingjoint.hinge_equilibrium import HingeEquilibrium
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
-from rollingjoint.solve import solve_lengths_batch
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.spatial.equilibrium import HingeEquilibrium
+from rollingjoint.statics.solve import solve_lengths_batch
 
 _FORCE = slice(SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("fz") + 1)
 _STEP = 1e-4  # rad and N, of the differences by the unknowns

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from agents.controller import Array, Seen
-from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.rolling_chain import RollingChain
-from rollingjoint.solve import solve_lengths_batch
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.statics.solve import solve_lengths_batch
 
 _LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))
 _TURN = 1e-5  # rad, of central differences

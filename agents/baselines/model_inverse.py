@@ -8,10 +8,10 @@ import numpy as np
 
 from agents.baselines.responses import bounded_step, choose, tension_response
 from agents.controller import Array
-from rollingjoint.families import Mechanism
 from rollingjoint.load import Load
 from rollingjoint.solution import Solution
-from rollingjoint.solve import solve_tensions_batch
+from rollingjoint.statics.families import Mechanism
+from rollingjoint.statics.solve import solve_tensions_batch
 
 _PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
 _CLOSE = 1e-6  # of a tension: smaller steps end the search

@@ -8,7 +8,7 @@ from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
 from agents.controller import Array, Seen
 from rj_gym.tracking.task import Task
-from rollingjoint.solve import solve_tensions_batch
+from rollingjoint.statics.solve import solve_tensions_batch
 
 
 class OpenLoop:

@@ -8,7 +8,7 @@ from agents.baselines.load_estimate import LoadEstimate
 from agents.baselines.measured import unstretched
 from agents.baselines.responses import choose
 from agents.controller import Array, Seen
-from rollingjoint.solve import solve_lengths_batch
+from rollingjoint.statics.solve import solve_lengths_batch
 
 
 class Predictive(LoadEstimate):

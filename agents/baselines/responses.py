@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controller import Array
-from rollingjoint.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 from rollingjoint.solution import Solution
+from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
 Mask = NDArray[np.bool_]
 Equilibria = TypeVar("Equilibria", bound=Solution)

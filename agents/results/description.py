@@ -7,7 +7,7 @@ import math
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
 from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig
 from rj_gym.tracking.task import task_of
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 
 def description(config: TaskConfig) -> str:

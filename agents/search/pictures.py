@@ -15,9 +15,9 @@ from agents.search.optimiser import Array
 from agents.search.outcome import Outcome, Search, words
 from agents.search.problem import reference
 from rollingjoint.errors import MechanismError
-from rollingjoint.plot import plot_family
-from rollingjoint.rolling_chain import RollingChain
-from rollingjoint.solve import solve_tensions
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.plotting import plot_family
+from rollingjoint.statics.solve import solve_tensions
 
 ARCHIVE = "map_elites"
 RATIOS = (1 / 3, 1 / 3**0.5, 1.0, 3**0.5, 3.0)  # of the tensions, left to right, in which mechanisms are drawn

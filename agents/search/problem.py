@@ -18,8 +18,8 @@ from rollingjoint.design.objectives import BendingShapes, Objective, TendonTrave
 from rollingjoint.design.problem import Limit, Problem, Term
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.mechanism_file import load_mechanism
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.planar.chain import RollingChain
 
 KINDS: dict[str, Any] = {
     kind.name: kind

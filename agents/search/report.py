@@ -15,7 +15,7 @@ from agents.run_folder import write_bytes, write_json, write_text
 from agents.search import verdicts
 from agents.search.optimiser import Evaluated
 from agents.search.outcome import YARDSTICK, Search, median, plain_number, words
-from rollingjoint.mechanism_file import dump_mechanism
+from rollingjoint.io.mechanism_file import dump_mechanism
 
 SHOWN = 15  # designs of the Pareto set in the table
 CAPTIONS = {

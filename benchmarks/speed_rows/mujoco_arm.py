@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.load import Spring
+from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from rollingjoint import HingeChain, se3
+from rollingjoint import HingeChain
+from rollingjoint.spatial import se3
 
 Array = NDArray[np.float64]
 

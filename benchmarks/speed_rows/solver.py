@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rollingjoint import solve_lengths
-from rollingjoint.published import PublishedSolution, solve_lengths_published, solve_tensions_published
+from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 from speed_rows.mujoco_chain import MujocoChain
 from speed_rows.row import Row, Target, timed_row
 from speed_rows.scipy_equilibrium import solve_by_root
@@ -24,7 +24,7 @@ call from Python for every step, *side by side* is one call for all of them. *Pu
 checks and its `Equilibrium`.
 
 The peers: `scipy.optimize.root` on the paper's 6 (n - 1) equations (`scipy_equilibrium.py`; plain NumPy, numerical
-Jacobian); the paper's algorithms as `rollingjoint.published` has them, plain NumPy too; and a MuJoCo model of the
+Jacobian); the paper's algorithms (`rollingjoint.planar.published`), plain NumPy too; and a MuJoCo model of the
 same size (`mujoco_chain.py`: hinges for rolling contacts, masses, dampers and time step tuned for the shortest way
 to rest), which needs a simulation until it rests. MuJoCo's is compiled code called from Python a few times per
 solve."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, lanes, solve_lengths
+from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, solve_lengths
 from rollingjoint.load import load_table
+from rollingjoint.planar import batch as lanes
 
 Array = NDArray[np.float64]
 

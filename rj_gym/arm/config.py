@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from rj_gym.config import Randomization, RewardConfig, TargetConfig, TaskConfig, check_load
 from rj_gym.settings import Range, Settings, assign, checked_number, checked_range
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from rj_gym.tracking.kernels import (
     reward_terms,
     settle_tendons,
 )
-from rollingjoint._borrowed import borrow, carve
-from rollingjoint._jit import kernel, part
+from rollingjoint._numba.borrowed import borrow, carve
+from rollingjoint._numba.jit import kernel, part
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
@@ -191,7 +191,7 @@ def _reward_orientation(rules, state, first, last):
 def rotation_vector(E):
     """Rotation vector of a rotation matrix (3, 3) [rad] and its length, at most pi: (x, y, z, angle).
 
-    Exact to rounding near 0 and pi, too. Source: as rollingjoint.se3.rotation_vector.
+    Exact to rounding near 0 and pi, too. Source: as rollingjoint.spatial.se3.rotation_vector.
     """
     sx, sy, sz = E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]
     sine, cosine = 0.5 * math.sqrt(sx * sx + sy * sy + sz * sz), 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)

@@ -13,10 +13,10 @@ from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
 from rj_gym.arm.sampling import Episodes
 from rj_gym.tracking.kernels import TENSIONS
 from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes
-from rollingjoint._jit import machine_code
+from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
-from rollingjoint.hinge_chain import HingeChain
-from rollingjoint.hinge_equilibrium import HingeRange, hinge_designs_of
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.spatial.equilibrium import HingeRange, hinge_designs_of
 
 if TYPE_CHECKING:
     from rj_gym.arm.render import ArmScene

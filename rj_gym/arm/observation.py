@@ -6,7 +6,7 @@ import math
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.tracking.observation import ERROR_BOUND, POSITION_BOUND, Entry, tendon_entries
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 _AXES = ("x", "y", "z")
 

@@ -12,7 +12,7 @@ from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.sampling import NOTHING_FIXED, Fixed
 from rj_gym.tracking.options import check_keys, finite_floats, like_mechanism, start_option
 from rollingjoint.errors import InvalidInput
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

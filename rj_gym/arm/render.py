@@ -27,7 +27,7 @@ from rj_gym.canvas import (
 )
 from rj_gym.tracking.kernels import FORCE, STEP, TENSIONS
 from rj_gym.tracking.task_lanes import over_time
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 if TYPE_CHECKING:
     import pygame

@@ -20,7 +20,7 @@ from rj_gym.tracking.draws import (
     target_shape,
     target_tensions,
 )
-from rollingjoint.hinge_chain import HingeChain
+from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.observation import Entry
 from rj_gym.tracking.task import Task
 from rj_gym.tracking.task_lanes import TaskLanes, over_time
-from rollingjoint.hinge_chain import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rj_gym.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
 from rj_gym.design.lanes import Lanes
-from rollingjoint.equilibrium import Status
-from rollingjoint.outline import link_outline, to_world
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Status
+from rollingjoint.planar.outline import link_outline, to_world
 
 if TYPE_CHECKING:
     import pygame

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rj_gym.design.config import DesignConfig
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
-from rollingjoint.equilibrium import Status
 from rollingjoint.errors import InvalidInput
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Status
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint._borrowed import (
+from rollingjoint._numba.borrowed import (
     borrow,
     call_range,
     carve,
@@ -22,10 +22,10 @@ from rollingjoint._borrowed import (
     pinned_singles,
     pins_at,
 )
-from rollingjoint._jit import kernel
-from rollingjoint.equilibrium import Status
-from rollingjoint.lanes import PENDING
+from rollingjoint._numba.jit import kernel
 from rollingjoint.load import LOAD_COLUMNS
+from rollingjoint.planar.batch import PENDING
+from rollingjoint.planar.equilibrium import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")

@@ -13,11 +13,11 @@ from rj_gym.tracking import kernels
 from rj_gym.tracking.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
 from rj_gym.tracking.sampling import Episodes
 from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes, over_time
-from rollingjoint._jit import machine_code
+from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
-from rollingjoint.lanes import PinnedRange, Problem, new_results, solve_range, stack
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.batch import PinnedRange, Problem, new_results, solve_range, stack
+from rollingjoint.planar.chain import RollingChain
 
 if TYPE_CHECKING:
     from rj_gym.tracking.task import TrackingTask

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rj_gym.config import TaskConfig, TrackingConfig
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 POSITION_BOUND = 2.0
 COMMAND_BOUND = 2.0

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rj_gym.config import TaskConfig, TrackingConfig
 from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
 from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.load import link_index
-from rollingjoint.mechanism_file import load_mechanism
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

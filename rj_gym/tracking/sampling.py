@@ -28,8 +28,8 @@ from rj_gym.tracking.draws import (
     target_tensions,
 )
 from rollingjoint.errors import MechanismError
+from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Surface
-from rollingjoint.rolling_chain import Link, RollingChain
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from rj_gym.tracking.observation import POSITION_BOUND, Entry, force_scale, obse
 from rj_gym.tracking.options import checked_options
 from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_blocks
 from rj_gym.tracking.task_lanes import TaskLanes
+from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.mechanism_file import load_mechanism
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

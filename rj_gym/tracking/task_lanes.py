@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
-from rollingjoint._jit import machine_code
-from rollingjoint._threads import run_lanes
+from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput, as_floats
-from rollingjoint.lanes import TendonLaw
+from rollingjoint.planar.batch import TendonLaw
+from rollingjoint.threads import run_lanes
 
 if TYPE_CHECKING:
     from rj_gym.tracking.task import Task

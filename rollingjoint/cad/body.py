@@ -14,7 +14,7 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.packages import package
 from rollingjoint.cad.sampling import surface_polyline
 from rollingjoint.errors import MechanismError
-from rollingjoint.rolling_chain import Link, RollingChain, planar
+from rollingjoint.planar.chain import Link, RollingChain, planar
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._draw import PALETTE
 from rollingjoint.cad.assembly import Assembly, assemble
 from rollingjoint.cad.body import Body
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes
 from rollingjoint.cad.sheet import A3, A4, INK, THIN_INK, TITLE_BLOCK, Box, Format, Sheet, frame_of
 from rollingjoint.cad.tables import different_parts, draw_tables, millimetres, ranges, rows_left
-from rollingjoint.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput
-from rollingjoint.plot import check_figure_path
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.plotting.parts import PALETTE
+from rollingjoint.plotting.planar import check_figure_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.design.objectives import Objective
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput, SolverError, as_floats
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

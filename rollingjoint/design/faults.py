@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint import joint_table
-from rollingjoint.outline import rotation
+from rollingjoint.planar import joint_table
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.outline import rotation
 from rollingjoint.profile import Surface
-from rollingjoint.rolling_chain import RollingChain
 from rollingjoint.tendon import OnSurface
 
 Array = NDArray[np.float64]

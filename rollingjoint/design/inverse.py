@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput
+from rollingjoint.planar.chain import RollingChain, planar
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import RollingChain, planar
 from rollingjoint.tendon import OnSurface
 
 Array = NDArray[np.float64]

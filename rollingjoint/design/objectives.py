@@ -20,8 +20,8 @@ from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.errors import InvalidInput, as_floats, as_integer
 from rollingjoint.load import WorldForce
-from rollingjoint.rolling_chain import RollingChain
-from rollingjoint.solve import solve_tensions as solve_compiled
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.statics.solve import solve_tensions as solve_compiled
 
 _SMALLEST_ROTATION = 1e-6  # rad; a tip that turns by less is taken to turn by so much
 

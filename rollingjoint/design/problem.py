@@ -20,7 +20,7 @@ from rollingjoint.design.objectives import Measured, Objective
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.design.sweeps import shared_sweeps
 from rollingjoint.errors import InvalidInput, as_floats, as_integer
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")

@@ -19,7 +19,7 @@ from rollingjoint.design.numbers import Numbers, Structure, structure
 from rollingjoint.design.ranges import checked
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput, MechanismError, as_floats
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.chain import RollingChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS
 
 Array = NDArray[np.float64]

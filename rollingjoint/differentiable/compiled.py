@@ -6,13 +6,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rollingjoint._threads import run_lanes
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.statics import Law
-from rollingjoint.equilibrium import Status, pack
 from rollingjoint.errors import MechanismError
-from rollingjoint.lanes import Problem, TendonLaw, designs_of, new_results, solve_range
-from rollingjoint.rolling_chain import RollingChain
+from rollingjoint.planar.batch import Problem, TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Status, pack
+from rollingjoint.threads import run_lanes
 
 
 def solve_compiled(

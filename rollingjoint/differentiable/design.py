@@ -13,8 +13,8 @@ from torch import Tensor
 
 from rollingjoint.differentiable.surface import Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
+from rollingjoint.planar.chain import Link, RollingChain, planar
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.rolling_chain import Link, RollingChain, planar
 from rollingjoint.tendon import Hole, OnSurface, Tendon
 
 PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (parent, child), p pieces of k coefficients

@@ -1,0 +1,5 @@
+"""The command `rj`."""
+
+from rollingjoint.cli.commands import main
+
+__all__ = ["main"]

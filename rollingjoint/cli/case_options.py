@@ -1,0 +1,137 @@
+"""The options of `rj` that define an equilibrium: mechanism, actuation, loads, start; and that equilibrium."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.statics.families import Mechanism, Start
+from rollingjoint.statics.solve import solve_lengths, solve_tensions
+
+_IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
+_LOADS = {
+    "force": ("F", "force of fixed direction FX FY, on an arm FX FY FZ [N]"),
+    "body_force": ("F", "force that turns with the link, as above"),
+    "moment": ("M", "moment, on an arm MX MY MZ [N·mm]"),
+    "spring": ("K", "spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]"),
+}
+
+
+def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
+    """Adds mechanism, actuation, loads and start."""
+    parser.add_argument("mechanism", metavar="MECHANISM", help="preset name or YAML file")
+    actuation = parser.add_mutually_exclusive_group(required=required)
+    actuation.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tendon tensions [N]")
+    actuation.add_argument("--lengths", nargs="+", type=float, metavar="L", help="tendon lengths [mm]")
+    parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
+    parser.add_argument(
+        "--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help="range a motor holds [N], for --lengths"
+    )
+    loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
+    for name, (number, text) in _LOADS.items():
+        loads.add_argument(
+            _option(name), nargs="+", type=float, metavar=("LINK", number), action="append", default=[], help=text
+        )
+    text = "weight of all links, or of each [N]; of an arm no number: beads have weights of their own"
+    loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
+    text = "default 0 -1, of an arm 0 0 -1: it stands; it hangs with 0 0 1"
+    loads.add_argument("--gravity-direction", nargs="+", type=float, metavar="X", help=text)
+    text = "contact points [mm], or hinge angles of an arm [rad], to start from"
+    parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
+
+
+def actuated(args: argparse.Namespace) -> bool:
+    """Whether tensions or lengths are given.
+
+    Raises:
+        InvalidInput: none are, beside an option that needs them and must not be dropped in silence.
+    """
+    if args.tensions is not None or args.lengths is not None:
+        return True
+    for name in _IDLE:
+        if getattr(args, name) not in (None, []) or (name == "gravity" and args.gravity is not None):
+            raise InvalidInput(_option(name), getattr(args, name), "--tensions or --lengths beside it")
+    return False
+
+
+def equilibrium(args: argparse.Namespace, mechanism: Mechanism) -> Any:
+    """The Equilibrium or HingeEquilibrium that the options ask for."""
+    loads, start = _loads(args, mechanism), _start(args, mechanism)
+    if args.tensions is not None:
+        if args.method or args.tension_limits:
+            option = "--method" if args.method else "--tension-limits"
+            raise InvalidInput(option, args.method or args.tension_limits, "only beside --lengths")
+        return solve_tensions(mechanism, _counted("--tensions", args.tensions, mechanism.n_tendons), loads, start)
+    options: dict[str, Any] = {} if args.tension_limits is None else {"tension_limits": tuple(args.tension_limits)}
+    lengths = _counted("--lengths", args.lengths, mechanism.n_tendons)
+    return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
+
+
+def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
+    if args.start is None:
+        return None
+    values = _counted("--start", args.start, mechanism.n_joints)
+    return mechanism.joint_angles(values) if isinstance(mechanism, RollingChain) else values
+
+
+def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
+    n_links = mechanism.n_links
+    if isinstance(mechanism, HingeChain):
+        force: tuple[str, ...] = ("FX", "FY", "FZ")
+        moment, spring = ("MX", "MY", "MZ"), ["K", "AX", "AY", "AZ"]
+        loads: list[Load] = [WorldForce(link, (0.0, 0.0, 0.0), m) for link, m in _each(args, "moment", moment, n_links)]
+    else:
+        force, spring = ("FX", "FY"), ["K", "AX", "AY"]
+        loads = [WorldForce(link, (0.0, 0.0), m[0]) for link, m in _each(args, "moment", ("M",), n_links)]
+    loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
+    loads += [WorldForce(link, f) for link, f in _each(args, "force", force, n_links)]
+    loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", force, n_links)]
+    return loads + _gravity(args, mechanism)
+
+
+def _gravity(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
+    weights, direction, n_links = args.gravity, args.gravity_direction, mechanism.n_links
+    if weights is None:
+        if direction:
+            raise InvalidInput("--gravity-direction", direction, "--gravity beside it")
+        return []
+    if isinstance(mechanism, HingeChain):
+        if weights:
+            raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
+        return [mechanism.gravity(_direction(direction or [0.0, 0.0, -1.0], 3))]
+    weights = weights * n_links if len(weights) == 1 else weights
+    if len(weights) != n_links:
+        raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
+    return [Gravity(weights, _direction(direction or [0.0, -1.0], 2))]
+
+
+def _direction(numbers: list[float], count: int) -> Any:
+    return tuple(_counted("--gravity-direction", numbers, count))
+
+
+def _each(args: argparse.Namespace, name: str, numbers: Sequence[str], n_links: int) -> list[tuple[int, Any]]:
+    """Link and numbers of every load of one option."""
+    option, found = _option(name), []
+    for link, *values in getattr(args, name):
+        if len(values) != len(numbers):
+            raise InvalidInput(option, [link, *values], f"LINK {' '.join(numbers)} for this mechanism")
+        if link not in range(-n_links, n_links):
+            allowed = f"a link, 0 (base) to {n_links - 1}, or -1 (tip) to {-n_links}"
+            raise InvalidInput(f"{option} LINK", link, allowed)
+        found.append((int(link), tuple(values)))
+    return found
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _counted(option: str, values: list[float], count: int) -> list[float]:
+    if len(values) != count:
+        raise InvalidInput(option, values, f"{count} numbers for this mechanism, not {len(values)}")
+    return values

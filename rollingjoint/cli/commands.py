@@ -1,0 +1,200 @@
+"""The command `rj`: solve and draw a mechanism from the shell; documented in docs/cli.md.
+
+Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver gave no usable result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from importlib import metadata
+from typing import NoReturn
+
+from rollingjoint._numba.jit import cache_directory
+from rollingjoint.cad import command
+from rollingjoint.cli.case_options import actuated, add_case, equilibrium
+from rollingjoint.errors import InvalidInput
+from rollingjoint.io import report
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.presets import PRESETS, five_link, small_arm
+from rollingjoint.solution import Solution
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.spatial.equilibrium import HingeEquilibrium
+from rollingjoint.statics.families import Mechanism
+from rollingjoint.statics.solve import solve_lengths, solve_tensions
+
+OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
+_LARGEST_FRICTION = 100.0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command line argv (default: that of the process)."""
+    args = _parser().parse_args(_with_negative_numbers(sys.argv[1:] if argv is None else argv))
+    try:
+        code = args.run(args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader, such as head, has seen enough: say nothing
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except (InvalidInput, OSError) as error:
+        print(f"rj {args.command}: error: {error}", file=sys.stderr)
+        return WRONG_INPUT
+
+
+def _solve(args: argparse.Namespace) -> int:
+    _check_picture(args.plot)
+    mechanism = load_mechanism(args.mechanism)
+    friction = _friction(args.friction, mechanism)
+    found = equilibrium(args, mechanism)
+    print(report.as_json(found, friction) if args.json else report.as_table(found, friction))
+    if args.plot:
+        _draw(found, args.plot)
+    return OK if found.ok else NOT_USABLE
+
+
+def _friction(given: float | None, mechanism: Mechanism) -> float:
+    if given is not None and isinstance(mechanism, HingeChain):
+        raise InvalidInput("--friction", given, "a planar chain", "Hinges do not slip.")
+    friction = report.FRICTION if given is None else given
+    if not 0 <= friction <= _LARGEST_FRICTION:
+        raise InvalidInput("--friction", friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
+    return friction
+
+
+def _plot(args: argparse.Namespace) -> int:
+    _check_picture(args.out)
+    mechanism = load_mechanism(args.mechanism)
+    found = equilibrium(args, mechanism) if actuated(args) else None
+    _draw(found or mechanism, args.out)
+    return OK if found is None or found.ok else _unusable(args, found)
+
+
+def _export(args: argparse.Namespace) -> int:
+    mechanism = load_mechanism(args.mechanism, RollingChain)
+    found = equilibrium(args, mechanism) if actuated(args) else None
+    if found is not None and not found.ok:
+        return _unusable(args, found)
+    print(*command.export_files(found or mechanism, args), sep="\n")
+    return OK
+
+
+def _unusable(args: argparse.Namespace, found: Solution) -> int:
+    print(f"rj {args.command}: {report.status_line(found)}", file=sys.stderr)
+    return NOT_USABLE
+
+
+def _mechanisms(args: argparse.Namespace) -> int:
+    width = max(len(name) for name in PRESETS)
+    for name, build in PRESETS.items():
+        print(f"{name:<{width}}  {report.mechanism_line(build())}")
+    return OK
+
+
+def _warmup(args: argparse.Namespace) -> int:
+    begin = time.perf_counter()
+    chain, arm = five_link(), small_arm()
+    taut = solve_tensions(chain, [1.0, 1.0])
+    slack = solve_lengths(chain, chain.neutral_lengths + 10.0)  # the solver for all cases
+    bent = solve_lengths(arm, arm.neutral_lengths - (1.0, 0.0, 0.0, 0.0))
+    assert slack.arc_lengths.shape == (chain.n_joints,)
+    assert taut.stiffness.shape == (chain.n_joints,) * 2 and bent.stiffness.shape == (arm.n_joints,) * 2
+    print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
+    return OK
+
+
+def _check(args: argparse.Namespace) -> int:
+    code = OK
+    for file in args.file:
+        try:
+            print(f"{file}: ok: {report.mechanism_line(load_mechanism(file))}")
+        except InvalidInput as error:
+            print(f"rj check: error: {error}", file=sys.stderr)
+            code = WRONG_INPUT
+    return code
+
+
+def _check_picture(path: str | None) -> None:
+    if path:
+        from rollingjoint.plotting.planar import check_figure_path
+
+        check_figure_path(path)
+
+
+def _draw(what: Mechanism | Equilibrium | HingeEquilibrium, path: str) -> None:
+    from matplotlib.figure import Figure
+
+    from rollingjoint.plotting.planar import plot_mechanism, save_figure
+    from rollingjoint.plotting.spatial import plot_arm
+
+    figure = Figure(figsize=(6.4, 6.4))
+    if isinstance(what, HingeChain | HingeEquilibrium):
+        ax = plot_arm(what, figure.add_subplot(projection="3d"))
+        if isinstance(what, HingeEquilibrium) and what.loads[:, 6].sum() > 0:
+            ax.invert_zaxis()  # it hangs
+    else:
+        ax = plot_mechanism(what, figure.subplots())
+    ax.set_title(report.title(what))
+    save_figure(figure, path)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def _with_negative_numbers(argv: Sequence[str]) -> list[str]:
+    """A leading space keeps argparse from reading a number such as -1e-3 as an option."""
+    return [f" {word}" if word.startswith("-") and _is_number(word) else word for word in argv]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="rj", description="Statics of tendon-driven mechanisms. mm, N, N·mm, rad.")
+    parser.add_argument("--version", action="version", version=f"rj {_version()}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
+    add_case(solve, required=True)
+    solve.add_argument("--friction", type=float, metavar="MU", help=f"for slip margins (default {report.FRICTION:g})")
+    solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
+    solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix says the format")
+    solve.set_defaults(run=_solve)
+    plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
+    add_case(plot, required=False)
+    plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix says the format")
+    plot.set_defaults(run=_plot)
+    export = commands.add_parser("export", help="files for the workshop: DXF, SVG, STL and an assembly drawing")
+    add_case(export, required=False)
+    command.add_options(export)
+    export.set_defaults(run=_export)
+    commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
+    commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
+    check = commands.add_parser("check", help="validate mechanism files")
+    check.add_argument("file", nargs="+", metavar="FILE", help="YAML file")
+    check.set_defaults(run=_check)
+    return parser
+
+
+def _version() -> str:
+    try:
+        return metadata.version("rollingjoint")
+    except metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

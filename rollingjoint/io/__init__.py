@@ -1,0 +1,1 @@
+"""Mechanisms as YAML files, equilibria as tables and JSON."""

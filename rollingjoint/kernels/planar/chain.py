@@ -1,0 +1,208 @@
+"""The whole chain at one configuration: poses, tendon lengths and tensions, energy, residual, stiffness.
+
+Symbols as in docs/theory.md: r = U' - M (residual), H = dr/dphi (stiffness), c contact point, F external force.
+What does not depend on loads serves floats and Lanes alike; side_by_side.py shares it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import part
+from rollingjoint._numba.simd import where
+from rollingjoint.kernels.planar.arrays import (
+    BX,
+    BY,
+    COS,
+    CX,
+    CY,
+    FX,
+    FY,
+    GX,
+    GY,
+    K_XX,
+    KX,
+    KY,
+    PX,
+    PY,
+    SIN,
+    THETA,
+    TURN,
+    X_DOT_B,
+    X_DOT_F,
+    C,
+    K,
+    S,
+    X,
+    Y,
+    borrow_chain,
+    borrow_law,
+    borrow_state,
+)
+from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
+
+
+@part
+def evaluate(chain, law, loads, state):
+    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
+
+    Follower forces have no potential and are left out of the energy.
+    """
+    chain, law, loads, state = borrow_chain(chain), borrow_law(law), borrow(loads), borrow_state(state)
+    evaluate_joints(chain, state)
+    evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
+    energy, magnitude = evaluate_tendons(law, state)
+    load_energy, load_magnitude = _evaluate_loads(loads, state)
+    scale = evaluate_residual(chain.tendon_joints, state)
+    return energy + load_energy, magnitude + load_magnitude, scale
+
+
+@part(inline=True)
+def evaluate_poses(holes, channels, tendon_joints, state):
+    """Fill gaps, tendon lengths, poses and contacts from state.joint."""
+    pose, joint, contact, angle = state.pose, state.joint, state.contact, state.angle
+    gap, length = state.gap, state.length
+    for j in range(length.size):
+        length[j] = channels[j]
+    zero = 0.0 * angle[0]
+    x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
+    pose[0, X], pose[0, Y], pose[0, THETA], pose[0, C], pose[0, S] = x, y, theta, cos, sin
+    for i in range(angle.size):
+        for j in range(length.size):
+            if i < tendon_joints[j]:
+                evaluate_gap(holes, i, j, joint, gap)
+                length[j] += gap[i, j, 0]
+        contact[i, 0] = x + cos * joint[i, CX] - sin * joint[i, CY]
+        contact[i, 1] = y + sin * joint[i, CX] + cos * joint[i, CY]
+        contact[i, 2] = cos * joint[i, PX] - sin * joint[i, PY]
+        contact[i, 3] = sin * joint[i, PX] + cos * joint[i, PY]
+        x, y = x + cos * joint[i, GX] - sin * joint[i, GY], y + sin * joint[i, GX] + cos * joint[i, GY]
+        cos, sin = cos * joint[i, COS] - sin * joint[i, SIN], sin * joint[i, COS] + cos * joint[i, SIN]
+        theta = theta + angle[i]
+        pose[i + 1, X], pose[i + 1, Y], pose[i + 1, THETA], pose[i + 1, C], pose[i + 1, S] = x, y, theta, cos, sin
+
+
+@part(inline=True)
+def evaluate_tendons(law, state):
+    """Fill tensions and their rates; returns (energy, magnitude of its terms)."""
+    zero = 0.0 * state.angle[0]
+    energy, magnitude = zero, zero
+    for j in range(state.length.size):
+        length, k, low, high = state.length[j], law.stiffness[j], law.low[j], law.high[j]
+        stretch = length - law.command[j]
+        pull = k * stretch
+        slack, yielding = pull <= low, pull >= high
+        tension = where(slack, low, where(yielding, high, pull))
+        # 1/2 k stretch² while elastic; beyond a limit the line that continues it
+        term = tension * stretch - 0.5 * tension * tension / k
+        state.tension[j] = tension
+        state.elastic[j] = where(slack, 0.0, where(yielding, 0.0, k))
+        energy = energy + term
+        magnitude = magnitude + abs(term) + abs(tension * length)
+    return energy, magnitude
+
+
+@part(inline=True)
+def _evaluate_loads(loads, state):
+    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
+    sums = state.sums
+    energy = magnitude = 0.0
+    for i in range(sums.shape[0]):
+        for column in range(sums.shape[1]):
+            sums[i, column] = 0.0
+    for row in range(loads.shape[0]):
+        link = int(loads[row, 0])
+        cos, sin = state.pose[link, C], state.pose[link, S]
+        px, py = loads[row, 1], loads[row, 2]
+        x = state.pose[link, X] + cos * px - sin * py
+        y = state.pose[link, Y] + sin * px + cos * py
+        fx, fy, moment, k = loads[row, 3], loads[row, 4], loads[row, 7], loads[row, 8]
+        term = -(fx * x + fy * y) - moment * state.pose[link, THETA]
+        dx, dy = loads[row, 9] - x, loads[row, 10] - y
+        term += 0.5 * k * (dx * dx + dy * dy)
+        energy += term
+        magnitude += abs(term)
+        if link == 0:
+            continue
+        bx = cos * loads[row, 5] - sin * loads[row, 6]
+        by = sin * loads[row, 5] + cos * loads[row, 6]
+        fx, fy = fx + bx + k * dx, fy + by + k * dy
+        i = link - 1
+        sums[i, FX] += fx
+        sums[i, FY] += fy
+        sums[i, TURN] += x * fy - y * fx + moment
+        sums[i, X_DOT_F] += x * fx + y * fy
+        sums[i, BX] += bx
+        sums[i, BY] += by
+        sums[i, X_DOT_B] += x * bx + y * by
+        sums[i, K] += k
+        sums[i, KX] += k * x
+        sums[i, KY] += k * y
+        sums[i, K_XX] += k * (x * x + y * y)
+    for i in range(sums.shape[0] - 2, -1, -1):
+        for column in range(sums.shape[1]):
+            sums[i, column] += sums[i + 1, column]
+    return energy, magnitude
+
+
+@part(inline=True)
+def evaluate_residual(tendon_joints, state):
+    """Fill r = sum of tension g' minus the moment of the loads about the contact.
+
+    Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
+    """
+    sums, contact, gap, tension, out = state.sums, state.contact, state.gap, state.tension, state.residual
+    scale = 0.0 * state.angle[0]
+    for i in range(out.size):
+        cx, cy = contact[i, 0], contact[i, 1]
+        moment = sums[i, TURN] - (cx * sums[i, FY] - cy * sums[i, FX])
+        size, residual = abs(moment), -moment
+        for j in range(tension.size):
+            if i < tendon_joints[j]:
+                torque = tension[j] * gap[i, j, 1]
+                residual = residual + torque
+                size = size + where(abs(torque) > tension[j], abs(torque), tension[j])
+        out[i] = residual
+        scale = where(size > scale, size, scale)
+    return scale
+
+
+@part
+def stiffness(chain, state, H):
+    """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
+    state, H, tendon_joints = borrow_state(state), borrow(H), borrow(chain.tendon_joints)
+    n_joints, sums, contact = state.angle.size, state.sums, state.contact
+    gap, elastic, tension = state.gap, state.elastic, state.tension
+    for i in range(n_joints):
+        for m in range(n_joints):
+            b = max(i, m)
+            ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
+            value = sums[b, X_DOT_F] - (contact[b, 0] * sums[b, FX] + contact[b, 1] * sums[b, FY])
+            value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
+            value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
+            value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
+            for j in range(elastic.size):
+                if b < tendon_joints[j]:
+                    value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
+            H[i, m] = value
+        H[i, i] += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
+        for j in range(elastic.size):
+            if i < tendon_joints[j]:
+                H[i, i] += tension[j] * gap[i, j, 2]
+
+
+@part(inline=True)
+def contact_forces(tendon_joints, state, i):
+    """Contact force on the distal link of joint i along tangent and normal; the unit tangent in the world, x and y."""
+    cos, sin = state.pose[i, C], state.pose[i, S]
+    fx, fy = -state.sums[i, FX], -state.sums[i, FY]
+    for j in range(tendon_joints.size):
+        if i < tendon_joints[j]:
+            vx, vy = state.gap[i, j, 3], state.gap[i, j, 4]
+            fx = fx + state.tension[j] * (cos * vx - sin * vy)
+            fy = fy + state.tension[j] * (sin * vx + cos * vy)
+    rx, ry = state.contact[i, 2], state.contact[i, 3]  # against the tangent: the angle falls as s grows
+    per_length = -1.0 / math.sqrt(rx * rx + ry * ry)
+    ex, ey = rx * per_length, ry * per_length
+    return fx * ex + fy * ey, fy * ex - fx * ey, ex, ey

@@ -1,0 +1,38 @@
+"""Kinematics without statics, over many configurations of one design."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._numba.jit import kernel
+from rollingjoint.kernels.planar.arrays import design, new_state
+from rollingjoint.kernels.planar.chain import evaluate_poses
+from rollingjoint.kernels.planar.joint import arc_length, evaluate_joints
+
+
+@kernel
+def arc_lengths_of(chain, designs, phi):
+    """s at joint angles phi, (B, J) both, of every lane's design."""
+    s = np.empty_like(phi)
+    for lane in range(phi.shape[0]):
+        one = design(chain, designs[lane])
+        for i in range(phi.shape[1]):
+            s[lane, i] = arc_length(one, i, phi[lane, i])
+    return s
+
+
+@kernel
+def poses_of(chain, phi):
+    """(poses (B, n, 3), tendon lengths (B, m)) at joint angles phi, (B, J), clipped to the surface limits."""
+    n_lanes, n_joints = phi.shape
+    only, n_tendons = design(chain, 0), chain.tendon_joints.size
+    poses, lengths = np.empty((n_lanes, n_joints + 1, 3)), np.empty((n_lanes, n_tendons))
+    state = new_state(n_joints, n_tendons)
+    for lane in range(n_lanes):
+        for i in range(n_joints):
+            state.angle[i] = min(max(phi[lane, i], only.joints[i, 0]), only.joints[i, 1])
+        evaluate_joints(only, state)
+        evaluate_poses(only.holes, only.channels, only.tendon_joints, state)
+        poses[lane] = state.pose[:, :3]
+        lengths[lane] = state.length
+    return poses, lengths

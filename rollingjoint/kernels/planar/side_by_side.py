@@ -1,0 +1,344 @@
+"""Lanes side by side: Newton's method where it meets no difficulty.
+
+Energy descends with full steps or halved ones, the stiffness of the free joints stays positive definite, loads are dead
+forces and moments; a contact that presses against the end of its surface is held there. A lane that leaves this path is
+marked PENDING, and the solver for all cases (solve.py) takes it from its start. A lane that arrives makes room for the
+next; its numbers do not depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import (
+    aligned_lanes,
+    borrow,
+    carve,
+    integers,
+    numbers,
+    of_width,
+    pins_at,
+    table_rows,
+)
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.simd import WIDTH, any_lane, columns, where
+from rollingjoint.kernels.planar.arrays import (
+    COS,
+    CX,
+    CY,
+    EDGES,
+    FX,
+    FY,
+    GX,
+    GY,
+    N_COEFFICIENTS,
+    PX,
+    PY,
+    SIN,
+    THETA,
+    TURN,
+    X_DOT_F,
+    C,
+    S,
+    X,
+    Y,
+    borrow_chain,
+    borrow_law,
+    borrow_results,
+    pinned_problem,
+)
+from rollingjoint.kernels.planar.block import (
+    ARRIVED,
+    ENERGY,
+    HELD,
+    IDLE,
+    LEFT,
+    MAGNITUDE,
+    PART,
+    PASSES,
+    PHASE,
+    RUNNING,
+    STEPS,
+    WORST,
+    begin_lane,
+    block_size,
+    carve_block,
+    fill_design,
+    fill_forces,
+    fill_inputs,
+    store_lane,
+)
+from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual, evaluate_tendons
+from rollingjoint.kernels.planar.joint import locate, table_row
+from rollingjoint.kernels.shared.tolerances import (
+    MAX_STEP,
+    NEGLIGIBLE,
+    RELATIVE_GOAL,
+    RESIDUAL_FLOOR,
+    RESIDUAL_GOAL,
+    ROUNDING,
+    SMALLEST_PIVOT,
+)
+
+MOST_JOINTS = 15  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
+PENDING = -1  # status of a lane that is left to the solver for all cases
+_MAX_PASSES = 40.0
+_SHORTEST = 1.0 / 64.0  # of a Newton step
+
+
+@part(inline=True)
+def _evaluate_joints(chain, designs, state, rows):
+    """Fill state.joint from the tables of each lane's design."""
+    angle, joint = numbers(state.angle), state.joint
+    cells, joints, buckets = of_width(chain.cells, 4), of_width(chain.joints, 3), of_width(chain.buckets, EDGES)
+    coefficients = of_width(table_rows(chain.coefficients), N_COEFFICIENTS)
+    n_joints = angle.shape[0]
+    for i in range(n_joints):
+        for lane in range(WIDTH):
+            which = designs[lane]
+            if which < 0:
+                continue
+            cell, u = locate(joints[which], buckets[which], cells, i, angle[i, lane])
+            rows[lane] = table_row(coefficients, cell, u)
+        cos, sin, cx, cy, gx, gy, px, py = columns(rows)
+        joint[i, COS], joint[i, SIN], joint[i, CX], joint[i, CY] = cos, sin, cx, cy
+        joint[i, GX], joint[i, GY], joint[i, PX], joint[i, PY] = gx, gy, px, py
+
+
+@part(inline=True)
+def _evaluate_loads(loads, state):
+    """Fill the sums of dead forces and moments beyond each joint; returns (energy, magnitude of its terms)."""
+    sums, pose, n_joints = state.sums, state.pose, state.angle.size
+    zero = 0.0 * state.angle[0]
+    energy, magnitude = zero, zero
+    for i in range(n_joints):
+        sums[i, FX], sums[i, FY], sums[i, TURN], sums[i, X_DOT_F] = zero, zero, zero, zero
+    for row in range(loads.shape[0]):
+        link, px, py, fx, fy, moment = (
+            loads[row, 0],
+            loads[row, 1],
+            loads[row, 2],
+            loads[row, 3],
+            loads[row, 4],
+            loads[row, 5],
+        )
+        x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
+        for k in range(1, n_joints + 1):
+            here = link == float(k)
+            x, y, theta = where(here, pose[k, X], x), where(here, pose[k, Y], y), where(here, pose[k, THETA], theta)
+            cos, sin = where(here, pose[k, C], cos), where(here, pose[k, S], sin)
+        x, y = x + cos * px - sin * py, y + sin * px + cos * py
+        term = -(fx * x + fy * y) - moment * theta
+        energy, magnitude = energy + term, magnitude + abs(term)
+        turn, dot = x * fy - y * fx + moment, x * fx + y * fy
+        for i in range(n_joints):
+            beyond = link > float(i)
+            sums[i, FX] += where(beyond, fx, 0.0)
+            sums[i, FY] += where(beyond, fy, 0.0)
+            sums[i, TURN] += where(beyond, turn, 0.0)
+            sums[i, X_DOT_F] += where(beyond, dot, 0.0)
+    return energy, magnitude
+
+
+@part(inline=True)
+def _evaluate(chain, designs, block):
+    """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
+    state = block.state
+    _evaluate_joints(chain, designs, state, block.rows)
+    evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
+    energy, magnitude = evaluate_tendons(block.law, state)
+    load_energy, load_magnitude = _evaluate_loads(block.loads, state)
+    return energy + load_energy, magnitude + load_magnitude, evaluate_residual(chain.tendon_joints, state)
+
+
+@part(inline=True)
+def _hold_ends(block):
+    """Mark joints that a load presses against the end of a surface; returns (largest |r| of the others, any marked)."""
+    angle, residual, limits, free = block.state.angle, block.state.residual, block.limits, block.vectors[5]
+    zero = 0.0 * angle[0]
+    worst, held = zero, zero
+    for i in range(angle.size):
+        r = residual[i]
+        at_end = ((angle[i] <= limits[i, 0] + 1e-13) & (r > 0.0)) | ((angle[i] >= limits[i, 1] - 1e-13) & (r < 0.0))
+        free[i] = where(at_end, 0.0, zero + 1.0)
+        held = where(at_end, 1.0, held)
+        worst = where(~at_end & (abs(r) > worst), abs(r), worst)
+    return worst, held
+
+
+@part(inline=True)
+def _factor_stiffness(tendon_joints, state, free, H, per_pivot):
+    """Fill H with the factor L of dr/dphi = L D Lᵀ on the free joints; returns (smallest, largest diagonal entry)."""
+    sums, contact, gap, elastic, tension = state.sums, state.contact, state.gap, state.elastic, state.tension
+    n_joints = per_pivot.size
+    smallest, largest = 0.0 * state.angle[0] + np.inf, 0.0 * state.angle[0]
+    for i in range(n_joints):
+        fx, fy = sums[i, FX], sums[i, FY]
+        lever = sums[i, X_DOT_F] - (contact[i, 0] * fx + contact[i, 1] * fy)
+        pivot = lever + contact[i, 2] * fy - contact[i, 3] * fx
+        for m in range(i):
+            H[i, m] = lever
+        for j in range(tension.size):
+            if i < tendon_joints[j]:
+                rate = gap[i, j, 1]
+                pull = elastic[j] * rate
+                pivot = pivot + pull * rate + tension[j] * gap[i, j, 2]
+                for m in range(i):
+                    H[i, m] += pull * gap[m, j, 1]
+        present = free[i] > 0.0
+        pivot = where(present, pivot, 1.0)
+        largest = where(present & (abs(pivot) > largest), abs(pivot), largest)
+        for m in range(i):
+            value = where(present & (free[m] > 0.0), H[i, m], 0.0)
+            for k in range(m):
+                value = value - H[i, k] * H[m, k]
+            H[i, m] = value
+        for m in range(i):
+            scaled = H[i, m] * per_pivot[m]
+            pivot = pivot - H[i, m] * scaled
+            H[i, m] = scaled
+        smallest = where(present & (pivot < smallest), pivot, smallest)
+        per_pivot[i] = 1.0 / pivot
+    return smallest, largest
+
+
+@part(inline=True)
+def _newton_step(L, per_pivot, residual, free, step):
+    """Solve L D Lᵀ step = -residual on the free joints; zero elsewhere. May be done in place."""
+    n_joints = step.size
+    for i in range(n_joints):
+        value = -residual[i] * free[i]
+        for m in range(i):
+            value = value - L[i, m] * step[m]
+        step[i] = value
+    for i in range(n_joints - 1, -1, -1):
+        value = step[i] * per_pivot[i]
+        for m in range(i + 1, n_joints):
+            value = value - L[m, i] * step[m]
+        step[i] = value
+
+
+@part(inline=True)
+def _fill_responses(block):
+    """Fill d angle / d command, where the stiffness has just been factored."""
+    gap, elastic, responses = block.state.gap, block.state.elastic, block.responses
+    for j in range(elastic.size):
+        for i in range(block.state.angle.size):
+            responses[j, i] = -(elastic[j] * gap[i, j, 1])
+        _newton_step(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
+
+
+@part(inline=True)
+def _advance(chain, designs, block):
+    """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
+    limits, search, angle, residual = block.limits, block.search, block.state.angle, block.state.residual
+    solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
+    base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
+    energy, magnitude, scale = _evaluate(chain, designs, block)
+    worst, held = _hold_ends(block)
+    zero = 0.0 * worst
+    slope = zero
+    for i in range(angle.size):
+        slope = slope + base_residual[i] * (angle[i] - base_angle[i])
+
+    running = search[PHASE] == RUNNING
+    noise, fall = ROUNDING * (search[MAGNITUDE] + magnitude), search[ENERGY] - energy
+    descent = (fall > noise) & (fall >= -1e-4 * slope)
+    accepted = running & (descent | ((fall >= -noise) & (worst < search[WORST])))
+    goal = RELATIVE_GOAL * scale
+    goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
+    at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
+    smallest, largest = _factor_stiffness(chain.tendon_joints, block.state, free, block.L, per_pivot)
+    stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
+    search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
+    search[ENERGY] = where(accepted, energy, search[ENERGY])
+    search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
+    search[WORST] = where(accepted, worst, search[WORST])
+    search[HELD] = where(accepted, held, search[HELD])
+    tried = where(accepted, 1.0, 0.5 * search[PART])
+    search[PART] = tried
+    passes = search[PASSES] + 1.0
+    search[PASSES] = passes
+
+    goes_on = running & (stable | ~accepted) & (tried >= _SHORTEST) & (passes < _MAX_PASSES)
+    _newton_step(block.L, per_pivot, residual, free, solution)
+    longest = zero
+    for i in range(angle.size):
+        longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
+    shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
+    for i in range(angle.size):
+        direction = where(accepted, solution[i] * shortened, step[i])
+        origin = where(accepted, angle[i], base_angle[i])
+        step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
+        trial = origin + tried * direction
+        trial = where(trial > limits[i, 0], trial, limits[i, 0])
+        trial = where(trial < limits[i, 1], trial, limits[i, 1])
+        angle[i] = where(running & ~at_rest, trial, angle[i])
+    left = where(goes_on, RUNNING, LEFT)
+    search[PHASE] = where(running, where(at_rest, where(stable, ARRIVED, LEFT), left), search[PHASE])
+    return any_lane(running & (at_rest | ~goes_on))
+
+
+@kernel(nogil=True)
+def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
+    """Solve lanes first to last - 1; returns how many are PENDING."""
+    n_joints, n_tendons, n_loads = starts.shape[1], chain.tendon_joints.size, loads.shape[1]
+    memory = np.zeros((block_size(n_joints, n_tendons, n_loads) + 3) * WIDTH)
+    return _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
+
+
+@kernel(nogil=True)
+def solve_pinned(pins, first, last):
+    """solve_side_by_side on arrays whose addresses `pin` has written down, in the order of its arguments."""
+    chain, designs, laws, loads, starts, results = pinned_problem(pins_at(pins))
+    memory = np.zeros((block_size(starts.shape[1], chain.tendon_joints.size, loads.shape[1]) + 3) * WIDTH)
+    return _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
+
+
+@part(inline=True)
+def _solve_in(memory, chain, designs, laws, loads, starts, results, first, last):
+    space = aligned_lanes(borrow(memory))
+    chain, laws, results = borrow_chain(chain), borrow_law(laws), borrow_results(results)
+    designs, loads, starts = borrow(designs), borrow(loads), borrow(starts)
+    n_joints, n_tendons, n_loads = starts.shape[1], chain.tendon_joints.size, loads.shape[1]
+    size = block_size(n_joints, n_tendons, n_loads)
+    block = carve_block(space, n_joints, n_tendons, n_loads)
+    search = numbers(block.search)
+    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
+    following, running, pending = first, 0, 0
+    for lane in range(WIDTH):
+        chosen[lane], search[PHASE, lane] = -1, IDLE
+    while True:  # every lane takes a row, and another one when it is done with it
+        for lane in range(WIDTH):
+            phase = search[PHASE, lane]
+            if phase == RUNNING:
+                continue
+            if phase == ARRIVED:
+                store_lane(block, lane, results, rows[lane])
+            elif phase == LEFT:
+                results.status[rows[lane]] = PENDING
+                pending += 1
+            if phase != IDLE:
+                running -= 1
+                search[PHASE, lane] = IDLE
+            while following < last and search[PHASE, lane] == IDLE:
+                row = following
+                following += 1
+                if chosen[lane] != designs[row]:
+                    chosen[lane] = designs[row]
+                    fill_design(chain, block, lane, designs[row])
+                if fill_inputs(laws, loads, starts, block, lane, row):
+                    rows[lane] = row
+                    running += 1
+                    begin_lane(block, lane)
+                else:
+                    results.status[row] = PENDING
+                    pending += 1
+        if running == 0:
+            return pending
+        while not _advance(chain, chosen, block):
+            pass
+        if results.contacts.shape[0] > 0:
+            fill_forces(block, chain.tendon_joints)
+        if results.responses.shape[0] > 0:
+            _fill_responses(block)

@@ -1,0 +1,265 @@
+"""Globalised Newton solve of the bound-constrained statics problem.
+
+Conservative loads: minimise the energy V over the joint angles by projected Newton steps with a line search on V; leave
+saddles along negative curvature. Follower loads: Newton on r = 0 with a line search on |r|.
+The unknowns are the joint angles, where H is symmetric; a contact at the end of its surface is a bound on its angle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import part
+from rollingjoint.kernels.planar.arrays import (
+    AT_LIMIT,
+    CONVERGED,
+    INDETERMINATE,
+    NOT_CONVERGED,
+    UNSTABLE,
+)
+from rollingjoint.kernels.planar.chain import evaluate, stiffness
+from rollingjoint.kernels.shared.linear import (
+    cholesky,
+    damped_step,
+    descent_step,
+    eigen,
+    largest,
+    lu_step,
+    smallest_real_part,
+)
+from rollingjoint.kernels.shared.long_chain import borrow_sweep, factor, fill_generators, long_step
+from rollingjoint.kernels.shared.tolerances import (
+    MAX_STEP,
+    NEGLIGIBLE,
+    RELATIVE_GOAL,
+    RESIDUAL_FLOOR,
+    RESIDUAL_GOAL,
+    RESIDUAL_LIMIT,
+    ROUNDING,
+    SMALLEST_PIVOT,
+)
+
+MAX_ITERATIONS = 200
+_STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
+_MAX_HALVINGS = 40
+_MAX_ESCAPES = 8
+
+
+@part
+def mark_free(chain, state, prox, anchor, free):
+    """Mark joints that are not held by a surface limit; returns the largest free |r|. The proximal term is included."""
+    worst = 0.0
+    for i in range(free.size):
+        phi, lowest, highest = state.angle[i], chain.joints[i, 0], chain.joints[i, 1]
+        residual = state.residual[i] + prox * (phi - anchor[i])
+        held = (phi >= highest - 1e-13 and residual < 0.0) or (phi <= lowest + 1e-13 and residual > 0.0)
+        free[i] = not held
+        if free[i]:
+            worst = max(worst, abs(residual))
+    return worst
+
+
+@part
+def _release_step(chain, state, free, step):
+    """Hold joints at a limit that the step would leave outwards; returns True when it held any."""
+    changed = False
+    for i in range(free.size):
+        if free[i] and step[i] != 0.0:
+            phi, lowest, highest = state.angle[i], chain.joints[i, 0], chain.joints[i, 1]
+            if (phi >= highest - 1e-13 and step[i] > 0.0) or (phi <= lowest + 1e-13 and step[i] < 0.0):
+                free[i] = False
+                changed = True
+    return changed
+
+
+@part
+def _proximal_energy(state, prox, anchor):
+    energy = 0.0
+    for i in range(anchor.size):
+        energy += 0.5 * prox * (state.angle[i] - anchor[i]) ** 2
+    return energy
+
+
+@part
+def _proximal_residual(state, prox, anchor, out):
+    for i in range(anchor.size):
+        out[i] = state.residual[i] + prox * (state.angle[i] - anchor[i])
+
+
+@part
+def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step):
+    """Step on the free joints; joints at a limit that it would push outwards are held as well."""
+    for _ in range(free.size + 1):
+        if sweep.diagonal.size > 0:
+            long_step(sweep, free, residual, step)
+        elif conservative:
+            descent_step(H, free, residual, L, step)
+        elif damping > 0.0 or not lu_step(H, free, residual, step):
+            damped_step(H, free, residual, damping, L, step)
+        if not _release_step(chain, state, free, step):
+            break
+    longest = 0.0
+    for i in range(free.size):
+        longest = max(longest, abs(step[i]))
+    if longest > MAX_STEP:
+        for i in range(free.size):
+            step[i] *= MAX_STEP / longest
+
+
+@part
+def move(chain, phi, step, t, angle):
+    """Fill angle with phi + t step, clipped to the surface limits."""
+    for i in range(angle.size):
+        angle[i] = min(max(phi[i] + t * step[i], chain.joints[i, 0]), chain.joints[i, 1])
+
+
+@part
+def _line_search(chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work):
+    """Halve the step until the merit falls.
+
+    Returns (moved, energy, magnitude, scale, worst free |r|); the state is at the new configuration, or restored.
+    work is scratch space, two arrays (J,).
+    """
+    angle = state.angle
+    n = angle.size
+    phi, residual = work[0], work[1]
+    _proximal_residual(state, prox, anchor, residual)
+    squared = 0.0
+    for i in range(n):
+        phi[i] = angle[i]
+        if free[i]:
+            squared += residual[i] ** 2
+    t = 1.0
+    for attempt in range(_MAX_HALVINGS + 1):
+        restored = attempt == _MAX_HALVINGS
+        move(chain, phi, step, 0.0 if restored else t, angle)
+        new_energy, new_magnitude, scale = evaluate(chain, law, loads, state)
+        new_energy += _proximal_energy(state, prox, anchor)
+        new_worst = mark_free(chain, state, prox, anchor, free)
+        if conservative:
+            slope = 0.0
+            for i in range(n):
+                slope += residual[i] * (state.angle[i] - phi[i])
+            noise, fall = ROUNDING * (magnitude + new_magnitude), energy - new_energy
+            accept = fall > noise and fall >= -1e-4 * slope
+            accept = accept or (fall >= -noise and new_worst < worst)
+        else:
+            new_squared = 0.0
+            for i in range(n):
+                if free[i]:
+                    new_squared += (state.residual[i] + prox * (state.angle[i] - anchor[i])) ** 2
+            accept = new_squared <= (1.0 - 1e-4 * t) * squared
+        if accept or restored:
+            break
+        t *= 0.5
+    return not restored, new_energy, new_magnitude, scale, new_worst
+
+
+@part
+def _escape_direction(H, free, step):
+    """Fill step with the direction of most negative curvature, 0.1 rad long, its largest entry positive."""
+    index, _, vectors = eigen(H, free)
+    leader = 0
+    for i in range(index.size):
+        if abs(vectors[i, 0]) > abs(vectors[leader, 0]):
+            leader = i
+    sign = 1.0 if vectors[leader, 0] > 0.0 else -1.0
+    for i in range(step.size):
+        step[i] = 0.0
+    for i in range(index.size):
+        step[index[i]] = 0.1 * sign * vectors[i, 0]
+
+
+@part
+def classify(H, sweep, free, L):
+    """Kind of a stationary point: CONVERGED (stable), INDETERMINATE (H singular) or UNSTABLE.
+
+    Unstable: H has an eigenvalue of negative real part.
+    """
+    long = sweep.diagonal.size > 0
+    n = free.size
+    size, any_free = 0.0, False
+    for i in range(n):
+        any_free = any_free or free[i]
+        if long:
+            size = max(size, abs(sweep.diagonal[i]))
+    if not long:
+        size = largest(H, free)
+    if size < NEGLIGIBLE and any_free:
+        return INDETERMINATE
+    if long:
+        if factor(sweep, free, 0.0) > SMALLEST_PIVOT:
+            return CONVERGED
+        return INDETERMINATE if factor(sweep, free, 1e-9 * size) > 0.0 else UNSTABLE
+    if cholesky(H, free, 0.0, L) > SMALLEST_PIVOT:
+        return CONVERGED
+    smallest = smallest_real_part(H, free)
+    if smallest > 1e-10 * size:
+        return CONVERGED
+    return INDETERMINATE if smallest > -1e-9 * size else UNSTABLE
+
+
+@part
+def minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep):
+    """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|)."""
+    n = state.angle.size
+    return _minimise(
+        chain,
+        law,
+        loads,
+        conservative,
+        prox,
+        anchor,
+        state,
+        H,
+        sweep,
+        np.empty_like(H),
+        np.empty((4, n)),
+        np.empty(n, np.bool_),
+    )
+
+
+@part
+def _minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep, L, vectors, free):
+    """minimise with its scratch space."""
+    H, sweep, L, vectors, free = borrow(H), borrow_sweep(sweep), borrow(L), borrow(vectors), borrow(free)
+    residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
+    n = state.angle.size
+    long = sweep.diagonal.size > 0
+    energy, magnitude, scale = evaluate(chain, law, loads, state)
+    energy += _proximal_energy(state, prox, anchor)
+    worst = mark_free(chain, state, prox, anchor, free)
+    damping, escapes, stalled = 0.0, 0, False
+    for iteration in range(MAX_ITERATIONS):
+        goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
+        if long:
+            fill_generators(chain, state, prox, sweep)
+        else:
+            stiffness(chain, state, H)
+            for i in range(n):
+                H[i, i] += prox
+        if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
+            kind = classify(H, sweep, free, L)
+            if kind != UNSTABLE or not conservative or long or escapes == _MAX_ESCAPES:
+                for i in range(n):
+                    if kind == CONVERGED and not free[i]:
+                        kind = AT_LIMIT
+                return kind, iteration, worst
+            escapes += 1
+            _escape_direction(H, free, step)
+        elif stalled:
+            return NOT_CONVERGED, iteration, worst
+        else:
+            _proximal_residual(state, prox, anchor, residual)
+            newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
+        moved, energy, magnitude, scale, worst = _line_search(
+            chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work
+        )
+        if moved:
+            damping *= 0.1 if damping > 1e-8 else 0.0
+        elif conservative or damping > 1.0:
+            stalled = True
+        else:
+            damping = max(10.0 * damping, 1e-6)
+    return NOT_CONVERGED, MAX_ITERATIONS, worst

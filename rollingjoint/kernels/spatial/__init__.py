@@ -1,0 +1,1 @@
+"""Kernels of spatial hinge chains."""

@@ -1,0 +1,107 @@
+"""Hinge chains over many lanes, what may enter their solver; stiffness."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint.kernels.planar.arrays import INVALID_INPUT, TendonLaw, borrow_law
+from rollingjoint.kernels.planar.batch import _resolvable
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.spatial.arrays import (
+    N_COLUMNS,
+    PX,
+    SPRING,
+    borrow_hinge_results,
+    borrow_hinge_state,
+    hinge_design,
+    new_hinge_state,
+)
+from rollingjoint.kernels.spatial.chain import evaluate, stiffness
+from rollingjoint.kernels.spatial.solve import solve_hinges
+
+
+@part
+def _valid(law, loads, start):
+    """True when every number can be solved with: no NaN, nothing huge, limits in order, no pushing tendon or spring."""
+    if not (_resolvable(law.command) and _resolvable(start)):
+        return False
+    for row in range(loads.shape[0]):
+        if not _resolvable(loads[row]) or loads[row, SPRING] < 0.0:
+            return False
+    for j in range(law.low.size):
+        if not (0.0 <= law.low[j] <= LARGEST_INPUT and law.low[j] <= law.high[j] and law.stiffness[j] > 0.0):
+            return False
+    return True
+
+
+@part
+def _solve_invalid(chain, start, state):
+    """The start pose (at rest where it is not a number), no tension and no load."""
+    for i in range(start.size):
+        angle = start[i] if abs(start[i]) <= LARGEST_INPUT else chain.joints[i, 2]
+        state.angle[i] = min(max(angle, chain.joints[i, 0]), chain.joints[i, 1])
+    zero = np.zeros(state.length.size)
+    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, N_COLUMNS)), state)
+    return INVALID_INPUT, 0, np.inf, 0
+
+
+@part
+def _store(state, outcome, results, lane):
+    """Copy a solved state and its outcome into the results."""
+    for i in range(state.angle.size):
+        results.joint_angles[lane, i] = state.angle[i]
+        for j in range(state.length.size):
+            results.rates[lane, i, j] = state.gap[i, j, 1]
+            results.torques[lane, i, j] = state.torque[i, j]
+    for k in range(state.angle.size + 1):
+        for a in range(3):
+            for b in range(3):
+                results.poses[lane, k, a, b] = state.pose[k, 3 * a + b]
+            results.poses[lane, k, a, 3] = state.pose[k, PX + a]
+            results.poses[lane, k, 3, a] = 0.0
+        results.poses[lane, k, 3, 3] = 1.0
+    for j in range(state.length.size):
+        results.tensions[lane, j], results.lengths[lane, j] = state.tension[j], state.length[j]
+        results.elastic[lane, j] = state.elastic[j]
+    results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
+
+
+@kernel(nogil=True)
+def solve_hinge_lanes(chain, designs, laws, loads, starts, results, first, last):
+    """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
+    n_joints, n_tendons = starts.shape[1], laws.low.shape[1]
+    memory = new_hinge_state(n_joints, n_tendons), np.empty(n_joints)
+    _solve_each(chain, designs, laws, loads, starts, results, first, last, *memory)
+
+
+@part
+def _solve_each(chain, designs, laws, loads, starts, results, first, last, state, rest):
+    laws, loads, starts, state = borrow_law(laws), borrow(loads), borrow(starts), borrow_hinge_state(state)
+    results = borrow_hinge_results(results)
+    for lane in range(first, last):
+        one = hinge_design(chain, designs[lane])
+        law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
+        if _valid(law, loads[lane], starts[lane]):
+            for i in range(rest.size):
+                rest[i] = one.joints[i, 2]
+            outcome = solve_hinges(one, law, loads[lane], starts[lane], rest, state)
+        else:
+            outcome = _solve_invalid(one, starts[lane], state)
+        _store(state, outcome, results, lane)
+
+
+@kernel
+def hinge_stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
+    """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
+    state = new_hinge_state(angles.shape[1], tensions.shape[1])
+    for lane in range(angles.shape[0]):
+        one = hinge_design(chain, designs[lane])
+        fixed = TendonLaw(state.length, np.ones(state.length.size), tensions[lane], tensions[lane])
+        for i in range(angles.shape[1]):
+            state.angle[i] = angles[lane, i]
+        evaluate(one, fixed, loads[lane], state)
+        for j in range(elastic.shape[1]):
+            state.elastic[j] = elastic[lane, j]
+        stiffness(one, state, H[lane])

@@ -1,0 +1,1 @@
+"""Planar chains of links whose curved surfaces roll on each other."""

@@ -1,0 +1,257 @@
+"""Planar chains of links that roll on each other: links, surfaces and tendons, and the arrays that kernels read."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
+from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
+from rollingjoint.planar import joint_table
+from rollingjoint.profile import Profile, Surface
+from rollingjoint.tendon import Hole, OnSurface, Tendon
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above."""
+
+    parent: Surface
+    child: Surface
+
+    @property
+    def height(self) -> float:
+        """Distance between the two surfaces at s = 0 [mm]."""
+        return float(np.hypot(*np.subtract(self.child.start, self.parent.start)))
+
+
+@dataclass(frozen=True, eq=False)
+class RollingChain:
+    """A chain of links, base first, pulled by tendons.
+
+    Args:
+        links: at least two; link 0 is fixed at the identity.
+        tendons: at least one.
+        name: for tables and pictures.
+    Raises:
+        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts.
+    Source: rolling-contact paper, sec. III.
+    """
+
+    links: Sequence[Link]
+    tendons: Sequence[Tendon]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "links", _members("links", self.links, Link))
+        object.__setattr__(self, "tendons", _members("tendons", self.tendons, Tendon))
+        if len(self.links) < 2:
+            raise MechanismError("number of links", len(self.links), "2 or more, the fixed base included")
+        if not self.tendons:
+            raise MechanismError("number of tendons", 0, "1 or more")
+        for i, (proximal, distal) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+            joint_table.check_rolling(i, proximal.child, distal.parent)
+        self._check_holes()
+
+    def __repr__(self) -> str:
+        return f"<RollingChain {self.name!r}: {self.n_links} links, {self.n_tendons} tendons, {self.length:g} mm>"
+
+    @property
+    def n_links(self) -> int:
+        """Number of links, the base included."""
+        return len(self.links)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.links) - 1
+
+    @property
+    def n_tendons(self) -> int:
+        """Number of tendons."""
+        return len(self.tendons)
+
+    @property
+    def length(self) -> float:
+        """Sum of the link heights [mm]."""
+        return sum(link.height for link in self.links)
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Tendon stiffnesses, (m,) [N/mm]."""
+        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
+
+    @cached_property
+    def joint_limits(self) -> Array:
+        """Arc length range that both surfaces of a joint share, (n - 1, 2) [mm]."""
+        pairs = zip(self.links[:-1], self.links[1:], strict=True)
+        return _constant(np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs]))
+
+    @cached_property
+    def neutral_angles(self) -> Array:
+        """Joint angles at s = 0, (n - 1,) [rad]."""
+        return _constant(self.joint_angles(np.zeros(self.n_joints)))
+
+    @cached_property
+    def neutral_lengths(self) -> Array:
+        """Tendon lengths at s = 0, (m,) [mm]."""
+        return _constant(self.tendon_lengths(self.neutral_angles))
+
+    @cached_property
+    def arrays(self) -> Chain:
+        """Tables for the kernels, a stack of one design."""
+        pairs = zip(self.links[:-1], self.links[1:], strict=True)
+        tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
+        n_joints, n_tendons = self.n_joints, self.n_tendons
+        joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKETS + 1), np.int64)
+        before = 0
+        for i, table in enumerate(tables):
+            per_radian, first = joint_table.buckets(table.cells)
+            joints[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
+            buckets[i] = before + first
+            before += len(table.cells)
+        holes, channels = np.zeros((n_joints, n_tendons, 4)), np.zeros(n_tendons)
+        crossed = np.zeros(n_tendons, np.int64)
+        for j, points in enumerate(self.hole_points):
+            crossed[j] = len(points) - 1
+            holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
+            channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
+        cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
+        return Chain(joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed)
+
+    @cached_property
+    def hole_points(self) -> tuple[Array, ...]:
+        """For every tendon the holes of the links it passes, (links, 2 for parent and child, 2) in link frames [mm]."""
+        return tuple(
+            _constant(
+                np.array(
+                    [
+                        [_locate(parent, link.parent), _locate(child, link.child)]
+                        for link, (parent, child) in zip(self.links, tendon.link_holes(self.n_links), strict=False)
+                    ]
+                )
+            )
+            for tendon in self.tendons
+        )
+
+    def replace(self, **changes: object) -> RollingChain:
+        """A copy with other links, tendons or name, checked anew."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def joint_angles(self, arc_lengths: ArrayLike) -> Array:
+        """Joint angles phi at contact arc lengths, (..., n - 1) both [rad, mm].
+
+        Raises:
+            InvalidInput: wrong number of joints, or s beyond a joint's limits.
+        """
+        s = self._per_joint("arc lengths", arc_lengths)
+        low, high = self.joint_limits.T
+        if not np.all((s >= low - 1e-12) & (s <= high + 1e-12)):
+            raise InvalidInput("arc lengths", s, f"values between {low} and {high} mm, the surface limits")
+        pairs = zip(self.links[:-1], self.links[1:], np.moveaxis(s, -1, 0), strict=True)
+        return np.stack(
+            [below.child.tangent_angle(at) - above.parent.tangent_angle(at) for below, above, at in pairs], -1
+        )
+
+    def arc_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
+        phi = self._per_joint("joint angles", joint_angles)
+        return arc_lengths_of(self.arrays, np.zeros(phi.size, np.int64), phi.reshape(-1, self.n_joints)).reshape(
+            phi.shape
+        )
+
+    def poses(self, joint_angles: ArrayLike) -> Array:
+        """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
+        phi = self._per_joint("joint angles", joint_angles)
+        poses, _ = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
+        return poses.reshape(*phi.shape[:-1], self.n_links, 3)
+
+    def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm].
+
+        Source: rolling-contact paper, eq. 28.
+        """
+        phi = self._per_joint("joint angles", joint_angles)
+        _, lengths = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
+        return lengths.reshape(*phi.shape[:-1], self.n_tendons)
+
+    def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
+        """World points of every tendon's holes, base to end, a list of (2 links passed, 2) [mm]."""
+        poses = np.asarray(poses, float)
+        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=-2)
+        return [
+            (np.einsum("lab,lhb->lha", rotation[: len(h)], h) + poses[: len(h), None, :2]).reshape(-1, 2)
+            for h in self.hole_points
+        ]
+
+    def _per_joint(self, what: str, values: ArrayLike) -> Array:
+        allowed = f"{self.n_joints} numbers in the last axis, one per joint"
+        array = as_floats(what, values, allowed)
+        if array.ndim == 0 or array.shape[-1] != self.n_joints:
+            raise InvalidInput(what, values, allowed)
+        return array
+
+    def _check_holes(self) -> None:
+        """Every hole on its surface, and no tendon whose holes change places across a joint."""
+        for i, (below, above) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+            crossing = [j for j, holes in enumerate(self.hole_points) if len(holes) > i + 1]
+            if crossing:
+                holes = np.array([self.hole_points[j][i : i + 2] for j in crossing])
+                joint_table.check_gaps(i, crossing, below.child, above.parent, holes[:, 0, 1], holes[:, 1, 0])
+
+
+def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
+    """The values as a tuple; MechanismError unless it is a list of that kind."""
+    allowed = f"a list of {kind.__name__} objects"
+    if not isinstance(values, Iterable):
+        raise MechanismError(what, values, allowed)
+    members = tuple(values)
+    for i, member in enumerate(members):
+        if not isinstance(member, kind):
+            raise MechanismError(f"{what}[{i}]", member, f"a {kind.__name__}")
+    return members
+
+
+def planar(mechanism: object, mend: str = "") -> RollingChain:
+    """The mechanism, where only a planar chain will do.
+
+    Raises:
+        InvalidInput: anything else, such as an arm of beads; `mend` says what to do with that.
+    """
+    if not isinstance(mechanism, RollingChain):
+        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", mend)
+    return mechanism
+
+
+def _constant(array: Array) -> Array:
+    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
+    array.setflags(write=False)
+    return array
+
+
+def _locate(hole: Hole, surface: Surface) -> Array:
+    """The hole in its link's frame, (2,) [mm]."""
+    if isinstance(hole, OnSurface):
+        low, high = surface.limits
+        if not low <= hole.s <= high:
+            raise MechanismError(
+                "hole on the surface at s", hole.s, f"an arc length on the surface, [{low:g}, {high:g}] mm"
+            )
+        return surface.placed(_on_curve(surface.profile, hole.s))
+    return np.array(hole)
+
+
+@functools.lru_cache(maxsize=1024)
+def _on_curve(profile: Profile, s: float) -> Array:
+    """The point of the profile's curve, (2,) [mm]; kept, since mechanisms of one kind share their profiles."""
+    return profile.curve(s)

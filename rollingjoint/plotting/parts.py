@@ -1,0 +1,181 @@
+"""What a picture of an equilibrium is made of: links, tendons, contact forces, loads.
+
+Each function draws on given axes, in mm; rollingjoint.plotting.planar puts them together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.planar.chain import Link, RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.planar.outline import link_outline, right_side, rotation, to_world
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
+LINK_COLOR, LOAD_COLOR, CONTACT_COLOR, LIMIT_COLOR = "#7A8699", "#D55E00", "#222222", "#B2182B"
+
+
+class _ArrowStyle(NamedTuple):
+    """Colour, line width [points] and drawing order of one kind of arrow."""
+
+    color: str
+    width: float
+    zorder: int
+
+
+BASE_ALPHA, LINK_ALPHA = 0.55, 0.25
+_ARROW_SHARE = 0.22  # longest arrow, as a share of the mechanism's length
+_SLACK = 1e-9  # N
+ORDER = {"link": 2, "tendon": 3, "contact": 5, "load": 6}
+_CONTACT_ARROW = _ArrowStyle(CONTACT_COLOR, 1.1, ORDER["contact"])
+_LOAD_ARROW = _ArrowStyle(LOAD_COLOR, 2.0, ORDER["load"])
+
+
+def draw_links(ax: Axes, chain: RollingChain, poses: Array, color: str, label: str | None, base: bool = True) -> None:
+    """The links at their poses, the base darker; the label stands for all of them."""
+    if base:
+        draw_link(ax, chain.links[0], poses[0], color, BASE_ALPHA)
+    for i in range(1, chain.n_links):
+        draw_link(ax, chain.links[i], poses[i], color, LINK_ALPHA, label if i == 1 else None)
+
+
+def draw_link(ax: Axes, link: Link, pose: Array, color: str, alpha: float, label: str | None = None) -> None:
+    """One link as a filled body."""
+    from matplotlib.colors import to_rgba
+
+    outline = to_world(pose, link_outline(link))
+    style: dict[str, Any] = {"facecolor": to_rgba(color, alpha), "edgecolor": color, "linewidth": 1.2}
+    ax.fill(*outline.T, zorder=ORDER["link"], label=label, **style)
+
+
+def number_links(ax: Axes, chain: RollingChain, poses: Array) -> None:
+    """The index of every link, to the right of it."""
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "color": "#4A5260"}
+    for i, (link, pose) in enumerate(zip(chain.links, poses, strict=True)):
+        beside = to_world(pose, np.array([right_side(link) + 0.025 * chain.length, 0.0]))
+        ax.text(beside[0], beside[1], str(i), zorder=ORDER["tendon"], **style)
+        ax.update_datalim([beside])
+
+
+def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | None) -> None:
+    """The tendons through their holes, with their tensions in the legend; a slack one is dashed."""
+    for j, line in enumerate(chain.tendon_polyline(poses)):
+        slack = tensions is not None and tensions[j] <= _SLACK
+        force = "" if tensions is None else ", slack" if slack else f", {tensions[j]:.3g} N"
+        style: dict[str, Any] = {"linestyle": "--" if slack else "-", "color": PALETTE[j % len(PALETTE)]}
+        ax.plot(*line.T, linewidth=1.6, zorder=ORDER["tendon"], label=f"tendon {j}{force}", **style)
+        ax.plot(*line.T, ".", markersize=4, color=style["color"], zorder=ORDER["tendon"])
+
+
+def draw_contacts(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
+    """Contact forces on the distal links at `scale` mm per N, and a ring where a surface ends."""
+    forces = contact_forces_world(eq)
+    scale = _nice_scale(np.linalg.norm(forces, axis=1), eq.chain.length) if scale is None else scale
+    label = f"contact force ({_scale_text(scale)})"
+    for point, force in zip(eq.contact_points, forces, strict=True):
+        _arrow(ax, point, scale * force, eq.chain.length, _CONTACT_ARROW, label)
+    ended = ~eq.free_joints
+    if ended.any():
+        style: dict[str, Any] = {"markersize": 11, "markeredgewidth": 1.8, "markerfacecolor": "none"}
+        points = eq.contact_points[ended].T
+        ax.plot(*points, "o", color=LIMIT_COLOR, zorder=ORDER["load"], label="contact at surface end", **style)
+
+
+def contact_forces_world(eq: Equilibrium) -> Array:
+    """Contact force on the distal link of every joint, world frame, (n - 1, 2) [N]."""
+    angles = [
+        pose[2] + link.child.tangent_angle(s)
+        for link, pose, s in zip(eq.chain.links, eq.poses, eq.arc_lengths, strict=False)
+    ]
+    return np.array([rotation(angle) @ force for angle, force in zip(angles, eq.contact_forces, strict=True)])
+
+
+def draw_loads(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
+    """Every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
+    scale = arrow_scale([eq]) if scale is None else scale
+    size, label = 0.06 * eq.chain.length, f"external force ({_scale_text(scale)})"
+    for link, px, py, fx, fy, bx, by, moment, stiffness, ax_, ay_ in eq.loads:
+        pose = eq.poses[int(link)]
+        point = to_world(pose, np.array([px, py]))
+        force = np.array([fx, fy]) + rotation(pose[2]) @ np.array([bx, by])
+        _arrow(ax, point, scale * force, eq.chain.length, _LOAD_ARROW, label)
+        if moment:
+            _moment(ax, point, np.sign(moment) * size, f"external moment {moment:.3g} N·mm")
+        if stiffness:
+            _spring(ax, point, np.array([ax_, ay_]), size, f"spring {stiffness:.3g} N/mm")
+
+
+def arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
+    """mm of arrow per N for the largest force in any load table."""
+    rows = np.concatenate([eq.loads for eq in equilibria])
+    forces = np.linalg.norm(rows[:, 3:5], axis=1) + np.linalg.norm(rows[:, 5:7], axis=1)
+    return _nice_scale(forces, max(eq.chain.length for eq in equilibria))
+
+
+def _nice_scale(forces: Array, length: float) -> float:
+    """1, 2 or 5 times a power of ten, such that the largest force is at most the wanted arrow length."""
+    largest = float(np.max(forces[np.isfinite(forces)], initial=0.0))
+    if largest <= 0.0:
+        return 1.0
+    wanted = _ARROW_SHARE * length / largest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+
+
+def _scale_text(scale: float) -> str:
+    return f"{scale:g} mm per N"
+
+
+def _arrow(ax: Axes, tail: Array, vector: Array, length: float, style: _ArrowStyle, label: str) -> None:
+    """An arrow on a mechanism of that length; a short one has a small head, one of no or no finite length none."""
+    share = np.hypot(*vector) / length
+    if not 1e-6 < share < np.inf:
+        return
+    tip = tail + vector
+    ax.annotate(
+        "",
+        tuple(tip),
+        tuple(tail),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": style.color,
+            "linewidth": style.width,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": float(np.clip(110 * share, 4, 11)),
+        },
+        zorder=style.zorder,
+    )
+    ax.update_datalim([tail, tip])
+    ax.plot([], [], color=style.color, linewidth=style.width, marker=">", markersize=5, label=label)
+
+
+def _moment(ax: Axes, centre: Array, radius: float, label: str) -> None:
+    """Three quarters of a circle with a head; a positive radius turns counter-clockwise."""
+    turn = np.sign(radius) * np.linspace(-0.75 * np.pi, 0.75 * np.pi, 40)
+    arc = centre + abs(radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ax.plot(*arc.T, color=LOAD_COLOR, linewidth=2.0, zorder=ORDER["load"], label=label)
+    _arrow(ax, arc[-4], arc[-1] - arc[-4], 5 * abs(radius), _LOAD_ARROW, "_")
+
+
+def _spring(ax: Axes, point: Array, anchor: Array, size: float, label: str) -> None:
+    """A zigzag from the point to the anchor, which is marked by a square."""
+    span = anchor - point
+    length = float(np.hypot(*span))
+    if length > 0:
+        normal = np.array([-span[1], span[0]]) / length
+        turns = int(np.clip(length / (0.3 * size), 6, 60))
+        along = np.concatenate([[0.0], np.linspace(0.15, 0.85, turns + 2), [1.0]])
+        aside = np.concatenate([[0.0, 0.0], np.resize([1.0, -1.0], turns), [0.0, 0.0]])
+        zigzag = point + along[:, None] * span + 0.25 * size * aside[:, None] * normal
+        ax.plot(*zigzag.T, color=LOAD_COLOR, linewidth=1.2, zorder=ORDER["load"], label=label)
+    ax.plot(*anchor, "s", color=LOAD_COLOR, markersize=6, zorder=ORDER["load"])

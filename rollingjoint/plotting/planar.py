@@ -1,0 +1,186 @@
+"""Pictures of mechanisms and equilibria; matplotlib is imported only when one is drawn.
+
+Lengths are in mm on both axes. Forces are arrows whose scale (mm per N) stands in the legend.
+Colours are the Okabe-Ito palette, which colour-blind readers can tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rollingjoint.errors import InvalidInput
+from rollingjoint.planar.chain import RollingChain, planar
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.plotting.parts import (
+    BASE_ALPHA,
+    LINK_COLOR,
+    ORDER,
+    PALETTE,
+    arrow_scale,
+    draw_contacts,
+    draw_link,
+    draw_links,
+    draw_loads,
+    draw_tendons,
+    number_links,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def plot_mechanism(
+    mechanism: RollingChain | Equilibrium,
+    ax: Axes | None = None,
+    *,
+    tendons: bool = True,
+    loads: bool = True,
+    contacts: bool = True,
+    numbers: bool = True,
+    label: str | None = None,
+    color: str = LINK_COLOR,
+    load_scale: float | None = None,
+    contact_scale: float | None = None,
+    legend: bool = True,
+) -> Axes:
+    """Axes with links, tendons, loads and contact forces drawn.
+
+    Args:
+        mechanism: an equilibrium, or a mechanism, which is drawn at s = 0 without forces.
+        ax: axes to draw on; new ones when None.
+        tendons: draw the tendons; a slack one is dashed.
+        loads: draw forces, moments and springs.
+        contacts: draw contact forces, and mark contacts at the end of a surface.
+        numbers: write the index of every link beside it.
+        label: legend text of the links.
+        color: colour of the links.
+        load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
+        legend: put a legend to the right of the axes.
+    Raises:
+        InvalidInput: a batch of equilibria; no planar chain.
+    """
+    equilibrium = mechanism if isinstance(mechanism, Equilibrium) else None
+    chain = _planar(mechanism)
+    poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
+    if poses.ndim != 2:
+        raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve lanes one by one.")
+    ax = _new_axes() if ax is None else ax
+    draw_links(ax, chain, poses, color, label)
+    if numbers:
+        number_links(ax, chain, poses)
+    if tendons:
+        draw_tendons(ax, chain, poses, None if equilibrium is None else equilibrium.tensions)
+    if equilibrium is not None and contacts:
+        draw_contacts(ax, equilibrium, contact_scale)
+    if equilibrium is not None and loads:
+        draw_loads(ax, equilibrium, load_scale)
+    return _finish(ax, legend)
+
+
+def plot_family(
+    equilibria: Sequence[Equilibrium],
+    labels: Sequence[str],
+    ax: Axes | None = None,
+    *,
+    tendons: bool = False,
+    loads: bool = True,
+    colors: Sequence[str] | None = None,
+    legend: bool = True,
+) -> Axes:
+    """Axes with several equilibria over one another, one colour each, their load arrows on one scale.
+
+    Args:
+        equilibria: what to draw, the first at the back.
+        labels: legend text of each.
+        ax: axes to draw on; new ones when None.
+        tendons, loads: draw them too.
+        colors: one per equilibrium; the palette when None, repeated if there are more than it holds.
+        legend: put a legend to the right of the axes.
+    Raises:
+        InvalidInput: no equilibria, or a number of labels or colours other than theirs.
+    """
+    if not equilibria:
+        raise InvalidInput("equilibria", list(equilibria), "one or more equilibria")
+    colors = [PALETTE[i % len(PALETTE)] for i in range(len(equilibria))] if colors is None else colors
+    for what, values in (("labels", labels), ("colors", colors)):
+        if len(values) != len(equilibria):
+            raise InvalidInput(what, list(values), f"{len(equilibria)} entries, one per equilibrium")
+    chains = [_planar(eq) for eq in equilibria]
+    ax = _new_axes() if ax is None else ax
+    scale = arrow_scale(equilibria)
+    drawn: list[RollingChain] = []
+    for eq, chain, label, color in zip(equilibria, chains, labels, colors, strict=True):
+        draw_links(ax, chain, eq.poses, color, label, base=False)
+        if not any(chain is other for other in drawn):
+            draw_link(ax, chain.links[0], eq.poses[0], LINK_COLOR, BASE_ALPHA)
+            drawn.append(chain)
+        if tendons:
+            for line in chain.tendon_polyline(eq.poses):
+                ax.plot(*line.T, color=color, linewidth=1.2, zorder=ORDER["tendon"])
+        if loads:
+            draw_loads(ax, eq, scale)
+    return _finish(ax, legend)
+
+
+def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
+    """The path, after writing the figure there in the format of its suffix.
+
+    Raises:
+        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
+    """
+    path = check_figure_path(path)
+    fig.savefig(path, dpi=dpi, bbox_inches="tight")
+    return path
+
+
+def check_figure_path(path: str | Path) -> Path:
+    """The path, if a figure could be written there.
+
+    Raises:
+        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    path = Path(path)
+    suffixes = sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix.lower().lstrip(".") not in suffixes:
+        raise InvalidInput("picture", str(path), f"a file name that ends in one of .{', .'.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise InvalidInput("picture", str(path), "a file in an existing folder", f"Create {path.parent} first.")
+    return path
+
+
+def _planar(mechanism: RollingChain | Equilibrium) -> RollingChain:
+    return mechanism.chain if isinstance(mechanism, Equilibrium) else planar(mechanism, "plot_arm draws arms of beads.")
+
+
+def _new_axes() -> Axes:
+    from matplotlib import pyplot
+
+    return pyplot.subplots(figsize=(6.4, 6.4), layout="constrained")[1]
+
+
+def _finish(ax: Axes, legend: bool) -> Axes:
+    ax.set_aspect("equal")
+    ax.margins(0.06)
+    ax.autoscale_view()
+    ax.set(xlabel="x [mm]", ylabel="y [mm]")
+    ax.grid(color="#E5E8EC", linewidth=0.6)
+    ax.set_axisbelow(True)
+    if legend:
+        _legend(ax)
+    return ax
+
+
+def _legend(ax: Axes) -> None:
+    """Each label once, link bodies first, to the right of the axes."""
+    from matplotlib.patches import Patch
+
+    unique = {text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+    ordered = sorted(unique, key=lambda text: not isinstance(unique[text], Patch))
+    if ordered:
+        handles = [unique[text] for text in ordered]
+        ax.legend(handles, ordered, loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0)

@@ -1,0 +1,131 @@
+"""Pictures of spatial hinge chains in three dimensions; matplotlib is imported only when one is drawn.
+
+Lengths are in mm on all axes. Beads are tubes around the tendon holes; tendons are coloured by their tension.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.spatial.equilibrium import HingeEquilibrium
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
+
+Array = NDArray[np.float64]
+
+_SIDES = 16  # of a bead
+_SLACK = 1e-9  # N
+_FX, _SPRING = (SPATIAL_LOAD_COLUMNS.index(name) for name in ("fx", "k"))
+_FORCE, _ANCHOR = slice(_FX, _FX + 3), slice(_SPRING + 1, _SPRING + 4)
+
+
+def plot_arm(
+    arm: HingeChain | HingeEquilibrium,
+    ax: Axes3D | None = None,
+    *,
+    tendons: bool = True,
+    loads: bool = True,
+    label: str | None = None,
+    color: str = LINK_COLOR,
+) -> Axes3D:
+    """Axes with beads, tendons and forces drawn; draw several arms by passing the axes on.
+
+    Args:
+        arm: an equilibrium, or a mechanism, which is drawn at rest.
+        ax: 3-D axes to draw on; new ones when None.
+        tendons: draw the tendons; a slack one is dashed, one without tension known is thin.
+        loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
+        label: legend text of the beads.
+        color: colour of the beads.
+    Raises:
+        InvalidInput: a batch of equilibria.
+    """
+    found = arm if isinstance(arm, HingeEquilibrium) else None
+    chain = found.mechanism if found is not None else arm
+    if not isinstance(chain, HingeChain) or (found is not None and found.poses.ndim != 3):
+        raise InvalidInput("arm", arm, "a HingeChain or one HingeEquilibrium", "Solve lanes one by one.")
+    poses = chain.poses(chain.neutral_angles) if found is None else found.poses
+    ax = _new_axes() if ax is None else ax
+    _draw_beads(ax, chain, poses, color, label)
+    if tendons:
+        _draw_tendons(ax, chain, poses, None if found is None else found.tensions)
+    if found is not None and loads:
+        _draw_forces(ax, chain, found)
+        _draw_springs(ax, found)
+    return _finish(ax)
+
+
+def _new_axes() -> Axes3D:
+    from matplotlib import pyplot
+
+    figure = pyplot.figure(figsize=(6.4, 6.4), layout="constrained")
+    return figure.add_subplot(projection="3d")
+
+
+def _draw_beads(ax: Axes3D, chain: HingeChain, poses: Array, color: str, label: str | None) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    around = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
+    gaps = [bead.gap for bead in chain.beads] + [0.0]
+    widest = max(np.hypot(*hole) for tendon in chain.tendons for hole in tendon.holes)
+    rim = 1.15 * max(widest, 0.1 * chain.beads[0].spacing) * np.array([np.cos(around), np.sin(around), 0 * around])
+    faces: list[Array] = []
+    for k, bead in enumerate(chain.beads, start=1):
+        ends = (0.5 * bead.gap - bead.spacing, -0.5 * gaps[k])
+        low, high = ((poses[k, :3, :3] @ (rim + np.array([[0.0], [0.0], [z]]))).T + poses[k, :3, 3] for z in ends)
+        faces += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(_SIDES)]
+    ax.add_collection3d(Poly3DCollection(faces, facecolor=color, edgecolor="none", alpha=0.25, label=label))
+    ax.plot(*poses[:, :3, 3].T, color=color, linewidth=1.5)
+    ax.auto_scale_xyz(*np.concatenate(faces).T, had_data=ax.has_data())
+
+
+def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array | None) -> None:
+    largest = max(float(np.max(tensions)), _SLACK) if tensions is not None else 1.0
+    for j, line in enumerate(chain.tendon_polyline(poses)):
+        tension = 0.0 if tensions is None else float(tensions[j])
+        style = "--" if tensions is not None and tension <= _SLACK else "-"
+        width = 0.8 + 1.8 * tension / largest
+        name = f"tendon {j}: {tension:.3g} N" if tension > _SLACK else None
+        ax.plot(*line.T, style, color=PALETTE[j % len(PALETTE)], linewidth=width, label=name)
+
+
+def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None:
+    """Arrows of the dead forces at points that are no mass centres: weights would hide the arm."""
+    rows = found.loads[np.linalg.norm(found.loads[:, _FORCE], axis=1) > 0]
+    centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
+    rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])
+    scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, _FORCE], axis=1), default=1.0)
+    for row in rows:
+        T = found.poses[int(row[0])]
+        at = T[:3, :3] @ row[1:4] + T[:3, 3]
+        size = float(np.linalg.norm(row[_FORCE]))
+        ax.quiver(*at, *(scale * row[_FORCE]), color="black", linewidth=1.5, label=f"{size:.3g} N")
+
+
+def _draw_springs(ax: Axes3D, found: HingeEquilibrium) -> None:
+    for row in found.loads[found.loads[:, _SPRING] > 0]:
+        T = found.poses[int(row[0])]
+        ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[_ANCHOR]])
+        ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[_SPRING]:.3g} N/mm")
+
+
+def _finish(ax: Axes3D) -> Axes3D:
+    from matplotlib.ticker import MaxNLocator
+
+    ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    ax.set_aspect("equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(3))
+    ax.zaxis.labelpad = 10
+    handles, names = ax.get_legend_handles_labels()
+    if names:
+        ax.legend(handles, names, loc="upper left", fontsize="small")
+    return ax

@@ -1,0 +1,1 @@
+"""Spatial arms of beads on elastic hinges."""

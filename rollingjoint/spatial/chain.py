@@ -1,0 +1,309 @@
+"""Spatial chains of beads on elastic hinges: beads, tendons, and the arrays that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.kernels.spatial.arrays import Hinges
+from rollingjoint.load import Gravity
+from rollingjoint.spatial import se3
+from rollingjoint.tendon import BeadTendon
+
+Array = NDArray[np.float64]
+_P = TypeVar("_P")
+
+TENDON_MODELS = ("exact", "linear", "end_couple")
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_CLOSED = 1e-3  # of the gap between two beads: what is left of it where a hinge ends
+_UNIT = 1e-14  # how far from 1 rounding leaves the length of a unit vector
+
+
+@dataclass(frozen=True)
+class Bead:
+    """A rigid bead and the elastic hinge that carries it.
+
+    Args:
+        spacing: from its hinge to the next, or to its distal face if it is the last [mm].
+        axis: of its hinge, "x", "y", "z" or a direction in the frame of the link below; held as a unit vector.
+        stiffness: of its hinge, positive [N·mm/rad].
+        gap: between the holes below and above its hinge, which is in the middle [mm].
+        weight: [N]; it acts halfway between the hinge and the next.
+        rest_angle: where the hinge carries no moment [rad].
+        limits: smallest and largest angle of the hinge [rad].
+    Raises:
+        MechanismError: a size that is not positive, an axis without direction, limits without the rest angle.
+    """
+
+    spacing: float
+    axis: str | Sequence[float]
+    stiffness: float
+    gap: float = 10.0
+    weight: float = 0.0
+    rest_angle: float = 0.0
+    limits: tuple[float, float] = (-np.pi, np.pi)
+
+    def __post_init__(self) -> None:
+        for name, unit in (("spacing", "mm"), ("stiffness", "N·mm/rad"), ("gap", "mm")):
+            if not 0 < _numbers(name, getattr(self, name), ())[()] < np.inf:
+                raise MechanismError(f"bead {name}", getattr(self, name), f"a positive number [{unit}]")
+        if not self.gap < self.spacing:
+            raise MechanismError("bead gap", self.gap, f"less than the spacing, {self.spacing:g} mm")
+        if not 0 <= _numbers("weight", self.weight, ())[()] < np.inf:
+            raise MechanismError("bead weight", self.weight, "0 or more [N]")
+        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, (3,))
+        length = float(np.linalg.norm(axis))
+        if not 0 < length < np.inf:
+            raise MechanismError("bead axis", self.axis, "a direction other than (0, 0, 0)")
+        length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
+        object.__setattr__(self, "axis", tuple((axis / length).tolist()))
+        low, high = _numbers("limits", self.limits, (2,))
+        if not -2 * np.pi <= low < _numbers("rest_angle", self.rest_angle, ())[()] < high <= 2 * np.pi:
+            raise MechanismError("bead limits", self.limits, f"-2π to 2π [rad], {self.rest_angle} between them")
+        object.__setattr__(self, "limits", (float(low), float(high)))
+
+
+@dataclass(frozen=True, eq=False)
+class HingeChain:
+    """A chain of beads on a fixed base, each on an elastic hinge, pulled by tendons.
+
+    Link 0 is the base and link i carries bead i, counted from 1; hinge i lies at the origin of link i and carries
+    link i + 1. At angles 0 all frames are parallel and z points along the chain; the tip frame is on the last distal
+    face. A tendon at +x bends the tip towards +x.
+
+    Args:
+        beads: base to tip, at least one.
+        tendons: at least one.
+        model: "exact": straight tendon segments from bead to bead; a hinge ends where two holes meet. "linear": lengths
+            linear in the angles, tangent to the exact ones at 0. "end_couple": linear lengths, and a couple on the
+            tendon's last bead in place of everything that it does; the paper's model, without a potential.
+        name: for tables and pictures.
+    Raises:
+        MechanismError: wrong counts, holes that meet at rest.
+    Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
+    """
+
+    beads: Sequence[Bead]
+    tendons: Sequence[BeadTendon]
+    model: str = "exact"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for what, kind in (("beads", Bead), ("tendons", BeadTendon)):
+            try:
+                members = tuple(getattr(self, what))
+            except TypeError:
+                members = ()
+            if not members or not all(isinstance(member, kind) for member in members):
+                raise MechanismError(what, getattr(self, what), f"a list of at least one {kind.__name__}")
+            object.__setattr__(self, what, members)
+        if self.model not in TENDON_MODELS:
+            raise MechanismError("tendon model", self.model, f"one of {', '.join(TENDON_MODELS)}")
+        low, high = self.joint_limits.T
+        rest = np.array([bead.rest_angle for bead in self.beads])
+        if not np.all((low < rest) & (rest < high)):
+            i = int(np.argmin((low < rest) & (rest < high)))
+            allowed = f"a rest angle between {low[i]:g} and {high[i]:g} rad, where tendon holes meet"
+            raise MechanismError(f"beads[{i}] rest_angle", rest[i], allowed)
+
+    def __repr__(self) -> str:
+        return f"<HingeChain {self.name!r}: {len(self.beads)} beads, {self.n_tendons} tendons, {self.length:g} mm>"
+
+    @property
+    def n_links(self) -> int:
+        """Number of links, the base included."""
+        return len(self.beads) + 1
+
+    @property
+    def n_joints(self) -> int:
+        """Number of hinges."""
+        return len(self.beads)
+
+    @property
+    def n_tendons(self) -> int:
+        """Number of tendons."""
+        return len(self.tendons)
+
+    @property
+    def length(self) -> float:
+        """Sum of the spacings [mm]."""
+        return float(sum(bead.spacing for bead in self.beads))
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Tendon stiffnesses, (m,) [N/mm]."""
+        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
+
+    @cached_property
+    def neutral_angles(self) -> Array:
+        """Rest angles of the hinges, (n - 1,) [rad]."""
+        return _constant(np.array([bead.rest_angle for bead in self.beads], float))
+
+    @cached_property
+    def neutral_lengths(self) -> Array:
+        """Tendon lengths at the rest angles, (m,) [mm]."""
+        return _constant(self.tendon_lengths(self.neutral_angles))
+
+    @cached_property
+    def joint_limits(self) -> Array:
+        """Angles between which a hinge moves, (n - 1, 2): its own limits, and with "exact" where holes meet [rad]."""
+        limits = np.array([bead.limits for bead in self.beads], float)
+        if self.model == "exact":
+            for i, j in np.argwhere(self._crosses):
+                low, high = _open_range(self._gaps[i, j, :3], _CLOSED * self.beads[i].gap)
+                limits[i] = max(limits[i, 0], low), min(limits[i, 1], high)
+        return _constant(limits)
+
+    @cached_property
+    def arrays(self) -> Hinges:
+        """Tables for the kernels, a stack of one design."""
+        passed = [tendon.last_link(self.n_links) for tendon in self.tendons]
+        gaps = np.array([*(bead.gap for bead in self.beads), self.beads[-1].gap])
+        inside = [bead.spacing for bead in self.beads] - 0.5 * (gaps[:-1] + gaps[1:])
+        return Hinges(
+            np.column_stack([self.joint_limits, self.neutral_angles])[None],
+            np.array([bead.axis for bead in self.beads], float)[None],
+            np.array([bead.stiffness for bead in self.beads], float)[None],
+            np.array([bead.spacing for bead in self.beads], float)[None],
+            self._gaps[None],
+            np.array([inside[:last].sum() for last in passed])[None],
+            np.array([holes[-1] for holes in self._holes], float)[None],
+            np.array([TENDON_MODELS.index(self.model)]),
+            np.array(passed),
+        )
+
+    def replace(self, **changes: object) -> HingeChain:
+        """A copy with other beads, tendons, model or name, checked anew."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def scaled(self, hinges: Array, tendons: Array, weights: Array) -> HingeChain:
+        """A copy with multiples of the stiffnesses and weights; the geometry is taken over, not computed anew.
+
+        Args:
+            hinges: positive factors of the hinges' stiffnesses, (n - 1,).
+            tendons: positive factors of the tendons' stiffnesses, (m,).
+            weights: factors of the beads' weights, 0 or more, (n - 1,).
+        """
+        beads = tuple(
+            _with(bead, stiffness=bead.stiffness * hinge, weight=bead.weight * weight)
+            for bead, hinge, weight in zip(self.beads, hinges.tolist(), weights.tolist(), strict=True)
+        )
+        strings = zip(self.tendons, tendons.tolist(), strict=True)
+        other = _with(self, beads=beads, tendons=tuple(_with(one, stiffness=one.stiffness * by) for one, by in strings))
+        other.__dict__.pop("stiffnesses", None)
+        other.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
+        return other
+
+    def gravity(self, direction: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> Gravity:
+        """The weight of every bead along a direction of the base frame; (0, 0, 1) lets the arm hang."""
+        weights = [0.0, *(float(bead.weight) for bead in self.beads)]
+        centres = [(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * float(bead.spacing)) for bead in self.beads)]
+        return Gravity(weights, direction, centres)
+
+    def poses(self, joint_angles: ArrayLike) -> Array:
+        """Link poses in the base frame, (..., n, 4, 4) [mm]: products of exponentials, one per hinge."""
+        theta = self._per_joint(joint_angles)
+        poses = np.empty((*theta.shape[:-1], self.n_links, 4, 4))
+        poses[..., 0, :, :] = np.eye(4)
+        for i, bead in enumerate(self.beads):
+            R = se3.rotation(theta[..., i, None] * np.array(bead.axis))
+            step = se3.pose(R, bead.spacing * R[..., :, 2])
+            poses[..., i + 1, :, :] = poses[..., i, :, :] @ step
+        return poses
+
+    def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Length of every tendon: gaps plus channels inside the beads, (..., m) [mm]."""
+        theta = self._per_joint(joint_angles)[..., None]
+        square, b, c, rest, slope = np.moveaxis(self._gaps, -1, 0)
+        if self.model == "exact":
+            gaps = np.sqrt(np.maximum(square - 2.0 * (b * np.cos(theta) + c * np.sin(theta)), 0.0))
+        else:
+            gaps = rest + slope * theta
+        return np.asarray(self.arrays.channels[0] + np.where(self._crosses, gaps, 0.0).sum(axis=-2), float)
+
+    def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
+        """World points of every tendon's holes below and above each hinge, base to end, a list of (k, 3) [mm]."""
+        T, lines = np.asarray(poses, float), []
+        for holes in self._holes:
+            points = [np.array([*holes[0], -0.5 * self.beads[0].gap])]
+            for i in range(len(holes) - 1):
+                hinge = se3.pose(T[i + 1, :3, :3], T[i, :3, 3])
+                upper = [*holes[i + 1], 0.5 * self.beads[i].gap]
+                following = self.beads[min(i + 1, self.n_joints - 1)].gap
+                lower = [*holes[i + 1], self.beads[i].spacing - 0.5 * following]
+                points += [hinge[:3, :3] @ np.array(at) + hinge[:3, 3] for at in (upper, lower)]
+            lines.append(np.array(points))
+        return lines
+
+    @cached_property
+    def _holes(self) -> tuple[Array, ...]:
+        """Holes of every link that a tendon passes, the base included, (links, 2) each [mm]."""
+        return tuple(np.array(tendon.link_holes(self.n_links), float) for tendon in self.tendons)
+
+    @cached_property
+    def _crosses(self) -> NDArray[np.bool_]:
+        """Whether tendon j crosses hinge i, (n - 1, m)."""
+        last = np.array([tendon.last_link(self.n_links) for tendon in self.tendons])
+        return np.arange(self.n_joints)[:, None] < last
+
+    @cached_property
+    def _gaps(self) -> Array:
+        """G, B, C of gap² = G - 2 (B cos + C sin), and gap and slope at angle 0, (n - 1, m, 5)."""
+        gaps = np.zeros((self.n_joints, self.n_tendons, 5))
+        for i, j in np.argwhere(self._crosses):
+            below, above = self._holes[j][i : i + 2]
+            axis, half = np.array(self.beads[i].axis), 0.5 * self.beads[i].gap
+            w, u = np.array([*below, -half]), np.array([*above, half])
+            along = (axis @ u) * (axis @ w)
+            gaps[i, j, :3] = u @ u + w @ w - 2.0 * along, w @ u - along, w @ np.cross(axis, u)
+            gaps[i, j, 3] = np.linalg.norm(u - w)
+            gaps[i, j, 4] = -gaps[i, j, 2] / gaps[i, j, 3]
+        return gaps
+
+    def _per_joint(self, joint_angles: ArrayLike) -> Array:
+        allowed = f"{self.n_joints} numbers in the last axis, one per hinge"
+        theta = as_floats("joint angles", joint_angles, allowed)
+        if theta.ndim == 0 or theta.shape[-1] != self.n_joints:
+            raise InvalidInput("joint angles", joint_angles, allowed)
+        return theta
+
+
+def _with(part: _P, **values: object) -> _P:
+    """A copy of a frozen object with other values that need no check; it shares what has been computed."""
+    other = copy(part)
+    other.__dict__.update(values)
+    return other
+
+
+def _constant(array: Array) -> Array:
+    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
+    array.setflags(write=False)
+    return array
+
+
+def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
+    """Angles around 0 between which the gap is above the smallest [rad]."""
+    square, b, c = gap
+    size, closest = float(np.hypot(b, c)), float(np.arctan2(c, b))
+    cosine = 1.0 - (smallest**2 - (square - 2.0 * size)) / (2.0 * size) if size > 0 else -1.0
+    if cosine >= 1.0:
+        return -np.inf, np.inf
+    margin = float(np.arccos(max(cosine, -1.0)))
+    if closest > 0:
+        return closest + margin - 2 * np.pi, closest - margin
+    return closest + margin, closest - margin + 2 * np.pi
+
+
+def _numbers(what: str, values: object, shape: tuple[int, ...]) -> Array:
+    allowed = f"{shape[0]} numbers" if shape else "a number"
+    array = as_floats(f"bead {what}", values, allowed, MechanismError)
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise MechanismError(f"bead {what}", values, allowed)
+    return array

@@ -1,0 +1,190 @@
+"""agents.campaign: many runs, some at a time; what is finished stays, what was interrupted goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from agents import campaign, train
+from agents.campaign import content, load_campaign
+from agents.config import EnvConfig, TrainConfig, load_config
+from rollingjoint.errors import ConfigError
+from rollingjoint.io.mechanism_file import mechanism_to_dict
+from rollingjoint.presets import small_arm
+
+TINY = """
+algorithm: ppo
+total_timesteps: {steps}
+env: {{n_envs: 2, settings: {{episode_steps: 10}}}}
+parameters: {{n_steps: 10, batch_size: 20, n_epochs: 1}}
+policy: {{hidden: [8]}}
+evaluation: {{every: 1000, episodes: 2}}
+checkpoint_every: 100
+"""
+
+# Stands in for agents.train: says that it runs, then waits for a signal and "saves".
+WAITING = """
+import pathlib, signal, sys, time
+folder = pathlib.Path(sys.argv[sys.argv.index("--run-dir") + 1])
+def save(*_):
+    (folder.parent / (folder.name + ".saved")).touch()
+    sys.exit(143)
+signal.signal(signal.SIGTERM, save)
+(folder.parent / (folder.name + ".runs")).touch()
+time.sleep(60)
+"""
+
+
+def campaign_file(folder: Path, steps: int = 1000, **runs: list[int]) -> Path:
+    for name in runs:
+        (folder / f"{name}.yaml").write_text(TINY.format(steps=steps))
+    path = folder / "list.yaml"
+    path.write_text(
+        "runs:\n" + "".join(f"  - {{config: {name}.yaml, seeds: {seeds}}}\n" for name, seeds in runs.items())
+    )
+    return path
+
+
+def run(path: Path, out: Path, jobs: int = 2) -> int:
+    return campaign.main([str(path), "--out", str(out), "--jobs", str(jobs)])
+
+
+def weights(folder: Path) -> bytes:
+    with zipfile.ZipFile(folder / "policy.zip") as archive:
+        return archive.read("policy.pth")
+
+
+def watch(monkeypatch, look) -> list[subprocess.Popen]:
+    """Calls look(children begun so far) whenever the campaign waits; the children."""
+    children, popen, sleep = [], subprocess.Popen, time.sleep
+    monkeypatch.setattr(campaign.subprocess, "Popen", lambda *a, **k: children.append(popen(*a, **k)) or children[-1])
+    monkeypatch.setattr(campaign.time, "sleep", lambda seconds: look(children) or sleep(0.02))
+    return children
+
+
+def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypatch, capfd):
+    path, out = campaign_file(tmp_path, near=[1, 2]), tmp_path / "out"
+
+    def kill_the_first(children):
+        if any((out / "near/seed_1/checkpoints").glob("[0-9]*")):
+            children[0].kill()
+
+    with monkeypatch.context() as patch:
+        watch(patch, kill_the_first)
+        assert run(path, out) == 2
+    said = capfd.readouterr()
+    assert "near seed 1: ended by SIGKILL; the same command goes on with it" in said.err
+    assert "2 of 2  near seed 2: " in said.out or "1 of 2  near seed 2: " in said.out
+    assert run(path, out) == 0
+    assert "1 runs are finished, 1 begun, 0 new" in capfd.readouterr().out
+    assert (out / "near/seed_1/command.txt").read_text().count("--resume") == 1
+    before = weights(out / "near/seed_1"), weights(out / "near/seed_2")
+    assert before[0] != before[1]
+    with monkeypatch.context() as patch:
+        patch.setattr(campaign.subprocess, "Popen", None)
+        assert run(path, out) == 0
+    assert (weights(out / "near/seed_1"), weights(out / "near/seed_2")) == before
+    alone = ["--config", str(tmp_path / "near.yaml"), "--set", "seed=1", "--run-dir", str(tmp_path / "alone")]
+    assert train.main(alone) == 0
+    assert weights(tmp_path / "alone") == before[0]
+
+
+def test_a_failing_run_is_reported_in_one_line_and_the_others_go_on(tmp_path, capfd):
+    path, out = campaign_file(tmp_path, steps=100, bad=[1], good=[7], changed=[1]), tmp_path / "out"
+    (out / "bad/seed_1").mkdir(parents=True)
+    (out / "bad/seed_1/letters.txt").write_text("of somebody")
+    assert train.main(["--config", str(tmp_path / "changed.yaml"), "--run-dir", str(out / "changed/seed_1")]) == 0
+    assert run(path, out, jobs=1) == 2
+    said = capfd.readouterr()
+    failed = [line for line in said.err.splitlines() if line.startswith("failed: ")]
+    assert [line.split(":")[1] for line in failed] == [" changed seed 1", " bad seed 1"]
+    assert "what" in failed[0] and "another --out" in failed[0]  # trained with seed 0, not 1
+    assert "What is there is no run; it stays as it is." in failed[1]
+    assert "2 of 3 runs failed" in said.err
+    assert campaign.is_finished(campaign.RunFolder(out / "good/seed_7"))
+    written = load_config(out / "good/seed_7/config.yaml")
+    assert (written.seed, written.torch_threads) == (7, 1)
+
+
+def test_a_signal_lets_every_child_save_begins_no_other_and_says_how_to_go_on(tmp_path, monkeypatch, capfd):
+    path, out = campaign_file(tmp_path, near=[1, 2, 3]), tmp_path / "out"
+    told, popen = [], subprocess.Popen
+
+    def stand_in(command, **arguments):
+        return popen([sys.executable, "-c", WAITING, *command[3:]], **arguments)
+
+    def interrupt_once_both_run(children):
+        if len(list(out.rglob("*.runs"))) == 2 and not told:
+            told.append(os.kill(os.getpid(), signal.SIGINT))
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(campaign.subprocess, "Popen", stand_in)
+    children = watch(monkeypatch, interrupt_once_both_run)
+    assert run(path, out) == 130
+    assert [child.returncode for child in children] == [143, 143]
+    assert len(list(out.rglob("*.saved"))) == 2
+    said = capfd.readouterr()
+    assert f"stopped by SIGINT; to go on: python -m agents.campaign {path} --out {out} --jobs 2" in said.out
+    assert "failed" not in said.err
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("runs: []", "a list with at least one entry"),
+        ("run: []", "Did you mean 'runs'?"),
+        ("runs: [{config: near.yaml}]", "the key 'seeds'"),
+        ("runs: [{config: near.yaml, seeds: [1.5]}]", "an integer from 0"),
+        ("runs: [{config: near.yaml, seeds: [1, 1]}]", "every seed once"),
+        ("runs: [{config: near.yaml, seeds: [1]}, {config: other/near.yaml, seeds: [1]}]", "every seed once"),
+        ("runs: [{config: far.yaml, seeds: [1]}]", "readable YAML text"),
+        ("runs: [{config: wrong.yaml, seeds: [1]}]", "Did you mean 'algorithm'?"),
+    ],
+)
+def test_a_wrong_campaign_file_is_refused_before_anything_is_trained(text, complaint, tmp_path, capsys):
+    path = campaign_file(tmp_path, near=[1])
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/near.yaml").write_text(TINY.format(steps=10))
+    (tmp_path / "wrong.yaml").write_text("algorithms: ppo")
+    path.write_text(text)
+    assert run(path, tmp_path / "out") == 2
+    said = capsys.readouterr().err
+    assert complaint in said and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_configuration_means_the_same_wherever_its_mechanism_is_written(tmp_path):
+    text = Path("configs/mechanism/two_segment.yaml").read_text()
+    assert "name: two_segment" in text
+    (tmp_path / "arm.yaml").write_text(text.replace("name: two_segment", "name: mine"))
+    (tmp_path / "train.yaml").write_text("env: {settings: {mechanism: arm.yaml}}")
+    from_file = load_config(tmp_path / "train.yaml")
+    by_name = load_config(tmp_path / "train.yaml", ["env.settings.mechanism=two_segment"])
+    assert from_file != by_name
+    assert content(from_file) == content(by_name)
+    assert content(load_config(tmp_path / "train.yaml", ["env.settings.mechanism=five_link"])) != content(by_name)
+    assert content(load_config(tmp_path / "train.yaml", ["env.settings.start_tension=3.5"])) != content(from_file)
+
+
+def test_the_content_of_an_arm_s_configuration_has_every_setting_and_bead():
+    env = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
+    settings = content(TrainConfig(env=env))["env"]["settings"]
+    assert settings["gravity"]["tilt"] == (0.0, 0.5) and settings["load"]["process"] == "constant"
+    assert settings["mechanism"] == mechanism_to_dict(small_arm()) | {"name": ""}
+    other = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": small_arm(5)})
+    assert content(TrainConfig(env=other)) != content(TrainConfig(env=env))
+
+
+@pytest.mark.parametrize("path", sorted(Path("configs/campaign").glob("*.yaml")), ids=lambda path: path.stem)
+def test_the_ready_campaigns_name_configurations_that_are_there(path):
+    try:
+        members = load_campaign(path)
+    except ConfigError as error:
+        pytest.fail(str(error))
+    assert len({member.seed for member in members}) >= 5

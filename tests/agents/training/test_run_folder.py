@@ -1,0 +1,79 @@
+import json
+
+import pytest
+
+from agents.config import TrainConfig
+from agents.run_folder import RunFolder, RunFolderError, write_file, write_text
+from agents.train import main
+from rollingjoint.io.mechanism_file import dump_mechanism
+from rollingjoint.presets import five_link
+
+
+def test_a_new_run_folder_holds_all_that_repeats_the_run(tmp_path):
+    config = TrainConfig(seed=5)
+    run = RunFolder.create(tmp_path / "run", config, ["python", "-m", "agents.train", "--set", "a b=1"])
+    assert run.config() == config
+    assert (run.path / "command.txt").read_text() == "python -m agents.train --set 'a b=1'\n"
+    assert {"python", "numpy", "torch", "stable-baselines3", "gymnasium", "platform"} <= set(
+        json.loads((run.path / "versions.json").read_text())
+    )
+    assert json.loads((run.path / "seeds.json").read_text())["training_environments"] == [5, 20]
+
+
+def test_a_run_is_replaced_only_by_force(tmp_path):
+    path = tmp_path / "run"
+    RunFolder.create(path, TrainConfig(seed=1), [])
+    with pytest.raises(RunFolderError, match="--force"):
+        RunFolder.create(path, TrainConfig(seed=2), [])
+    assert RunFolder.open(path).config().seed == 1
+    RunFolder.create(path, TrainConfig(seed=2), [], force=True)
+    assert RunFolder.open(path).config().seed == 2
+
+
+def test_force_never_replaces_a_folder_that_is_no_run(tmp_path):
+    (tmp_path / "letters.txt").write_text("dear")
+    with pytest.raises(RunFolderError, match="stays as it is"):
+        RunFolder.create(tmp_path, TrainConfig(), [], force=True)
+    assert (tmp_path / "letters.txt").read_text() == "dear"
+
+
+def test_the_mechanism_file_of_a_run_is_copied_into_its_folder(tmp_path):
+    (tmp_path / "mine.yaml").write_text(dump_mechanism(five_link()))
+    source = tmp_path / "some.yaml"
+    source.write_text("env: {settings: {mechanism: mine.yaml}}")
+    from agents.config import load_config
+
+    run = RunFolder.create(tmp_path / "run", load_config(source), [])
+    (tmp_path / "mine.yaml").unlink()
+    assert run.config().env.settings["mechanism"] == str((run.path / "mechanism.yaml").resolve())
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "file"
+    write_text(path, "old")
+
+    def broken(stream):
+        stream.write(b"half")
+        raise RuntimeError("disk full")
+
+    with pytest.raises(RuntimeError):
+        write_file(path, broken)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--config", "nowhere.yaml"],
+        ["--config", "configs/train/demo.yaml", "--set", "parameters.gamma=2"],
+        ["--config", "configs/train/demo.yaml", "--set", "env.id=Nowhere-v0", "--set", "env.file=null"],
+        ["--config", "configs/train/demo.yaml", "--set", "env.settings.mechanism=nowhere"],
+    ],
+)
+def test_a_broken_config_ends_with_one_line_and_no_run_folder(arguments, tmp_path, capsys):
+    assert main([*arguments, "--run-dir", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

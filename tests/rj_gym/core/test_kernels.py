@@ -1,0 +1,65 @@
+"""Kernels outside rollingjoint are compiled anew when their own source changes, or that of kernels they are made of."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = """
+from rollingjoint._numba.jit import kernel
+
+@kernel
+def moved(x):
+    return x + {shift}
+
+print(moved(1.0))
+"""
+
+USER = """
+from elsewhere import moved
+from rollingjoint._numba.jit import kernel
+
+@kernel
+def twice(x):
+    return 2.0 * moved(x)
+
+print(twice(1.0))
+"""
+
+
+@pytest.fixture
+def printed(tmp_path):
+    """What a program prints last, in a process of its own, after `elsewhere.py` was written with another number."""
+    own = {
+        "ROLLINGJOINT_CACHE": str(tmp_path / "cache"),
+        "PYTHONPATH": str(Path(__file__).resolve().parents[3]),
+        "PYTHONDONTWRITEBYTECODE": "1",  # Python's own would miss two versions of one size within a second
+    }
+
+    def run(program, shift):
+        (tmp_path / "elsewhere.py").write_text(SOURCE.format(shift=shift))
+        command = [sys.executable, tmp_path / program]
+        done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=True)
+        return float(done.stdout.split()[-1])
+
+    return run
+
+
+def test_a_kernel_of_another_package_is_compiled_anew_when_its_source_changes(printed, tmp_path):
+    assert [printed("elsewhere.py", shift) for shift in (1.0, 2.0, 2.0)] == [2.0, 3.0, 3.0]
+    assert list((tmp_path / "cache").rglob("*.nbc"))
+
+
+def test_a_kernel_is_compiled_anew_when_one_that_it_calls_in_another_file_changes(printed, tmp_path):
+    (tmp_path / "user.py").write_text(USER)
+    assert [printed("user.py", shift) for shift in (1.0, 2.0, 2.0)] == [4.0, 6.0, 6.0]
+
+
+def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():
+    from rj_gym.arm.kernels import observe, prepare
+    from rj_gym.tracking.kernels import observe as planar_observe
+
+    names = [one._cache._impl.filename_base for one in (observe, planar_observe, prepare)]
+    assert len(set(names)) == 3

@@ -1,0 +1,214 @@
+"""The native vector environments equal their scalar siblings, lane by lane and step by step."""
+
+import pickle
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import rj_gym
+from rollingjoint import InvalidInput, Status
+from rollingjoint.presets import five_link
+from tests.rj_gym.watched_solver import watch_solver
+
+SHORT = {"episode_steps": 4, "load": {"process": "step", "hold_steps": 2.0}, "target": {"process": "path"}}
+RANDOM = {"episode_steps": 3, "randomization": {"position_noise_mm": 0.2, "stiffness_spread": 0.2}, "start": "random"}
+
+
+def assert_same(native, scalar, where="observation"):
+    """Equal to the last bit, dtypes, masks and nested dictionaries included."""
+    if isinstance(scalar, dict):
+        assert set(native) == set(scalar), f"{where}: {set(native) ^ set(scalar)}"
+        for key in scalar:
+            assert_same(native[key], scalar[key], f"{where}[{key!r}]")
+    elif isinstance(scalar, np.ndarray) and scalar.dtype == object:
+        for one, other in zip(native, scalar, strict=True):
+            assert_same(one, other, where)
+    elif isinstance(scalar, np.ndarray):
+        assert native.dtype == scalar.dtype, f"{where}: {native.dtype} and {scalar.dtype}"
+        assert np.array_equal(native, scalar), f"{where}:\n{native}\n{scalar}"
+    else:
+        assert native == scalar, where
+
+
+@pytest.mark.parametrize("env_id", rj_gym.IDS)
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("overrides", [SHORT, RANDOM], ids=["step, path", "randomised"])
+def test_lanes_equal_scalar_environments(env_id, mode, overrides):
+    lanes, rng = 5, np.random.default_rng(0)
+    native = gymnasium.make_vec(env_id, lanes, "vector_entry_point", autoreset_mode=mode, **overrides)
+    scalar = SyncVectorEnv([lambda: gymnasium.make(env_id, **overrides)] * lanes, autoreset_mode=mode)
+    assert native.single_observation_space == scalar.single_observation_space
+    assert native.observation_space == scalar.observation_space
+    for one, other in zip(native.reset(seed=3), scalar.reset(seed=3), strict=True):
+        assert_same(one, other)
+    for _ in range(11):
+        actions = rng.uniform(-1, 1, native.action_space.shape).astype(np.float32)
+        outcomes = native.step(actions), scalar.step(actions)
+        names = ("observation", "reward", "terminated", "truncated", "infos")
+        for name, one, other in zip(names, *outcomes, strict=True):
+            assert_same(one, other, name)
+        ended = outcomes[0][2] | outcomes[0][3]
+        if mode is AutoresetMode.DISABLED and ended.any():
+            for one, other in zip(
+                native.reset(options={"reset_mask": ended}), scalar.reset(options={"reset_mask": ended}), strict=True
+            ):
+                assert_same(one, other, "masked reset")
+
+
+def test_many_lanes_on_threads_equal_scalar_environments():
+    native = gymnasium.make_vec("rj_gym/RollingJoint-v0", 600, "vector_entry_point", **SHORT)
+    observations, _ = native.reset(seed=11)
+    actions = np.random.default_rng(1).uniform(-1, 1, (3, 600, 2)).astype(np.float32)
+    stepped = [native.step(action)[0] for action in actions]
+    for lane in (0, 77, 599):
+        env = gymnasium.make("rj_gym/RollingJoint-v0", **SHORT)
+        assert np.array_equal(env.reset(seed=11 + lane)[0], observations[lane])
+        for action, batch in zip(actions, stepped, strict=True):
+            assert np.array_equal(env.step(action[lane])[0], batch[lane])
+
+
+def test_a_masked_reset_leaves_the_other_lanes_alone():
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="Disabled", episode_steps=4)
+    env.reset(seed=0)
+    before = env.step(np.zeros((3, 2)))[0]
+    after, infos = env.reset(
+        options={"reset_mask": np.array([False, True, False]), "load": {"link": -1, "force": (0, 0)}}
+    )
+    assert np.array_equal(before[[0, 2]], after[[0, 2]])
+    assert not np.array_equal(before[1], after[1])
+    assert infos["_sampled"].tolist() == [False, True, False]
+    assert np.all(infos["load"]["force"][1] == 0)
+
+
+def test_lanes_may_get_mechanisms_whose_tendons_end_elsewhere():
+    chain = five_link()
+    short = chain.replace(tendons=[replace(tendon, end=3) for tendon in chain.tendons])
+    settings = {"episode_steps": 4, "load": {"link": "tip"}}
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="Disabled", **settings)
+    scalar = rj_gym.RollingJointEnv(**settings)
+    env.reset(seed=0), scalar.reset(seed=1)
+    env.reset(options={"reset_mask": np.array([False, True, False]), "mechanism": short})
+    scalar.reset(options={"mechanism": short})
+    for _ in range(3):
+        observations, *_ = env.step(np.full((3, 2), 0.4))
+        assert np.array_equal(observations[1], scalar.step(np.full(2, 0.4))[0])
+        assert not np.array_equal(observations[1], observations[0])
+
+
+def test_an_ended_lane_must_be_reset_when_autoreset_is_disabled():
+    env = rj_gym.RollingJointVectorEnv(2, autoreset_mode=AutoresetMode.DISABLED, episode_steps=1)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2)))
+    with pytest.raises(ResetNeeded, match=r"Lanes \[0, 1\]"):
+        env.step(np.zeros((2, 2)))
+
+
+def test_a_failed_solve_ends_its_lane_only():
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode="SameStep")
+    env.reset(seed=0)
+
+    def fail_in_lane_1():  # but its restart, in a room of its own, succeeds
+        env._lanes._results.status[1] = Status.NOT_CONVERGED
+
+    watch_solver(env._lanes, after=fail_in_lane_1)
+    observations, rewards, terminated, truncated, infos = env.step(np.zeros((3, 2)))
+    assert terminated.tolist() == [False, True, False]
+    assert not truncated.any()
+    assert rewards[1] < -90 < rewards[0]
+    assert infos["final_info"]["status"][1] == "NOT_CONVERGED"
+    assert np.all(np.isfinite(observations))
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [np.zeros((2, 2)), np.full((3, 2), np.nan), "push", np.zeros((3, 3))],
+    ids=["shape", "nan", "text", "wide"],
+)
+def test_invalid_actions_change_nothing(actions):
+    env, untouched = rj_gym.RollingJointVectorEnv(3), rj_gym.RollingJointVectorEnv(3)
+    env.reset(seed=0), untouched.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"\(3, 2\)"):
+        env.step(actions)
+    for one, other in zip(env.step(np.ones((3, 2))), untouched.step(np.ones((3, 2))), strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: rj_gym.RollingJointVectorEnv(0),
+        lambda: rj_gym.RollingJointVectorEnv("many"),
+        lambda: rj_gym.RollingJointVectorEnv(2, autoreset_mode="never"),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_mode="human"),
+        lambda: rj_gym.RollingJointVectorEnv(2).reset(seed=[1, 2, 3]),
+        lambda: rj_gym.RollingJointVectorEnv(2).reset(options={"reset_mask": np.array([True, False])}),
+        lambda: rj_gym.RollingJointVectorEnv(2).reset(options={"reset_mask": np.array([1, 0])}),
+        lambda: rj_gym.RollingJointVectorEnv(2).reset(options={"goal": 1}),
+    ],
+)
+def test_unusable_arguments_are_refused(call):
+    with pytest.raises(InvalidInput):
+        call()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_calls_share_no_memory(mode):
+    env = rj_gym.RollingJointVectorEnv(3, autoreset_mode=mode, episode_steps=2)
+    calls = [env.reset(seed=0)]
+    for k in range(5):
+        calls.append(env.step(np.full((3, 2), 0.1 * k)))
+        if mode is AutoresetMode.DISABLED and calls[-1][3].any():
+            calls.append(env.reset(options={"reset_mask": calls[-1][3].copy()}))
+    groups = [arrays_in(call) + internal_arrays(env) * (call is calls[-1]) for call in calls]
+    assert all(len(group) > 20 for group in groups)
+    for k, group in enumerate(groups):
+        for array in group:
+            assert not any(np.shares_memory(array, other) for later in groups[k + 1 :] for other in later)
+    returned = arrays_in(calls[-1])
+    assert not any(np.shares_memory(array, inside) for array in returned for inside in internal_arrays(env))
+
+
+def arrays_in(value):
+    """All numeric arrays in nested results."""
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return [value]
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    return [array for part in value for array in arrays_in(part)] if isinstance(value, tuple | np.ndarray) else []
+
+
+def internal_arrays(env):
+    lanes = env._lanes
+    return [*lanes.state, *lanes.course, lanes._actions, lanes._loads, *lanes._results]
+
+
+def test_stepping_before_reset_is_refused():
+    with pytest.raises(ResetNeeded):
+        rj_gym.RollingJointVectorEnv(2).step(np.zeros((2, 2)))
+
+
+def test_a_pickled_batch_goes_on_alike():
+    env = rj_gym.RollingJointVectorEnv(3, render_mode="rgb_array")
+    env.reset(seed=5)
+    env.step(np.ones((3, 2)))
+    env.render()
+    copy = pickle.loads(pickle.dumps(env))
+    for _ in range(3):
+        assert_same(copy.step(-np.ones((3, 2)))[0], env.step(-np.ones((3, 2)))[0])
+
+
+def test_pictures_of_chosen_lanes_equal_those_of_scalar_environments():
+    env = rj_gym.RollingJointVectorEnv(3, render_mode="rgb_array", render_lanes=[2])
+    scalar = gymnasium.make("rj_gym/RollingJoint-v0", render_mode="rgb_array")
+    env.reset(seed=4)
+    scalar.reset(seed=6)
+    for action in ([1, 0], [0.5, -1]):
+        env.step([action] * 3)
+        scalar.step(np.array(action, np.float32))
+    (picture,) = env.render()
+    assert np.array_equal(picture, scalar.render())
+    env.close()

@@ -1,0 +1,77 @@
+"""docs/design_environment.md says what the code does: its examples run, its tables are the code's."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+torch = pytest.importorskip("torch")
+import rj_gym  # noqa: E402
+from rj_gym.design.options import OPTIONS  # noqa: E402
+from rollingjoint.design import MARGINS, DesignSpace  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = (ROOT / "docs" / "design_environment.md").read_text()
+EXAMPLES = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def rows(heading):
+    """Cells of the first table below a heading."""
+    section = PAGE.split(heading, 1)[1].split("\n#", 1)[0]
+    return [
+        [cell.strip(" `") for cell in line.strip("|").split(" | ")] for line in section.splitlines() if line[:2] == "| "
+    ]
+
+
+@pytest.mark.parametrize(("program", "output"), EXAMPLES)
+def test_example_prints_what_the_page_says(program, output, capsys):
+    exec(program, {})
+    assert capsys.readouterr().out == output
+
+
+def test_every_python_block_has_its_output():
+    assert PAGE.count("```python") == len(EXAMPLES) == 3
+
+
+@pytest.mark.parametrize("name", ["DesignConfig", "DesignRewardConfig"])
+def test_settings_table_has_every_key_and_its_default(name):
+    default = getattr(rj_gym, name)()
+    table = {key: yaml.safe_load(value) for key, value, *_ in rows(f"### {name}")[1:]}
+    fields = {f.name: getattr(default, f.name) for f in dataclasses.fields(default)}
+    plain = {key: value for key, value in fields.items() if key not in ("space", "reward")}
+    assert table == yaml.safe_load(yaml.safe_dump(plain).replace("!!python/tuple", ""))
+
+
+def test_the_default_space_is_the_one_that_the_page_names():
+    assert rj_gym.DesignConfig().space == DesignSpace(symmetric=False)
+
+
+def test_options_info_and_reward_tables_are_complete():
+    env = rj_gym.CurvatureDesignEnv(space={"knots": 3})
+    _, start = env.reset(seed=0)
+    info = env.step([0.0] * 6)[-1]
+    assert [key for key, *_ in rows("## Fixing an episode")[1:]] == list(OPTIONS)
+    assert {name for key, *_ in rows("## Info")[1:] for name in re.findall(r"\w+", key)} == start.keys() | info.keys()
+    assert re.findall(r"\w+", rows("## Info")[-1][1].split(":", 1)[1]) == list(start["sampled"])
+    assert [key for key, *_ in rows("## Reward")[1:]] == list(info["reward_terms"])
+
+
+def test_class_docstring_tables_every_kind_of_entry_with_its_bounds():
+    table = {}
+    for line in re.findall(r"^ *\| (.*) \|$", rj_gym.CurvatureDesignEnv.__doc__, re.MULTILINE):
+        names, _, _, low, high = line.split(" | ") if line.count(" | ") == 4 else [""] * 5
+        table |= {name.strip(): (low, high) for name in names.split(",")}
+    config = rj_gym.DesignConfig()
+    names = [entry.name for entry in rj_gym.design_observation_entries(config)]
+    assert names[: config.space.dimensions] == list(config.space.names)
+    for entry in rj_gym.design_observation_entries(config)[config.space.dimensions :]:
+        kind = re.sub(r"case \d", "case k", re.sub(r"link \d", "link i", entry.name))
+        assert table[kind] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
+    assert all(f"{name} margin" in names for name in MARGINS)
+
+
+def test_configuration_file_holds_the_defaults():
+    values = yaml.safe_load((ROOT / "configs" / "env" / "curvature_design.yaml").read_text())
+    assert rj_gym.DesignConfig.from_dict(values) == rj_gym.DesignConfig()

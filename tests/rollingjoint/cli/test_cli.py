@@ -1,0 +1,332 @@
+"""The command `rj`: what it prints, its exit codes, and that its documentation is true."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rollingjoint.cli import main
+from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
+from rollingjoint.planar.equilibrium import Status
+from rollingjoint.presets import PRESETS, five_link, small_arm
+from rollingjoint.statics.solve import solve_lengths, solve_tensions
+
+ROOT = Path(__file__).resolve().parents[3]
+DOCUMENT = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+CONSOLE = [block.splitlines() for block in re.findall(r"```console\n(.*?)```", DOCUMENT, flags=re.DOTALL)]
+SHELL = [line for block in re.findall(r"```sh\n(.*?)```", DOCUMENT, flags=re.DOTALL) for line in block.splitlines()]
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
+
+
+def rj(command: str) -> int:
+    """Exit code of the command line, argparse's own exits included."""
+    try:
+        return main(shlex.split(command))
+    except SystemExit as stop:
+        assert isinstance(stop.code, int)
+        return stop.code
+
+
+def solved(capsys: pytest.CaptureFixture[str], command: str) -> dict[str, list[dict[str, float]]]:
+    assert rj(f"solve {command} --json") == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to run in, with the project's configs beside."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def steps(block: list[str]) -> list[tuple[str, list[str]]]:
+    """Commands of a console block, each with the lines printed below it."""
+    found: list[tuple[str, list[str]]] = []
+    for line in block:
+        if line.startswith("$ "):
+            found.append((line[2:], []))
+        else:
+            found[-1][1].append(line)
+    return found
+
+
+@pytest.mark.parametrize("block", CONSOLE, ids=[block[0] for block in CONSOLE])
+def test_documented_commands_print_what_the_documentation_shows(
+    block: list[str], workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = 0
+    for command, shown in steps(block):
+        if command == "echo $?":
+            assert shown == [str(code)]
+            continue
+        assert command.startswith("rj ")
+        code = rj(command.removeprefix("rj "))
+        printed = "".join(capsys.readouterr()).splitlines()
+        assert len(printed) == len(shown)
+        for line, expected in zip(printed, shown, strict=True):
+            assert NUMBER.sub("#", line).split() == NUMBER.sub("#", expected).split()
+            values, wanted = NUMBER.findall(line), NUMBER.findall(expected)
+            np.testing.assert_allclose([float(v) for v in values], [float(v) for v in wanted], atol=2e-3)
+
+
+@pytest.mark.parametrize("command", SHELL)
+def test_documented_commands_succeed_and_write_their_files(command: str, workplace: Path) -> None:
+    assert command.startswith("rj ")
+    assert rj(command.removeprefix("rj ")) == 0
+    for file in re.findall(r"--(?:out|plot) (\S+)", command):
+        assert (workplace / file).stat().st_size > 1000
+
+
+def test_every_documented_exit_code_is_shown_by_an_example() -> None:
+    assert len(CONSOLE) >= 5
+    assert len(SHELL) >= 5
+    assert {shown[0] for block in CONSOLE for command, shown in steps(block) if command == "echo $?"} == {
+        "2",
+        "3",
+    }
+
+
+def test_json_holds_the_numbers_of_the_solver_to_the_last_bit(capsys: pytest.CaptureFixture[str]) -> None:
+    expected = solve_tensions(five_link(), (6, 3), [WorldForce(-1, (0.5, 0))])
+    result = solved(capsys, "five_link --tensions 6 3 --force -1 0.5 0")
+    assert [[row["x_mm"], row["y_mm"], row["angle_rad"]] for row in result["links"]] == expected.poses.tolist()
+    assert [row["arc_length_mm"] for row in result["joints"]] == expected.arc_lengths.tolist()
+    assert [row["length_mm"] for row in result["tendons"]] == expected.lengths.tolist()
+    assert [row["contact_mm"] for row in result["joints"]] == expected.contact_points.tolist()
+    np.testing.assert_array_equal([row["slip_margin_N"] for row in result["joints"]], expected.slip_margins(0.3))
+
+
+def test_every_load_option_reaches_the_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    loads = [
+        WorldForce(2, (0.1, -0.2)),
+        WorldForce(-1, (-0.3, 0)),
+        BodyWrench(3, (0.2, 0.1)),
+        WorldForce(1, (0, 0), moment=-4),
+        Spring(-1, 0.02, (-30, 90)),
+        Gravity([0.1, 0.2, 0.3, 0.4, 0.5], direction=(1, 0)),
+    ]
+    options = (
+        "--force 2 0.1 -0.2 --force -1 -0.3 0 --body-force 3 0.2 0.1 --moment 1 -4 --spring -1 0.02 -30 90 "
+        "--gravity 0.1 0.2 0.3 0.4 0.5 --gravity-direction 1 0"
+    )
+    result = solved(capsys, f"five_link --tensions 6 3 {options}")
+    expected = solve_tensions(five_link(), (6, 3), loads)
+    assert [row["angle_rad"] for row in result["joints"]] == expected.joint_angles.tolist()
+
+
+def test_loads_and_start_of_an_arm_reach_the_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    arm = small_arm()
+    loads = [
+        WorldForce(-1, (0, 0, 0), moment=(3, -4, 5)),
+        WorldForce(2, (0.1, -0.2, 0.3)),
+        BodyWrench(3, (0.2, 0.1, -0.3)),
+        Spring(-1, 0.02, (-30, 90, 70)),
+        arm.gravity((1, 0, 2)),
+    ]
+    options = (
+        "--moment -1 3 -4 5 --force 2 0.1 -0.2 0.3 --body-force 3 0.2 0.1 -0.3 --spring -1 0.02 -30 90 70 --gravity "
+        "--gravity-direction 1 0 2 --start 0.01 0.02 0.03 0.04"
+    )
+    result = solved(capsys, f"small_arm --tensions 6 3 0 0 {options}")
+    expected = solve_tensions(arm, (6, 3, 0, 0), loads, start=[0.01, 0.02, 0.03, 0.04])
+    assert [row["angle_rad"] for row in result["joints"]] == expected.joint_angles.tolist()
+    assert result["iterations"] == expected.iterations
+    result = solved(capsys, "small_arm --lengths 70 80 81 79 --tension-limits 0.5 3")
+    expected = solve_lengths(arm, (70, 80, 81, 79), tension_limits=(0.5, 3))
+    assert [row["tension_N"] for row in result["tendons"]] == expected.tensions.tolist()
+
+
+def test_json_of_an_arm_holds_the_numbers_of_the_solver_to_the_last_bit(capsys: pytest.CaptureFixture[str]) -> None:
+    arm = small_arm()
+    result = solved(capsys, "small_arm --tensions 5 0 0 1 --gravity")
+    expected = solve_tensions(arm, (5, 0, 0, 1), [arm.gravity()])
+    assert [[row["x_mm"], row["y_mm"], row["z_mm"]] for row in result["links"]] == expected.positions.tolist()
+    assert [row["rotation"] for row in result["links"]] == expected.rotations.tolist()
+    assert [row["spring_moment_N_mm"] for row in result["joints"]] == (500.0 * expected.joint_angles).tolist()
+    assert [row["length_mm"] for row in result["tendons"]] == expected.lengths.tolist()
+    assert result["smallest_eigenvalue_N_mm_per_rad"] == expected.smallest_eigenvalue
+    assert result["escapes"] == 0
+
+
+def test_an_arm_that_has_buckled_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("solve flexible_arm --tensions 1 1 1 1 1 1 1 1 --gravity") == 0
+    assert re.search(r"buckled: \d+ escapes\)$", capsys.readouterr().out.rstrip())
+
+
+def test_a_hanging_arm_is_drawn_hanging(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    monkeypatch.setattr("rollingjoint.plotting.planar.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
+    for options in ("", "--gravity", "--gravity --gravity-direction 0 0 1"):
+        assert rj(f"plot small_arm --tensions 1 1 1 1 {options} --out arm.png") == 0
+    assert [ax.zaxis_inverted() for ax in drawn] == [False, False, True]
+
+
+def test_one_weight_stands_for_every_link(capsys: pytest.CaptureFixture[str]) -> None:
+    one = solved(capsys, "five_link --tensions 6 3 --gravity 0.2")
+    each = solved(capsys, "five_link --tensions 6 3 --gravity 0.2 0.2 0.2 0.2 0.2")
+    assert one == each
+
+
+def test_method_and_tension_limits_reach_the_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    result = solved(capsys, "five_link --lengths 86 108 --tension-limits 0.5 3 --method elastic")
+    expected = solve_lengths(five_link(), (86, 108), tension_limits=(0.5, 3))
+    assert [row["tension_N"] for row in result["tendons"]] == expected.tensions.tolist()
+    result = solved(capsys, "five_link --lengths 86 108 --method least_squares")
+    expected = solve_lengths(five_link(), (86, 108), method="least_squares")
+    assert [row["tension_N"] for row in result["tendons"]] == expected.tensions.tolist()
+
+
+@pytest.mark.parametrize("number", ["-0.25", "-.25", "-25e-2", "-2.5E-1"])
+def test_negative_number_is_no_option_however_it_is_written(number: str, capsys: pytest.CaptureFixture[str]) -> None:
+    expected = solve_tensions(five_link(), (6, 3), [WorldForce(-1, (-0.25, -0.25))])
+    result = solved(capsys, f"five_link --tensions 6 3 --force -1 {number} {number}")
+    assert [row["angle_rad"] for row in result["joints"]] == expected.joint_angles.tolist()
+
+
+def test_friction_changes_the_slip_margin(capsys: pytest.CaptureFixture[str]) -> None:
+    command = "five_link --tensions 6 3 --force -1 0.5 0 --friction 0"
+    for joint in solved(capsys, command)["joints"]:
+        assert joint["slip_margin_N"] == -abs(joint["tangential_N"])
+
+
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [
+        ("solve five_link --tensions 0 0", Status.INDETERMINATE),
+        ("solve five_link --tensions nan 1", Status.INVALID_INPUT),
+        ("solve five_link --tensions -1 1", Status.INVALID_INPUT),
+        ("solve five_link --tensions 1 1 --force -1 inf 0", Status.INVALID_INPUT),
+    ],
+)
+def test_unusable_result_exits_with_3_and_names_the_status(
+    command: str, status: Status, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rj(command) == 3
+    assert capsys.readouterr().out.splitlines()[-1].startswith(f"{status.name}: {status.message}")
+    assert rj(f"{command} --json") == 3
+    result = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (result["status"], result["usable"]) == (status.name, False)
+
+
+def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
+    workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rj("plot five_link --tensions 1 1 --force -1 nan 0 --out bad.png") == 3
+    assert (workplace / "bad.png").exists()
+    assert "INVALID_INPUT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "parts"),
+    [
+        ("", ["COMMAND"]),
+        ("solv five_link", ["'solv'", "'solve'"]),
+        ("solve five_lnik --tensions 1 1", ["'five_lnik'", "Did you mean 'five_link'?"]),
+        ("solve missing.yaml --tensions 1 1", ["missing.yaml", "path of a YAML file"]),
+        ("solve five_link", ["--tensions --lengths is required"]),
+        ("solve five_link --tensions 1 1 --lengths 9 9", ["not allowed with"]),
+        ("solve five_link --tensions 1 x", ["--tensions", "'x'"]),
+        ("solve five_link --tensions 1", ["--tensions = [1.0]", "2 numbers"]),
+        ("solve five_link --lengths 1 2 3", ["--lengths", "2 numbers"]),
+        ("solve five_link --tensions 1 1 --force -1 1", ["--force = [-1.0, 1.0]", "LINK FX FY for"]),
+        ("solve small_arm --tensions 1 1 1 1 --force -1 1 0", ["--force = [-1.0, 1.0, 0.0]", "LINK FX FY FZ"]),
+        ("solve small_arm --tensions 1 1 1 1 --moment -1 1", ["--moment", "LINK MX MY MZ"]),
+        ("solve small_arm --tensions 1 1 1 1 --moment 5 1 0 0", ["--moment LINK = 5.0", "0 (base) to 4"]),
+        ("solve small_arm --tensions 1 1 1 1 --spring -1 1 0 0", ["--spring", "LINK K AX AY AZ"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity 0.1", ["--gravity = [0.1]", "weights of their own"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 -1", ["--gravity-direction", "3 numbers"]),
+        ("solve small_arm --tensions 1 1 1 1 --gravity --gravity-direction 0 0 0", ["direction"]),
+        ("solve small_arm --tensions 1 1 1 1 --friction 0.2", ["--friction = 0.2", "a planar chain"]),
+        ("solve small_arm --tensions 1 1 1 1 --start 0 0", ["--start", "4 numbers"]),
+        ("solve small_arm --lengths 80 80 80 80 --method least_squares", ["method = 'least_squares'", "RollingChain"]),
+        ("solve five_link --tensions 1 1 --gravity", ["--gravity = []", "5, one per link"]),
+        ("export small_arm --out parts", ["'small_arm'", "a planar chain", "not an arm of beads"]),
+        ("plot small_arm --gravity --out a.png", ["--gravity", "--tensions or --lengths"]),
+        ("plot five_link --start 0 0 0 0 --out a.png", ["--start", "--tensions or --lengths"]),
+        ("solve five_link --tensions 1 1 --force 5 1 0", ["--force LINK = 5.0", "0 (base) to 4"]),
+        ("solve five_link --tensions 1 1 --moment 1.5 1", ["--moment LINK = 1.5"]),
+        ("solve five_link --tensions 1 1 --gravity 1 2", ["--gravity", "5, one per link"]),
+        ("solve five_link --tensions 1 1 --gravity 1 --gravity-direction 0 0", ["direction"]),
+        ("solve five_link --tensions 1 1 --start 0 0", ["--start", "4 numbers"]),
+        ("solve five_link --tensions 1 1 --start 0 0 0 99", ["99", "limits"]),
+        ("solve five_link --tensions 1 1 --method elastic", ["--method", "only beside --lengths"]),
+        (
+            "solve five_link --tensions 1 1 --tension-limits 0 9",
+            ["--tension-limits", "only beside --lengths"],
+        ),
+        ("solve five_link --lengths 1 1 --method fast", ["'fast'", "'elastic'"]),
+        ("solve five_link --tensions 1 1 --friction -1", ["--friction = -1.0", "from 0 to 100"]),
+        ("solve five_link --tensions 1 1 --friction 1e308 --json", ["--friction = 1e+308"]),
+        ("solve five_link --tensions 1 1 --gravity-direction 1 0", ["--gravity-direction", "--gravity beside it"]),
+        ("solve five_link --tensions 1 1 --plot no/such.png", ["no/such.png", "existing folder"]),
+        ("solve five_link --tensions 1 1 --plot bend.doc", ["bend.doc", ".png"]),
+        ("plot five_link", ["--out"]),
+        ("plot five_link --out bend", ["'bend'", ".png"]),
+        ("plot five_link --force -1 1 0 --out a.png", ["--force", "--tensions or --lengths"]),
+        ("check missing.yaml", ["missing.yaml"]),
+    ],
+)
+def test_wrong_input_exits_with_2_and_one_clear_line(
+    command: str, parts: list[str], workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rj(command) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert output.err.startswith("rj")
+    assert all(part in output.err for part in parts), output.err
+
+
+def test_check_goes_on_after_a_wrong_file(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (workplace / "wrong.yaml").write_text("links: 3\ntendons: []\n", encoding="utf-8")
+    assert rj("check wrong.yaml configs/mechanism/five_link.yaml") == 2
+    output = capsys.readouterr()
+    assert "wrong.yaml: links = 3" in output.err
+    assert "configs/mechanism/five_link.yaml: ok: 5 links" in output.out
+
+
+def test_warmup_says_where_the_kernels_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("warmup") == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("kernels ready after ")
+    kept = Path(printed.split("kept in ")[1].strip())
+    for kernels in ("batch.solve_lanes", "hinge_batch.solve_hinge_lanes"):
+        assert any(kept.glob(f"{kernels}-*.nbc")), kernels
+
+
+def test_mechanisms_gives_one_line_per_preset(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("mechanisms") == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(PRESETS)
+
+
+def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("--version") == 0
+    assert re.fullmatch(r"rj \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+
+
+def test_closed_pipe_ends_quietly() -> None:
+    """The reader closes at once, as `rj mechanisms | true` does."""
+    script = "import sys; from rollingjoint.cli import main; sys.stdin.read(); sys.exit(main(['mechanisms']))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdin is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    process.stdin.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    assert process.wait() == 0

@@ -1,0 +1,177 @@
+"""Compiled kernels are kept where they can be written, and forgotten when any kernel source changes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rollingjoint._numba import jit
+
+ROOT = Path(__file__).resolve().parents[3]
+
+PROGRAM = """
+from rollingjoint._numba.jit import cache_directory, kernel
+from rollingjoint import Profile, Surface, Link, RollingChain, Tendon
+import numpy as np
+link = Link(Surface(Profile.constant(0.05), (0, -10)), Surface(Profile.constant(-0.05), (0, 10)))
+chain = RollingChain([link, link], [Tendon.on_surfaces(5.0)])
+print(chain.arc_lengths([-0.1])[0], cache_directory())
+"""
+
+
+def run(cache: Path, program: str = PROGRAM, sources: Path = ROOT, **settings: str) -> list[str]:
+    """Words that a program prints in a new process that keeps its kernels in that folder (empty: where it may)."""
+    environment = os.environ | {"ROLLINGJOINT_CACHE": str(cache), "PYTHONPATH": str(sources)} | settings
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env=environment, cwd=sources, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # the announcement is for terminals only
+    return done.stdout.split()
+
+
+def test_kernels_are_kept_on_disk(tmp_path):
+    arc, folder = run(tmp_path)
+    assert float(arc) == pytest.approx(1.0)
+    assert Path(folder).parent == tmp_path
+    kept = {path: path.stat().st_mtime_ns for path in Path(folder).glob("*.nbc")}
+    assert kept
+    assert run(tmp_path)[0] == arc
+    assert {path: path.stat().st_mtime_ns for path in Path(folder).glob("*.nbc")} == kept
+
+
+def test_damaged_files_and_read_only_places_cost_time_and_nothing_else(tmp_path):
+    folder = Path(run(tmp_path)[1])
+    for path in folder.iterdir():
+        path.write_bytes(b"")
+    assert float(run(tmp_path)[0]) == pytest.approx(1.0)
+    blocked = tmp_path / "file"
+    blocked.write_text("a file where a folder should be")
+    assert float(run(blocked)[0]) == pytest.approx(1.0)
+
+
+def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch):
+    before = jit._source_hash()
+    copy = tmp_path / "rollingjoint"
+    for room in ("_numba", "kernels"):
+        shutil.copytree(jit._PACKAGE / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(jit, "_PACKAGE", copy)
+    assert jit._source_hash.__wrapped__() == before
+    source = copy / "kernels" / "planar" / "joint.py"
+    source.write_text(source.read_text() + "\n")
+    assert jit._source_hash.__wrapped__() != before
+
+
+def test_a_package_and_a_home_that_cannot_be_written_leave_scratch_space(tmp_path):
+    package = tmp_path / "site" / "rollingjoint"
+    shutil.copytree(ROOT / "rollingjoint", package, ignore=shutil.ignore_patterns("__pycache__"))
+    blocked = package / "__pycache__"
+    blocked.write_text("a file where a folder should be: not even an administrator can write there")
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    places = {"ROLLINGJOINT_CACHE": "", "XDG_CACHE_HOME": str(blocked), "TMPDIR": str(scratch)}
+    arc, folder = run(Path(), sources=package.parent, **places)
+    assert float(arc) == pytest.approx(1.0)
+    assert Path(folder).parent.parent == scratch
+    assert list(Path(folder).glob("*.nbc"))
+
+
+@pytest.fixture(scope="module")
+def warm_folder(tmp_path_factory):
+    """A folder for kernels after `rj warmup`."""
+    folder = tmp_path_factory.mktemp("kernels")
+    said = run(folder, "from rollingjoint.cli import main; main(['warmup'])")
+    assert said[:2] == ["kernels", "ready"]
+    return folder
+
+
+COMPILED = """
+from pathlib import Path
+from rollingjoint._numba.jit import cache_directory
+from rollingjoint.kernels.planar.batch import solve_lanes, stiffness_of
+from rollingjoint.kernels.planar.side_by_side import solve_side_by_side
+from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
+
+KERNELS = solve_side_by_side, solve_lanes, stiffness_of, arc_lengths_of, poses_of
+
+def compiled():
+    return [kernel.__name__ for kernel in KERNELS if kernel.stats.cache_misses]
+
+def used():
+    return [kernel.__name__ for kernel in KERNELS if kernel.signatures]
+"""
+
+EVERYTHING = (
+    COMPILED
+    + """
+import numpy as np
+import rollingjoint as rj
+from rollingjoint.planar import published
+from rollingjoint.io import report
+from rollingjoint.statics import sensitivity
+
+arm, long, loads = rj.five_link(), rj.uniform(40), [rj.WorldForce(-1, (0.3, 0.1)), rj.Spring(2, 0.01, (9.0, 9.0))]
+loads.append(rj.BodyWrench(1, (0.1, 0.0)))
+loads.append(rj.Gravity([0.1] * 5))
+solved = [
+    rj.solve_tensions(arm, (3, 2)),
+    rj.solve_tensions(arm, (0, 0)),
+    rj.solve_tensions(arm, (float("nan"), 1), loads),
+    rj.solve_lengths(arm, (88, 98), loads, start=[0.0] * 4),
+    rj.solve_lengths(arm, (88, 98), loads, method="least_squares", tension_limits=(0.5, 20)),
+    rj.solve_tensions(long, (3, 2)),
+    rj.solve_lengths(long, long.neutral_lengths - 1.0, [rj.WorldForce(-1, (1e-4, 0.0))]),
+    rj.solve_tensions_batch(arm, [(3, 2), (0, 0)], loads),
+    rj.solve_lengths_batch([arm, rj.five_link()], [(88, 98), (86, 99)]),
+]
+for equilibrium in solved:
+    assert equilibrium.stiffness.size and equilibrium.arc_lengths.size and equilibrium.free_joints.size
+    assert np.all(equilibrium.smallest_eigenvalue > -1e9)
+for function in (sensitivity.dposes_dtensions, sensitivity.dlengths_dtensions, sensitivity.dposes_dlengths):
+    function(solved[0]), function(solved[3])
+for chain in (arm, long):
+    chain.poses(chain.neutral_angles[None]), chain.arc_lengths(chain.neutral_angles), chain.neutral_lengths
+report.as_table(solved[0]), report.as_json(solved[3])
+print(*compiled(), "of", *used(), *sorted(path.name for path in Path(cache_directory()).iterdir()))
+"""
+)
+
+WORKER = (
+    COMPILED
+    + """
+def work(tensions):
+    import rollingjoint as rj
+    equilibrium = rj.solve_tensions(rj.five_link(), tensions)
+    return str(equilibrium.status.name), equilibrium.stiffness.shape, compiled(), used()
+"""
+)
+
+SPAWN = """
+import multiprocessing, sys
+sys.path.insert(0, {folder!r})
+from worker import work
+if __name__ == "__main__":
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        for status, shape, compiled, used in pool.map(work, [(3, 2), (0, 0)]):
+            print(status, *shape, *compiled, "of", len(used))
+"""
+
+
+@pytest.mark.slow
+def test_after_warmup_no_public_call_compiles(warm_folder):
+    (folder,) = warm_folder.iterdir()
+    kept = sorted(path.name for path in folder.iterdir())
+    kernels = ["solve_side_by_side", "solve_lanes", "stiffness_of", "arc_lengths_of", "poses_of"]
+    assert run(warm_folder, EVERYTHING) == ["of", *kernels, *kept]
+
+
+@pytest.mark.slow
+def test_worker_processes_load_what_is_kept(warm_folder, tmp_path):
+    (tmp_path / "worker.py").write_text(WORKER)
+    (folder,) = warm_folder.iterdir()
+    kept = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    words = run(warm_folder, SPAWN.format(folder=str(tmp_path)))
+    assert words == ["CONVERGED", "4", "4", "of", "2", "INDETERMINATE", "4", "4", "of", "3"]
+    assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == kept

@@ -1,0 +1,69 @@
+"""Pictures of hinge chains: what is drawn where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import matplotlib
+import numpy as np
+import pytest
+
+matplotlib.use("Agg")
+
+from matplotlib import pyplot
+
+from rollingjoint import InvalidInput, Spring, WorldForce, five_link, small_arm, solve_tensions, solve_tensions_batch
+from rollingjoint.plotting import plot_arm
+
+
+@pytest.fixture(autouse=True)
+def close_figures() -> Iterator[None]:
+    yield
+    pyplot.close("all")
+
+
+def test_tendons_run_through_their_holes_and_slack_ones_are_dashed():
+    arm = small_arm()
+    found = solve_tensions(arm, [5.0, 0.0, 0.0, 1.0], [arm.gravity((0, 0, 1))])
+    ax = plot_arm(found, label="bent")
+    axis, *tendons = ax.lines
+    assert np.array(axis.get_data_3d()) == pytest.approx(found.positions.T)
+    for line, expected in zip(tendons, arm.tendon_polyline(found.poses), strict=True):
+        assert np.array(line.get_data_3d()) == pytest.approx(expected.T)
+    assert [line.get_linestyle() for line in tendons] == ["-", "--", "--", "-"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["bent", "tendon 0: 5 N", "tendon 3: 1 N"]
+
+
+def test_forces_are_arrows_and_weights_are_not():
+    arm = small_arm()
+    found = solve_tensions(arm, np.zeros(4), [arm.gravity((1, 0, 0)), WorldForce(-1, (0.3, 0.4, 0.0))])
+    bare = plot_arm(found, tendons=False, loads=False)
+    ax = plot_arm(found, tendons=False)
+    assert len(ax.collections) == len(bare.collections) + 1
+    assert "0.5 N" in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_springs_are_dotted_lines_to_their_anchors():
+    arm, anchor = small_arm(), (30.0, 5.0, 70.0)
+    found = solve_tensions(arm, np.zeros(4), [Spring(-1, 0.05, anchor, point=(0.0, 2.0, 0.0))])
+    ax = plot_arm(found, tendons=False)
+    begin, end = np.array(ax.lines[-1].get_data_3d()).T
+    assert begin == pytest.approx(found.poses[-1, :3, :3] @ (0.0, 2.0, 0.0) + found.tip) and end == pytest.approx(
+        anchor
+    )
+    assert "spring 0.05 N/mm" in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_a_mechanism_is_drawn_at_rest_and_beads_reach_around_their_holes():
+    arm = small_arm(2)
+    ax = plot_arm(arm)
+    assert (ax.zz_dataLim.x0, ax.zz_dataLim.x1) == pytest.approx((-4.0, 40.0))  # the base's holes; the distal face
+    assert ax.xy_dataLim.x1 == pytest.approx(1.15 * 15.0)
+    assert ax.get_legend() is None
+
+
+def test_only_one_hinge_chain_can_be_drawn():
+    arm = small_arm()
+    for wrong in (solve_tensions_batch(arm, np.ones((2, 4))), five_link(), None):
+        with pytest.raises(InvalidInput, match="one HingeEquilibrium"):
+            plot_arm(wrong)
