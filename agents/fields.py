@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rollingjoint.checked_yaml import mapping, suggestion
+from rollingjoint.checked_yaml import mapping
+from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 

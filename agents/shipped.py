@@ -26,7 +26,8 @@ from agents.recorded_score import RecordedScore
 from rj_gym import IDS, settings_of
 from rj_gym.config import TaskConfig
 from rj_gym.tracking.task import Task, task_of
-from rollingjoint.checked_yaml import mapping, suggestion, text
+from rollingjoint.checked_yaml import mapping, text
+from rollingjoint.checks import suggestion
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.statics.families import Mechanism

@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 from numbers import Real
 from typing import Any, Self
 
-from rollingjoint.checked_yaml import suggestion
+from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 Range = tuple[float, float]

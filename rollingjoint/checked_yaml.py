@@ -5,8 +5,6 @@ Every check takes `where`, such as "arm.yaml: links[2].child", and raises Config
 
 from __future__ import annotations
 
-import difflib
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from rollingjoint.checks import as_integer, as_number, suggestion
 from rollingjoint.errors import ConfigError, InvalidInput
 
 
@@ -78,12 +77,6 @@ def mapping(where: str, value: object, valid: Sequence[str], required: Sequence[
     return value
 
 
-def suggestion(word: str, valid: Sequence[str]) -> str:
-    """The question whether the nearest valid word was meant, or nothing if none is near."""
-    nearest = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    return f"Did you mean {nearest[0]!r}?" if nearest else ""
-
-
 def entries(where: str, value: object) -> Sequence[Any]:
     """The value, a list that is not empty."""
     if not isinstance(value, list | tuple) or not value:
@@ -121,20 +114,12 @@ def point(where: str, value: object) -> tuple[float, float]:
 
 def number(where: str, value: object) -> float:
     """A finite number."""
-    try:
-        converted = math.nan if isinstance(value, bool | str) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        converted = math.nan
-    if not math.isfinite(converted):
-        raise ConfigError(where, value, "a finite number")
-    return converted
+    return as_number(where, value, error=ConfigError)
 
 
 def whole_number(where: str, value: object) -> int:
-    """A whole number; 2.0 and true are none."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ConfigError(where, value, "a whole number")
-    return value
+    """An integer."""
+    return as_integer(where, value, error=ConfigError)
 
 
 def text(where: str, value: object) -> str:

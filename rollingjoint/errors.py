@@ -1,11 +1,6 @@
-"""Exceptions that name the value, what was expected and the mend, and the conversions that raise them."""
+"""The exceptions: each names the value, what was expected and how to fix it."""
 
 from __future__ import annotations
-
-import math
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 
 class RollingJointError(Exception):
@@ -41,29 +36,6 @@ class ConfigError(InvalidInput):
 
 class SolverError(RollingJointError, RuntimeError):
     """An equilibrium that the caller required and the solver could not give."""
-
-
-def as_floats(
-    what: str, values: ArrayLike | object, allowed: str, error: type[InvalidInput] = InvalidInput
-) -> NDArray[np.float64]:
-    """A contiguous float copy of the values; `error` unless they are numbers and rows of one length."""
-    try:
-        return np.array(values, dtype=float, order="C")
-    except (TypeError, ValueError, OverflowError):
-        raise error(what, values, allowed) from None
-
-
-def as_integer(
-    what: str, value: object, allowed: str, error: type[InvalidInput] = InvalidInput, low: float = -math.inf
-) -> int:
-    """The value as an int; `error` unless it is a whole number, such as 2 or 2.0, of at least `low`."""
-    try:
-        number = int(value)  # type: ignore[call-overload]
-    except (TypeError, ValueError, OverflowError):
-        raise error(what, value, allowed) from None
-    if number != value or number < low:
-        raise error(what, value, allowed)
-    return int(number)
 
 
 def _short(value: object, limit: int = 120) -> str:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.errors import InvalidInput, as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.errors import InvalidInput
 
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
 """Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
@@ -189,7 +190,7 @@ def link_index(link: int, n_links: int) -> int:
     if type(link) is int and -n_links <= link < n_links:
         return link % n_links
     allowed = f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}"
-    index = as_integer("link", link, allowed)
+    index = as_integer("link", link, allowed=allowed)
     if not -n_links <= index < n_links:
         raise InvalidInput("link", link, allowed)
     return index % n_links

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.spatial.chain import Bead, HingeChain
@@ -59,7 +60,7 @@ def uniform(
         tendon_offset: holes at the surface points s = ±tendon_offset [mm].
         stiffness: of each tendon [N/mm].
     """
-    n = as_integer("n", n, "2 or more links, the base included", low=2)
+    n = as_integer("n", n, 2, allowed="2 or more links, the base included")
     _check_lengths(height=height, radius=radius, half_width=half_width, tendon_offset=tendon_offset)
     link = _round_link(height, radius, half_width)
     tendons = [Tendon.on_surfaces(s, stiffness=stiffness) for s in (-tendon_offset, tendon_offset)]
@@ -87,8 +88,8 @@ def two_segment(
         half_width: surfaces run over s in [-half_width, half_width] [mm].
         stiffness: of each tendon [N/mm].
     """
-    n_proximal = as_integer("n_proximal", n_proximal, "1 or more moving links", low=1)
-    n_distal = as_integer("n_distal", n_distal, "1 or more moving links", low=1)
+    n_proximal = as_integer("n_proximal", n_proximal, 1, allowed="1 or more moving links")
+    n_distal = as_integer("n_distal", n_distal, 1, allowed="1 or more moving links")
     _check_lengths(height=height, radius=radius, half_width=half_width)
     link = _round_link(height, radius, half_width)
     outer, inner = 0.75 * half_width, 0.5 * half_width
@@ -127,7 +128,7 @@ def small_arm(n: int = 4, model: str = "exact", *, stiffness: float = 500.0, wei
         stiffness: of every hinge [N·mm/rad].
         weight: of every bead [N].
     """
-    n = as_integer("n", n, "1 or more beads", low=1)
+    n = as_integer("n", n, 1, allowed="1 or more beads")
     beads = [Bead(20.0, "xy"[i % 2], stiffness, gap=8.0, weight=weight) for i in range(n)]
     holes = ((15.0, 0.0), (0.0, 15.0), (-15.0, 0.0), (0.0, -15.0))
     return HingeChain(beads, [BeadTendon([hole]) for hole in holes], model, "small_arm")

@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput, MechanismError
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from rollingjoint.errors import MechanismError, as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.errors import MechanismError
 
 _T = TypeVar("_T")
 
@@ -56,7 +57,9 @@ class Tendon:
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
         object.__setattr__(self, "holes", holes)
-        object.__setattr__(self, "end", as_integer("tendon end", self.end, "the number of a link", MechanismError))
+        object.__setattr__(
+            self, "end", as_integer("tendon end", self.end, allowed="the number of a link", error=MechanismError)
+        )
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
 
     @classmethod
@@ -95,7 +98,9 @@ class BeadTendon:
         if holes.ndim != 2 or holes.shape[1] != 2 or not len(holes) or not np.all(np.isfinite(holes)):
             raise MechanismError("tendon holes", self.holes, allowed)
         object.__setattr__(self, "holes", tuple((float(x), float(y)) for x, y in holes))
-        object.__setattr__(self, "end", as_integer("tendon end", self.end, "the number of a link", MechanismError))
+        object.__setattr__(
+            self, "end", as_integer("tendon end", self.end, allowed="the number of a link", error=MechanismError)
+        )
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
 
     def last_link(self, n_links: int) -> int:

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from queue import SimpleQueue
 
-from rollingjoint.errors import as_integer
+from rollingjoint.checks import as_integer
 
 _JOINTS_WORTH_A_THREAD = 1024  # of all its lanes: some 60 µs of work, about what it takes to wake a thread
 
@@ -29,7 +29,7 @@ def set_threads(count: int) -> None:
         InvalidInput: a count below 1.
     """
     global _threads
-    _threads = as_integer("threads", count, "a whole number, 1 or more", low=1)
+    _threads = as_integer("threads", count, 1, allowed="a whole number, 1 or more")
 
 
 def run_lanes(work: Callable[[int, int], object], n_lanes: int, n_joints: int) -> None:

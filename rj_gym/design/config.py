@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 
 from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
-from rollingjoint.checked_yaml import suggestion
+from rollingjoint.checks import as_floats, suggestion
 from rollingjoint.design import DesignSpace
-from rollingjoint.errors import ConfigError, as_floats
+from rollingjoint.errors import ConfigError
 
 Rows = tuple[tuple[float, ...], ...]
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.design.config import DesignRewardConfig
 from rj_gym.design.observation import observe
 from rj_gym.design.task import DesignTask, Episodes, Fixed, Judged
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.equilibrium import Status
 
 Array = NDArray[np.float64]

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.design.task import DesignTask, Fixed
+from rollingjoint.checks import as_floats
 from rollingjoint.design import MARGINS
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,8 @@ from rj_gym.design.render import DesignRenderer, scene
 from rj_gym.design.task import Fixed, design_task
 from rj_gym.tracking.info import masked_info, spread_info, unmasked_info, whole_info
 from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
-from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -56,7 +57,7 @@ class CurvatureDesignVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDAr
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
     ) -> None:
-        self.num_envs = as_integer("num_envs", num_envs, "a whole number of lanes, 1 or more", low=1)
+        self.num_envs = as_integer("num_envs", num_envs, 1, allowed="a whole number of lanes, 1 or more")
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         self.task = design_task(config, overrides)

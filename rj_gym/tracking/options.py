@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rj_gym.config import TaskConfig, TrackingConfig
 from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.load import link_index
 from rollingjoint.planar.chain import RollingChain

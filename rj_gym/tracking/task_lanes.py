@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.tracking.generators import Generators
 from rj_gym.tracking.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
 from rollingjoint._numba.jit import machine_code
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.batch import TendonLaw
 from rollingjoint.threads import run_lanes
 

@@ -21,7 +21,8 @@ from rj_gym.tracking.spaces import goal_observation, lane_observations, observat
 from rj_gym.tracking.task import Task, task_of
 from rj_gym.tracking.task_lanes import TaskLanes
 from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
-from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -56,7 +57,7 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
     ) -> None:
-        self.num_envs = as_integer("num_envs", num_envs, "a whole number of lanes, 1 or more", low=1)
+        self.num_envs = as_integer("num_envs", num_envs, 1, allowed="a whole number of lanes, 1 or more")
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         if not isinstance(config, self.settings):

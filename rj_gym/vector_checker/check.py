@@ -15,7 +15,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from rj_gym.vector_checker import autoreset, episodes, interface, memory, seeding
 from rj_gym.vector_checker.probe import AnyVectorEnv, Failure, Inapplicable, Probe
 from rj_gym.vector_checker.report import Outcome, Report, Result
-from rollingjoint.errors import InvalidInput, as_integer
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
 
 Check = Callable[[Probe], None]
 
@@ -104,8 +105,8 @@ def check_vector_env(
         if name not in CHECKS:
             near = get_close_matches(name, CHECKS, 1, 0.0)[0]
             raise InvalidInput("skip", name, "the name of a check", f"The nearest is {near!r}; see CHECKS.")
-    n_steps = as_integer("n_steps", n_steps, "a whole number of steps, 1 or more", low=1)
-    seed = as_integer("seed", seed, "a whole number, 0 or more", low=0)
+    n_steps = as_integer("n_steps", n_steps, 1, allowed="a whole number of steps, 1 or more")
+    seed = as_integer("seed", seed, 0, allowed="a whole number, 0 or more")
     make, modes, name, is_built = _builder(make_env)
     outcomes: list[Outcome] = []
     for mode in modes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from rollingjoint.checks import as_integer
 from rollingjoint.design.objectives import (
     Measured,
     Rows,
@@ -23,7 +24,6 @@ from rollingjoint.design.objectives import (
 )
 from rollingjoint.differentiable import DifferentiableChain, solve_lengths, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
-from rollingjoint.errors import as_integer
 
 _SMALLEST_MOVE = 1e-6  # mm; a tip that gives way by less is taken to give way by so much
 _STIFFEST = 1e9  # N·mm/rad; stands for the eigenvalue of a chain whose joints are all held
@@ -141,7 +141,7 @@ class LoadCapacity:
 
     def __post_init__(self) -> None:
         freeze(self, tensions=checked_tensions("LoadCapacity tensions", (self.tensions,))[0])
-        as_integer("LoadCapacity levels", self.levels, "a whole number, 1 or more", low=1)
+        as_integer("LoadCapacity levels", self.levels, 1, allowed="a whole number, 1 or more")
         checked_number("LoadCapacity force", self.force, "a force above 0 [N]", above=0.0)
         checked_number("LoadCapacity friction", self.friction, "a coefficient above 0", above=0.0)
         checked_number("LoadCapacity reserve", self.reserve, "a distance of 0 or more [mm]", least=0.0)

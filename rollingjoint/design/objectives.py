@@ -15,10 +15,11 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.checks import as_floats, as_integer
 from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
-from rollingjoint.errors import InvalidInput, as_floats, as_integer
+from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
@@ -134,7 +135,7 @@ class _Sweep:
     cases: int = 9
 
     def __post_init__(self) -> None:
-        as_integer("cases", self.cases, "a whole number, 2 or more", low=2)
+        as_integer("cases", self.cases, 2, allowed="a whole number, 2 or more")
         checked_number("tension", self.tension, "a sum of tensions above 0 [N]", above=0.0)
         checked_number("ratio", self.ratio, "a ratio of tensions above 1", above=1.0)
 

@@ -14,12 +14,13 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.checks import as_floats, as_integer
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.margins import MARGINS
 from rollingjoint.design.objectives import Measured, Objective
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.design.sweeps import shared_sweeps
-from rollingjoint.errors import InvalidInput, as_floats, as_integer
+from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -271,7 +272,7 @@ class _Judged:
 
 def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
     """What `work` makes of the rows, chunk by chunk, on so many threads."""
-    threads = as_integer("threads", threads, "a whole number, 1 or more", low=1)
+    threads = as_integer("threads", threads, 1, allowed="a whole number, 1 or more")
     chunks = torch.as_tensor(rows).split(min(_CHUNK, -(-len(rows) // threads)))
     if threads == 1:
         return [work(chunk) for chunk in chunks]

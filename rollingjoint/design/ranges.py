@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint.errors import ConfigError, as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.errors import ConfigError
 
 _ALLOWED = {  # name: least, most, unit
     "convexity": (-1.0, 1.0, "1/mm"),
@@ -28,8 +29,10 @@ def checked(given: dict[str, Any]) -> dict[str, Any]:
         ConfigError: a value that cannot be used.
     """
     values = dict(given)
-    values["n_links"] = as_integer("n_links", given["n_links"], "2 or more links, the base included", ConfigError, 2)
-    knots = as_integer("knots", given["knots"], "an odd number of 3 or more", ConfigError, 3)
+    values["n_links"] = as_integer(
+        "n_links", given["n_links"], 2, allowed="2 or more links, the base included", error=ConfigError
+    )
+    knots = as_integer("knots", given["knots"], 3, allowed="an odd number of 3 or more", error=ConfigError)
     if knots % 2 == 0:
         raise ConfigError("knots", knots, "an odd number of 3 or more", f"Take {knots + 1}: one knot lies at s = 0.")
     values["knots"] = knots

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.checks import as_floats
 from rollingjoint.design.curve import Curve, curve
 from rollingjoint.design.faults import faults
 from rollingjoint.design.inverse import compare, read
@@ -18,7 +19,7 @@ from rollingjoint.design.margins import MARGINS, margins
 from rollingjoint.design.numbers import Numbers, Structure, structure
 from rollingjoint.design.ranges import checked
 from rollingjoint.differentiable import DifferentiableChain
-from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS
 

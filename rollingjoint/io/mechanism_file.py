@@ -11,7 +11,8 @@ from typing import Any, TypeVar, overload
 
 import yaml
 
-from rollingjoint.checked_yaml import mapping, read_yaml, suggestion
+from rollingjoint.checked_yaml import mapping, read_yaml
+from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.file import rolling_chain_from_dict, rolling_chain_to_dict

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 from rollingjoint.planar import joint_table

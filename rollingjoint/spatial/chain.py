@@ -11,7 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, MechanismError, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.spatial.arrays import Hinges
 from rollingjoint.load import Gravity
 from rollingjoint.spatial import se3

@@ -26,7 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial import se3
 from rollingjoint.spatial.chain import HingeChain
 

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import InvalidInput, as_floats
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, Load, load_table, spatial_load_table
 from rollingjoint.planar.batch import Chain, Problem, TendonLaw, designs_of, distinct, new_results, solve_range
 from rollingjoint.planar.chain import RollingChain

@@ -1,0 +1,32 @@
+"""Tables of text cells, aligned for a terminal or as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, ruled: bool = False) -> str:
+    """Aligned columns, two spaces apart: the first `left` ones to the left, the others to the right.
+
+    Args:
+        head: the names of the columns.
+        rows: one cell per column.
+        left: how many columns are aligned to the left.
+        ruled: whether a line separates the head from the rows.
+    """
+    lines = [list(head), *map(list, rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    texts = [
+        "  ".join(
+            cell.ljust(width) if place < left else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    ]
+    return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]] if ruled else texts)
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
+    """A Markdown table: the first `left` columns aligned to the left, the others to the right."""
+    align = [":--" if place < left else "--:" for place in range(len(head))]
+    return "\n".join(f"| {' | '.join(line)} |" for line in [head, align, *rows])
