@@ -6,7 +6,6 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from tests.test_gym_env import rollout, same
 
 import rj_gym
 from rj_gym import FlexibleArmConfig, FlexibleArmEnv, FlexibleArmGoalEnv, FlexibleArmVectorEnv
@@ -15,6 +14,7 @@ from rollingjoint import Status
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.presets import five_link, flexible_arm, small_arm
 from rollingjoint.spatial import se3
+from tests.rj_gym.planar.test_env import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 
 SMALL = {"mechanism": "small_arm"}

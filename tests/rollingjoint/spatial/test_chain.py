@@ -10,10 +10,10 @@ from rollingjoint import (
     InvalidInput,
     MechanismError,
     flexible_arm,
-    se3,
     small_arm,
     solve_tensions,
 )
+from rollingjoint.spatial import se3
 
 RNG = np.random.default_rng(5)
 TWISTS = np.concatenate([RNG.normal(size=(20, 6)), 1e-9 * RNG.normal(size=(3, 6)), np.zeros((1, 6))])
