@@ -144,5 +144,5 @@ def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None
         allowed = "an environment with goals, such as rj_gym/RollingJointGoal-v0"
         raise ConfigError("env.id", config.env.id, allowed, "Hindsight (her) relabels goals.")
     if config.algorithm == "crossq" and parts:
-        mend = "sb3-contrib has no CrossQ policy for observations in parts: sac and tqc have one."
-        raise ConfigError("env.id", config.env.id, "an environment whose observation is one vector", mend)
+        hint = "sb3-contrib has no CrossQ policy for observations in parts: sac and tqc have one."
+        raise ConfigError("env.id", config.env.id, "an environment whose observation is one vector", hint)

@@ -63,8 +63,8 @@ class Member:
             return ["--config", str(self.config), "--run-dir", str(folder), *changes]
         run = RunFolder.open(folder)
         if content(run.config()) != content(load_config(self.config, self.overrides)):
-            mend = "To train what the file says now, remove that folder or give another --out."
-            raise RunFolderError("run folder", str(folder), f"what {self.config} says", mend)
+            hint = "To train what the file says now, remove that folder or give another --out."
+            raise RunFolderError("run folder", str(folder), f"what {self.config} says", hint)
         return None if is_finished(run) else ["--resume", str(folder)]
 
 
@@ -100,8 +100,8 @@ def load_campaign(path: Path) -> list[Member]:
             member = Member(config, seed)
             load_config(config, member.overrides)
             if members.setdefault((config.stem, seed), member) is not member:
-                mend = "A run folder is named after both."
-                raise ConfigError(where, str(member), "every name of a configuration with every seed once", mend)
+                hint = "A run folder is named after both."
+                raise ConfigError(where, str(member), "every name of a configuration with every seed once", hint)
     return list(members.values())
 
 

@@ -130,9 +130,9 @@ def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
         _put_back(model.env, *content["environments"])
         _load_replay_buffer(model, checkpoint / "resume" / "replay_buffer.pkl")
     except UNREADABLE as error:
-        mend = f"{type(error).__name__}: {error}"
+        hint = f"{type(error).__name__}: {error}"
         allowed = "a checkpoint that these versions of the packages can read"
-        raise RunFolderError("checkpoint", str(checkpoint), allowed, mend) from error
+        raise RunFolderError("checkpoint", str(checkpoint), allowed, hint) from error
     return model, content["moment"]
 
 

@@ -13,7 +13,7 @@ FAILED, INTERRUPTED = 2, 130
 
 
 def exit_code(command: Callable[[], int]) -> int:
-    """The exit code of `command`; errors that a user can mend become one line and code 2."""
+    """The exit code of `command`; errors that a user can fix become one line and code 2."""
     try:
         return command()
     except (RollingJointError, OSError) as error:

@@ -46,7 +46,7 @@ class EnvConfig:
         try:
             return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
         except ConfigError as error:
-            raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.mend) from error
+            raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.hint) from error
 
     @property
     def episode_steps(self) -> int | None:
@@ -201,7 +201,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
             values["env"] = _resolve_env(values["env"], path.parent)
         return TrainConfig.from_dict(values)
     except ConfigError as error:
-        raise ConfigError(f"{source}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{source}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

@@ -61,8 +61,8 @@ class Evaluation:
         used = self.config.evaluation
         seen = range(self.config.seed, self.config.seed + self.config.env.n_envs)
         if any(_overlap(self.seeds, other) for other in (seen, range(used.seed, used.seed + used.episodes))):
-            mend = "The run's seeds.json lists them; give another --seed."
-            raise ConfigError("--seed", self.seeds.start, "seeds that training has not used", mend)
+            hint = "The run's seeds.json lists them; give another --seed."
+            raise ConfigError("--seed", self.seeds.start, "seeds that training has not used", hint)
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

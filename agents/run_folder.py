@@ -127,8 +127,8 @@ class RunFolder:
         if not (path / "config.yaml").is_file():
             raise RunFolderError("run folder", str(path), "a new folder", "What is there is no run; it stays as it is.")
         if not force:
-            mend = "There is a run already: --resume goes on with it, --force replaces it, --run-dir names another."
-            raise RunFolderError("run folder", str(path), "a new folder", mend)
+            hint = "There is a run already: --resume goes on with it, --force replaces it, --run-dir names another."
+            raise RunFolderError("run folder", str(path), "a new folder", hint)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -137,8 +137,8 @@ class RunFolder:
             try:
                 held.enter_context(file_lock(self.path / "lock"))
             except BlockingIOError:
-                mend = "Wait for its end, or stop it."
-                raise RunFolderError("run folder", str(self.path), "one in which no training runs", mend) from None
+                hint = "Wait for its end, or stop it."
+                raise RunFolderError("run folder", str(self.path), "one in which no training runs", hint) from None
             yield
 
     def begin_anew(self) -> None:

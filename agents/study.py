@@ -138,8 +138,8 @@ class StudyConfig:
         try:
             self.trained({key: value}, self.training_seeds[0])
         except ConfigError as error:
-            mend = error.mend or "Every value must fit the configuration by itself."
-            raise ConfigError(f"space: {key}: {error.what}", error.value, error.allowed, mend) from error
+            hint = error.hint or "Every value must fit the configuration by itself."
+            raise ConfigError(f"space: {key}: {error.what}", error.value, error.allowed, hint) from error
 
     def trained(self, values: Mapping[str, Any], seed: int) -> TrainConfig:
         """What a trial with these values by key trains with this seed; raises ConfigError if they do not fit."""
@@ -177,7 +177,7 @@ def load_study(path: Path) -> StudyConfig:
         space = {str(key): _range(f"space: {key}", range_) for key, range_ in _keys("space", values).items()}
         return StudyConfig(train, space, **{name: values[name] for name in SETTINGS if name in values})
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def _training(values: Mapping[str, Any], folder: Path) -> TrainConfig:

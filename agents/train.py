@@ -96,8 +96,8 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
 def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> TrainConfig:
     before, config = run.config(), run.config(overrides)
     if replace(config, total_timesteps=before.total_timesteps) != before:
-        mend = "For any other change begin a new run from its config.yaml."
-        raise ConfigError("--set", " ".join(overrides), "total_timesteps=N and nothing else with --resume", mend)
+        hint = "For any other change begin a new run from its config.yaml."
+        raise ConfigError("--set", " ".join(overrides), "total_timesteps=N and nothing else with --resume", hint)
     if overrides and config.total_timesteps < done:
         raise ConfigError("--set", " ".join(overrides), f"no fewer than the {done} steps that are done")
     return config
@@ -106,8 +106,8 @@ def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> Trai
 def _check_nothing_is_lost(run: RunFolder) -> None:
     """Raise RunFolderError where a policy is there, but no checkpoint to go on from."""
     if any(run.path.glob("checkpoints/[0-9]*")) or run.policy_files("last")[0].exists():
-        mend = "To begin anew: --config with --force."
-        raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", mend)
+        hint = "To begin anew: --config with --force."
+        raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", hint)
 
 
 def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Moment | None = None) -> int:

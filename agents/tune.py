@@ -77,8 +77,8 @@ class StudyFolder:
             raise ConfigError("--config", None, f"a YAML file, since no study is in {self.path}")
         config = load_study(begun if file is None else file)
         if begun.is_file() and replace(load_study(begun), trials=config.trials) != config:
-            mend = "Leave --config out to go on with the study, or give another --study."
-            raise ConfigError("--config", str(file), f"what the study in {self.path} began with", mend)
+            hint = "Leave --config out to go on with the study, or give another --study."
+            raise ConfigError("--config", str(file), f"what the study in {self.path} began with", hint)
         return config
 
     def begin(self, config: StudyConfig) -> None:

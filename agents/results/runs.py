@@ -47,8 +47,8 @@ class Run:
         if not is_tracking(config.env):
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
         if not is_finished(folder):
-            mend = f"To go on: python -m agents.train --resume {path}"
-            raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", mend)
+            hint = f"To go on: python -m agents.train --resume {path}"
+            raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
             Policy.load(folder, POLICY)
             return cls(folder, config, training_seconds(folder), _curve(folder))

@@ -83,7 +83,7 @@ def load_search(path: Path) -> SearchConfig:
     try:
         return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def _plain(value: Any) -> Any:
