@@ -14,7 +14,7 @@ from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rj_gym.config import TaskConfig
+    from rj_gym.core.config import TaskConfig
 
 
 @dataclass(frozen=True)

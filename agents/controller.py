@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.task import Task
+from rj_gym.core.task import Task
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.statics.solve import solve_lengths_batch

@@ -24,8 +24,8 @@ from agents.network import Network, PolicyError, Vectors
 from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
 from agents.recorded_score import RecordedScore
 from rj_gym import IDS, settings_of
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import Task, task_of
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import InvalidInput

@@ -19,7 +19,7 @@ from agents.policy import Policy
 from agents.rollout import is_tracking
 from agents.run_folder import PROCESSOR, RunFolder, RunFolderError
 from rj_gym import IDS
-from rj_gym.config import TaskConfig
+from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training

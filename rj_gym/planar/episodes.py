@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.render import Scene
-from rj_gym.tracking import kernels
-from rj_gym.tracking.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
-from rj_gym.tracking.sampling import Episodes
-from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.planar import kernels
+from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
+from rj_gym.planar.render import Scene
+from rj_gym.planar.sampling import Episodes
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
@@ -20,7 +20,7 @@ from rollingjoint.planar.batch import PinnedRange, Problem, new_results, solve_r
 from rollingjoint.planar.chain import RollingChain
 
 if TYPE_CHECKING:
-    from rj_gym.tracking.task import TrackingTask
+    from rj_gym.core.task import TrackingTask
 
 __all__ = ["Lanes", "over_time"]
 

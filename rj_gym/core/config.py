@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
+from rj_gym.core.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
 from rollingjoint.errors import ConfigError
 from rollingjoint.planar.chain import RollingChain
 

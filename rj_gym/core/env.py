@@ -11,11 +11,11 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.config import TaskConfig, TrackingConfig
-from rj_gym.tracking.info import only_lane
-from rj_gym.tracking.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
-from rj_gym.tracking.spaces import goal_observation, observation_space
-from rj_gym.tracking.task import Task, task_of
+from rj_gym.core.config import TaskConfig, TrackingConfig
+from rj_gym.core.info import only_lane
+from rj_gym.core.spaces import goal_observation, observation_space
+from rj_gym.core.task import Task, task_of
+from rj_gym.planar.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
 from rollingjoint.errors import InvalidInput
 
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
+from rj_gym.core.generators import Generators
+from rj_gym.planar.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
@@ -22,7 +22,7 @@ from rollingjoint.planar.batch import TendonLaw
 from rollingjoint.threads import run_lanes
 
 if TYPE_CHECKING:
-    from rj_gym.tracking.task import Task
+    from rj_gym.core.task import Task
 
 Array = NDArray[np.float64]
 Observation = NDArray[np.float32]

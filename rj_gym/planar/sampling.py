@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import LoadConfig, RandomizationConfig, TrackingConfig
-from rj_gym.tracking.draws import (
+from rj_gym.core.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.core.draws import (
     Block,
     Uniforms,
     blocks_of,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.kernels import fill_uniforms
+from rj_gym.planar.kernels import fill_uniforms
 
 
 class Generators:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.generators import Generators
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.generators import Generators
 
 Array = NDArray[np.float64]
 _E = TypeVar("_E")

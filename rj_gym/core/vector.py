@@ -13,14 +13,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.config import TaskConfig, TrackingConfig
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.info import masked_info, spread_info, unmasked_info, whole_info
-from rj_gym.tracking.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
-from rj_gym.tracking.spaces import goal_observation, lane_observations, observation_space
-from rj_gym.tracking.task import Task, task_of
-from rj_gym.tracking.task_lanes import TaskLanes
-from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
+from rj_gym.core.config import TaskConfig, TrackingConfig
+from rj_gym.core.episodes import TaskLanes
+from rj_gym.core.generators import Generators
+from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
+from rj_gym.core.task import Task, task_of
+from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
+from rj_gym.planar.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 

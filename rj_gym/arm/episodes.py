@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rj_gym.arm import kernels
 from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
 from rj_gym.arm.sampling import Episodes
-from rj_gym.tracking.kernels import TENSIONS
-from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes
+from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes
+from rj_gym.planar.kernels import TENSIONS
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain

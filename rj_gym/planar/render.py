@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.canvas import (
+from rj_gym.rendering.canvas import (
     BACKGROUND,
     EDGE,
     INK,

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.kernels import (
+from rj_gym.core.episodes import TaskLanes, over_time
+from rj_gym.planar.kernels import (
     EFFORT,
     ERROR,
     FAILURE,
@@ -21,7 +22,6 @@ from rj_gym.tracking.kernels import (
     TIP,
     TRACKING,
 )
-from rj_gym.tracking.task_lanes import TaskLanes, over_time
 from rollingjoint.planar.equilibrium import Status
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rj_gym.tracking.task import Task
+from rj_gym.core.task import Task
 
 
 def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:

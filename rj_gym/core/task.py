@@ -9,17 +9,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.config import TaskConfig, TrackingConfig
-from rj_gym.render import Renderer
-from rj_gym.tracking import info
-from rj_gym.tracking.draws import Block, Uniforms
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.kernels import ERROR, TARGET, TIP, Rules
-from rj_gym.tracking.lanes import Lanes
-from rj_gym.tracking.observation import POSITION_BOUND, Entry, force_scale, observation_entries
-from rj_gym.tracking.options import checked_options
-from rj_gym.tracking.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_blocks
-from rj_gym.tracking.task_lanes import TaskLanes
+from rj_gym.core import info
+from rj_gym.core.config import TaskConfig, TrackingConfig
+from rj_gym.core.draws import Block, Uniforms
+from rj_gym.core.episodes import TaskLanes
+from rj_gym.core.generators import Generators
+from rj_gym.planar.episodes import Lanes
+from rj_gym.planar.kernels import ERROR, TARGET, TIP, Rules
+from rj_gym.planar.observation import POSITION_BOUND, Entry, force_scale, observation_entries
+from rj_gym.planar.options import checked_options
+from rj_gym.planar.render import Renderer
+from rj_gym.planar.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_blocks
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rj_gym.config import TaskConfig, TrackingConfig
+from rj_gym.core.config import TaskConfig, TrackingConfig
 from rollingjoint.planar.chain import RollingChain
 
 POSITION_BOUND = 2.0

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.config import TaskConfig, TrackingConfig
-from rj_gym.tracking.sampling import NOTHING_FIXED, Fixed
+from rj_gym.core.config import TaskConfig, TrackingConfig
+from rj_gym.planar.sampling import NOTHING_FIXED, Fixed
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism
