@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.baselines.responses import choose
-from agents.controller import HANGING, Array, Seen
+from agents.evaluation.controller import HANGING, Array, Seen
 from rj_gym.core.task import Task
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.spatial.chain import HingeChain

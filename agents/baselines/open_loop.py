@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
-from agents.controller import Array, Seen
+from agents.evaluation.controller import Array, Seen
 from rj_gym.core.task import Task
 from rollingjoint.statics.solve import solve_tensions_batch
 

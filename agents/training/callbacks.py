@@ -13,12 +13,12 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents import checkpoint
-from agents.checkpoint import Moment, save_policy
-from agents.config import TrainConfig
-from agents.policy import Policy
-from agents.rollout import run_episodes
-from agents.run_folder import RunFolder
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import TrainConfig
+from agents.runs.folder import RunFolder
+from agents.training import checkpoint
+from agents.training.checkpoint import Moment, save_policy
 
 Row = dict[str, float]
 Watch = Callable[[Row], bool]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from agents.build import algorithm_class, load_normaliser
-from agents.controller import Seen
-from agents.run_folder import RunFolder, RunFolderError
+from agents.evaluation.controller import Seen
+from agents.runs.folder import RunFolder, RunFolderError
+from agents.training.build import algorithm_class, load_normaliser
 from rj_gym.core.task import Task
 
 if TYPE_CHECKING:

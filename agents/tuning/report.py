@@ -17,9 +17,9 @@ from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
-from agents.pictures import png
-from agents.run_folder import versions, write_bytes, write_text
-from agents.study import Choices, StudyConfig, with_values
+from agents.evaluation.pictures import png
+from agents.runs.folder import versions, write_bytes, write_text
+from agents.tuning.study import Choices, StudyConfig, with_values
 from rollingjoint.checked_yaml import dump_yaml
 
 DONE, PRUNED, FAILED, BEST = "#0072b2", "#e69f00", "#7f7f7f", "#d55e00"  # Okabe and Ito

@@ -11,7 +11,7 @@ from typing import Any
 from stable_baselines3.common.logger import CSVOutputFormat, Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.run_folder import PROCESSOR, RunFolder
+from agents.runs.folder import PROCESSOR, RunFolder
 
 ITERATIONS = "time/iterations"
 ELAPSED = "time/time_elapsed"

@@ -16,7 +16,7 @@ from typing import Any
 import safetensors.numpy
 from numpy.typing import NDArray
 
-from agents.network import PolicyError
+from agents.policies.network import PolicyError
 
 FORMAT = 1
 SUFFIX = ".safetensors"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from agents.fields import check_boolean, check_integer, check_number, check_schedule, schedule
+from agents.runs.schedules import check_boolean, check_integer, check_number, check_schedule, schedule
 from rollingjoint.checked_yaml import mapping
 from rollingjoint.errors import ConfigError
 

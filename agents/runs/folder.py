@@ -33,8 +33,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.config import TrainConfig, load_config
-from agents.file_lock import file_lock
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.file_lock import file_lock
 from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.errors import InvalidInput
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.controller import Array
-from agents.rollout import Episodes
+from agents.evaluation.controller import Array
+from agents.evaluation.rollout import Episodes
 
 CLOSE_MM = 1.0
 HELD_STEPS = 10

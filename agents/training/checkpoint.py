@@ -30,9 +30,9 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from agents.build import build_model
-from agents.config import TrainConfig
-from agents.run_folder import RunFolder, RunFolderError, write_bytes, write_file
+from agents.runs.config import TrainConfig
+from agents.runs.folder import RunFolder, RunFolderError, write_bytes, write_file
+from agents.training.build import build_model
 
 NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
 NO_PART_OF_A_POLICY = ("replay_buffer_class", "replay_buffer_kwargs")  # hindsight would ask for environments

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from agents.config import EnvConfig, TrainConfig
-from agents.parameters import constructor_arguments
-from agents.rollout import tip_error
+from agents.evaluation.rollout import tip_error
+from agents.runs.algorithms import constructor_arguments
+from agents.runs.config import EnvConfig, TrainConfig
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:

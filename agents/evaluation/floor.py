@@ -23,8 +23,8 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from agents.config import EnvConfig
-from agents.rollout import is_tracking
+from agents.evaluation.rollout import is_tracking
+from agents.runs.config import EnvConfig
 from rj_gym.core.task import task_of
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.planar.equilibrium import Status

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.config import TrainConfig, load_config
-from agents.fields import check_boolean, check_choice, check_integer, check_number
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.schedules import check_boolean, check_choice, check_integer, check_number
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
 

@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
-from agents.config import EnvConfig
-from agents.controller import Array, Controller, Seen
+from agents.evaluation.controller import Array, Controller, Seen
+from agents.runs.config import EnvConfig
 from rj_gym.core.task import Task
 from rollingjoint.errors import ConfigError
 
@@ -120,7 +120,7 @@ def _side_by_side(
 
 def _vector_env(env: EnvConfig, lanes: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
     """The native vector environment of rj_gym; else scalar environments one after the other."""
-    from agents.build import make_env
+    from agents.training.build import make_env
 
     if not env.id.startswith("rj_gym/"):
         return SyncVectorEnv([partial(make_env, env, **arguments)] * lanes)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from agents.fields import check_integer, check_number
+from agents.runs.schedules import check_integer, check_number
 from rollingjoint.checked_yaml import mapping
 
 if TYPE_CHECKING:
-    from agents.report import Score
+    from agents.evaluation.report import Score
 
 ERRORS, SHARES = ("mean_mm", "median_mm", "p95_mm"), ("within_1_mm", "held_1_mm")
 RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands: docs/policies.md says why
@@ -21,7 +21,7 @@ class RecordedScore:
     """What a policy scored on the episodes with the seeds first_seed, first_seed + 1, ...
 
     Args:
-        values: by the names ERRORS [mm] and SHARES, which mean what they mean in agents.report.Score.
+        values: by the names ERRORS [mm] and SHARES, which mean what they mean in agents.evaluation.report.Score.
         tolerances: by the same names, how far a score of the same episodes may lie from the value.
     Raises:
         ConfigError: a missing name, or a number out of range.

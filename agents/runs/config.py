@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.fields import check_boolean, check_choice, check_integer, check_number
-from agents.parameters import PARAMETERS, check_hindsight, check_parameters
+from agents.runs.schedules import check_boolean, check_choice, check_integer, check_number
+from agents.runs.algorithms import PARAMETERS, check_hindsight, check_parameters
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
 

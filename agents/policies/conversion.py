@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.network import Network, PolicyError, Vectors
+from agents.policies.network import Network, PolicyError, Vectors
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
