@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.config import TrainConfig, load_config, plain_settings
-from agents.fields import check_integer
-from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import task_of
+from agents.runs.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
+from agents.runs.config import TrainConfig, load_config, plain_settings
+from agents.runs.folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
+from agents.runs.schedules import check_integer
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.task import task_of
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
@@ -63,8 +63,8 @@ class Member:
             return ["--config", str(self.config), "--run-dir", str(folder), *changes]
         run = RunFolder.open(folder)
         if content(run.config()) != content(load_config(self.config, self.overrides)):
-            mend = "To train what the file says now, remove that folder or give another --out."
-            raise RunFolderError("run folder", str(folder), f"what {self.config} says", mend)
+            hint = "To train what the file says now, remove that folder or give another --out."
+            raise RunFolderError("run folder", str(folder), f"what {self.config} says", hint)
         return None if is_finished(run) else ["--resume", str(folder)]
 
 
@@ -100,8 +100,8 @@ def load_campaign(path: Path) -> list[Member]:
             member = Member(config, seed)
             load_config(config, member.overrides)
             if members.setdefault((config.stem, seed), member) is not member:
-                mend = "A run folder is named after both."
-                raise ConfigError(where, str(member), "every name of a configuration with every seed once", mend)
+                hint = "A run folder is named after both."
+                raise ConfigError(where, str(member), "every name of a configuration with every seed once", hint)
     return list(members.values())
 
 

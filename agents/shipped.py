@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 
-from agents.config import EnvConfig, plain_settings
-from agents.fields import check_integer
-from agents.network import Network, PolicyError, Vectors
-from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
-from agents.recorded_score import RecordedScore
+from agents.policies.file import SUFFIX, content_hash, pack, read_bytes, unpack
+from agents.policies.network import Network, PolicyError, Vectors
+from agents.policies.recorded_score import RecordedScore
+from agents.runs.config import EnvConfig, plain_settings
+from agents.runs.schedules import check_integer
 from rj_gym import IDS, settings_of
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import Task, task_of
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import InvalidInput
@@ -33,8 +33,8 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dic
 from rollingjoint.statics.families import Mechanism
 
 if TYPE_CHECKING:
-    from agents.controller import Seen
-    from agents.report import Score
+    from agents.evaluation.controller import Seen
+    from agents.evaluation.report import Score
 
 FOLDER = Path(__file__).parent / "policies"
 PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
@@ -96,7 +96,7 @@ class ShippedPolicy:
 
     @property
     def environment(self) -> EnvConfig:
-        """The environment that it was trained for, as agents.rollout wants it."""
+        """The environment that it was trained for, as agents.evaluation.rollout wants it."""
         return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
 
     def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
@@ -115,16 +115,16 @@ class ShippedPolicy:
 
     def begin(self, task: Task | None, lanes: int) -> None:
         """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
-        mend = "policy.make_env() makes the environment of this policy."
+        hint = "policy.make_env() makes the environment of this policy."
         if task is None:
-            raise PolicyError("environment", "not one of rj_gym", self.env_id, mend)
+            raise PolicyError("environment", "not one of rj_gym", self.env_id, hint)
         if _numbers_of(task.mechanism) != _numbers_of(self.mechanism):
             allowed = f"the mechanism that {self.name!r} was trained on, {self.mechanism.name!r}, in every number"
-            raise PolicyError("mechanism", task.mechanism.name, allowed, mend)
+            raise PolicyError("mechanism", task.mechanism.name, allowed, hint)
         scale = task.config.action_scale_mm
         if scale != self.settings.action_scale_mm:
-            raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", mend)
-        self._check_entries(replace(task.config, mechanism=task.mechanism), mend)
+            raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", hint)
+        self._check_entries(replace(task.config, mechanism=task.mechanism), hint)
 
     def act(self, seen: Seen) -> Vectors:
         """The actions, (B, m)."""
@@ -132,8 +132,8 @@ class ShippedPolicy:
 
     def score_on(self, seeds: range) -> Score:
         """What it scores in the episodes with these seeds."""
-        from agents.report import Score
-        from agents.rollout import run_episodes
+        from agents.evaluation.report import Score
+        from agents.evaluation.rollout import run_episodes
 
         return Score.of(run_episodes(self.environment, self, seeds))
 
@@ -143,12 +143,12 @@ class ShippedPolicy:
             raise PolicyError("score", None, "a policy that was scored when it was exported")
         return self.score_on(self.score.seeds)
 
-    def _check_entries(self, settings: TaskConfig, mend: str = "") -> None:
+    def _check_entries(self, settings: TaskConfig, hint: str = "") -> None:
         found = entry_names(settings, self.goal)
         if found != self.entries:
             other = [one for one in found if one not in self.entries] or [f"{len(found)} entries"]
             allowed = f"the {len(self.entries)} observation entries that {self.name!r} was trained on"
-            raise PolicyError("observation", ", ".join(other), allowed, mend)
+            raise PolicyError("observation", ", ".join(other), allowed, hint)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
@@ -197,9 +197,9 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
     if str(name_or_path) in list_policies():
         path = FOLDER / f"{name_or_path}{SUFFIX}"
     elif not path.is_file():
-        mend = suggestion(str(name_or_path), list_policies())
+        hint = suggestion(str(name_or_path), list_policies())
         known = f"a policy file or one of {', '.join(list_policies())}"
-        raise PolicyError("policy", str(name_or_path), known, mend)
+        raise PolicyError("policy", str(name_or_path), known, hint)
     return ShippedPolicy.from_bytes(read_bytes(path), str(path))
 
 
@@ -230,8 +230,8 @@ def _mechanism_of(settings: TaskConfig) -> Mechanism:
 
 def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
     if not trusted:
-        mend = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
-        raise PolicyError("policy", str(path), f"a {SUFFIX} file", mend)
+        hint = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
+        raise PolicyError("policy", str(path), f"a {SUFFIX} file", hint)
     from agents.export import policy_in_run
 
     warnings.warn(f"{path}: {PICKLE}", UserWarning, stacklevel=3)
@@ -273,6 +273,6 @@ def _located(source: str) -> Iterator[None]:
     try:
         yield
     except InvalidInput as error:
-        raise PolicyError(f"{source}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise PolicyError(f"{source}: {error.what}", error.value, error.allowed, error.hint) from error
     except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
         raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.fields import check_integer
+from agents.runs.schedules import check_integer
 from agents.search.methods import METHODS
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError
@@ -83,7 +83,7 @@ def load_search(path: Path) -> SearchConfig:
     try:
         return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def _plain(value: Any) -> Any:

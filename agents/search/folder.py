@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.file_lock import file_lock
-from agents.run_folder import RunFolderError, versions, write_json, write_text
+from agents.runs.file_lock import file_lock
+from agents.runs.folder import RunFolderError, versions, write_json, write_text
 from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml
@@ -52,8 +52,8 @@ class SearchRun:
                 with run.locked():
                     shutil.rmtree(path)
             elif run.config.to_dict() != config.to_dict():
-                mend = "Another --out begins a new search, --force replaces the runs that are there."
-                raise RunFolderError("run", str(path), "a run of the search that the file describes now", mend)
+                hint = "Another --out begins a new search, --force replaces the runs that are there."
+                raise RunFolderError("run", str(path), "a run of the search that the file describes now", hint)
         if not run.is_there:
             write_json(path / "versions.json", versions() | _versions("cma", "ribs", "optuna"))
             write_text(path / "config.yaml", dump_yaml(config.to_dict()))
@@ -96,8 +96,8 @@ class SearchRun:
             with file_lock(self.path / "lock"):
                 yield
         except BlockingIOError:
-            mend = "Wait for its end, or stop it."
-            raise RunFolderError("run", str(self.path), "one in which no other process searches", mend) from None
+            hint = "Wait for its end, or stop it."
+            raise RunFolderError("run", str(self.path), "one in which no other process searches", hint) from None
 
     def batches(self) -> list[tuple[Evaluated, float]]:
         """All batches, the processor time after each [s]; raises RunFolderError for a broken journal."""
@@ -107,8 +107,8 @@ class SearchRun:
         try:
             return [_batch(json.loads(line)) for line in lines]
         except (ValueError, KeyError, TypeError) as error:
-            mend = f"{error}. --force begins the run anew."
-            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", mend) from error
+            hint = f"{error}. --force begins the run anew."
+            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", hint) from error
 
     def append(self, evaluated: Evaluated, seconds: float) -> None:
         """Add a batch: after this it is on the disk, whole."""

@@ -32,4 +32,4 @@ def make(name: str, task: Task, settings: Mapping[str, Any]) -> Optimiser:
     try:
         return optimiser(task, **checked)
     except ConfigError as error:
-        raise ConfigError(f"methods.{name}.{error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"methods.{name}.{error.what}", error.value, error.allowed, error.hint) from error

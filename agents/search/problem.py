@@ -150,8 +150,8 @@ def _located(where: str) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from error
     except InvalidInput as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from error
     except (TypeError, ValueError) as error:
         raise ConfigError(where, str(error), "numbers and lists as docs/design_search.md describes them") from error

@@ -147,8 +147,8 @@ class DesignTask:
             left = [lane for lane, ends in zip(left, status, strict=True) if (ends > Status.AT_LIMIT).any()]
             if not left:
                 return drawn
-        mend = "Take smaller forces or larger tensions."
-        raise InvalidInput("targets", f"none in {_MOST_TARGETS} draws", "a design with equilibria in all cases", mend)
+        hint = "Take smaller forces or larger tensions."
+        raise InvalidInput("targets", f"none in {_MOST_TARGETS} draws", "a design with equilibria in all cases", hint)
 
     def _starts(self, drawn: Array, fixed: Fixed) -> Array:
         if fixed.start_design is not None:

@@ -1,6 +1,6 @@
 """Mechanism files: YAML <-> RollingChain or HingeChain, documented in docs/mechanism-files.md.
 
-Nothing in a file is evaluated; every complaint names the file, the place in it and the mend.
+Nothing in a file is evaluated; every complaint names the file, the place in it and a hint.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
         if "beads" in top:
             return hinge_chain_from_dict(top, source, name)
         if "links" not in top:
-            mend = "Add the links of a planar chain or the beads of an arm."
-            raise ConfigError(source, list(mapping(source, top, _KEYS)), "the key 'links' or the key 'beads'", mend)
+            hint = "Add the links of a planar chain or the beads of an arm."
+            raise ConfigError(source, list(mapping(source, top, _KEYS)), "the key 'links' or the key 'beads'", hint)
     return rolling_chain_from_dict(top, source, name)
 
 
@@ -93,6 +93,6 @@ def dump_mechanism(mechanism: Mechanism) -> str:
 def _read(name: str) -> Mechanism:
     path = Path(name)
     if not path.is_file():
-        mend = suggestion(name, tuple(PRESETS))
-        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", mend)
+        hint = suggestion(name, tuple(PRESETS))
+        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", hint)
     return mechanism_from_dict(read_yaml(path), source=name, name=path.stem)

@@ -223,14 +223,14 @@ def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
     return members
 
 
-def planar(mechanism: object, mend: str = "") -> RollingChain:
+def planar(mechanism: object, hint: str = "") -> RollingChain:
     """The mechanism, where only a planar chain will do.
 
     Raises:
-        InvalidInput: anything else, such as an arm of beads; `mend` says what to do with that.
+        InvalidInput: anything else, such as an arm of beads; `hint` says what to do with that.
     """
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", mend)
+        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", hint)
     return mechanism
 
 

@@ -76,8 +76,8 @@ def _profile(where: str, surface: Mapping[str, Any], own_limits: bool) -> Profil
     if kind not in _TABLES:
         return _smooth_profile(where, kind, value, surface)
     if own_limits:
-        mend = f"Leave it out: the first and last of {kind}.{_TABLES[kind][0]} are the limits."
-        raise ConfigError(f"{where}.limits", surface["limits"], f"no limits beside {kind}", mend)
+        hint = f"Leave it out: the first and last of {kind}.{_TABLES[kind][0]} are the limits."
+        raise ConfigError(f"{where}.limits", surface["limits"], f"no limits beside {kind}", hint)
     columns = mapping(f"{place}.{kind}", value, _TABLES[kind], required=_TABLES[kind])
     abscissa, ordinate = (number_table(f"{place}.{kind}.{key}", columns[key]) for key in _TABLES[kind])
     return getattr(Profile, kind)(abscissa, ordinate)

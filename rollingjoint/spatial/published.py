@@ -6,7 +6,7 @@ frames, which are at the mass centres here; A, L, W, G stacked over links; F_t a
 FST is Newton's method on the angles (15), FSL on angles and tensions together (27), with the kernel that keeps tensions
 positive (30). Nothing is shared with the compiled solver but the numbers of the chain.
 
-What had to be mended for derivatives to be derivatives (the tests check them by finite differences):
+What had to be corrected for derivatives to be derivatives (the tests check them by finite differences):
 - (16) lacks the stiffness K.
 - (24): lambda is a compliance [mm/N], and l the length on the motor's side.
 - (28): d tau / d f = -J^T dF_t/df, with the sign of (14).

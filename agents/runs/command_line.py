@@ -1,0 +1,37 @@
+"""What the commands share: one clear line for an error, the exit code, and signals that end them in order."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rollingjoint.errors import RollingJointError
+
+FAILED, INTERRUPTED = 2, 130
+
+
+def exit_code(command: Callable[[], int]) -> int:
+    """The exit code of `command`; errors that a user can fix become one line and code 2."""
+    try:
+        return command()
+    except (RollingJointError, OSError) as error:
+        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+@contextmanager
+def signals_seen() -> Iterator[list[int]]:
+    """Collects SIGINT and SIGTERM as they arrive, in place of what they do otherwise."""
+    seen: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in numbers}
+    try:
+        yield seen
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
