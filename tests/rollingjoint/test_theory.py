@@ -102,7 +102,7 @@ def test_stiffness_is_the_formula_and_the_difference(seed):
     chain, phi, loads, law = problem(seed)
     _, state = at(chain, law, loads, phi)
     computed = np.empty((chain.n_joints, chain.n_joints))
-    stiffness(chain.arrays, state, computed)
+    stiffness(chain.arrays, loads, state, computed)
     size = np.abs(computed).max()
     assert computed == pytest.approx(page_stiffness(chain, loads, state), rel=1e-9, abs=1e-12 * size)
     numeric = difference(lambda p: at(chain, law, loads, p)[1].residual.copy(), phi)
