@@ -9,10 +9,6 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint.kernels.planar.arrays import (
     INVALID_INPUT,
     TendonLaw,
-    borrow_chain,
-    borrow_law,
-    borrow_results,
-    borrow_state,
     design,
     new_state,
 )
@@ -88,7 +84,7 @@ def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
-    chain, laws, results, state = borrow_chain(chain), borrow_law(laws), borrow_results(results), borrow_state(state)
+    chain, laws, results, state = borrow(chain), borrow(laws), borrow(results), borrow(state)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
     n_tendons = chain.tendon_joints.size
     for place in range(lanes.size):

@@ -36,9 +36,6 @@ from rollingjoint.kernels.planar.arrays import (
     S,
     X,
     Y,
-    borrow_chain,
-    borrow_law,
-    borrow_state,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 
@@ -49,7 +46,7 @@ def evaluate(chain, law, loads, state):
 
     Follower forces have no potential and are left out of the energy.
     """
-    chain, law, loads, state = borrow_chain(chain), borrow_law(law), borrow(loads), borrow_state(state)
+    chain, law, loads, state = borrow(chain), borrow(law), borrow(loads), borrow(state)
     evaluate_joints(chain, state)
     evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(law, state)
@@ -171,7 +168,7 @@ def evaluate_residual(tendon_joints, state):
 @part
 def stiffness(chain, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    state, H, tendon_joints = borrow_state(state), borrow(H), borrow(chain.tendon_joints)
+    state, H, tendon_joints = borrow(state), borrow(H), borrow(chain.tendon_joints)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
     gap, elastic, tension = state.gap, state.elastic, state.tension
     for i in range(n_joints):

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.planar.arrays import FX, FY, K_XX, KX, KY, X_DOT_F, K
 
@@ -34,12 +33,6 @@ def new_sweep(n_joints, n_tendons, springs):
     q = n_tendons + (3 if springs else 1)
     shape = (n_joints, q)
     return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
-
-
-@part
-def borrow_sweep(sweep):
-    """The sweep without reference counts."""
-    return Sweep(borrow(sweep.diagonal), borrow(sweep.U), borrow(sweep.V), borrow(sweep.W), borrow(sweep.pivots))
 
 
 @part
