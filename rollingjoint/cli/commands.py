@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import NoReturn
 
-from rollingjoint._numba.jit import cache_directory
+from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.errors import InvalidInput

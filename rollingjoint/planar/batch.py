@@ -5,17 +5,19 @@ Nothing is checked here; `rollingjoint.statics.solve` is the front door.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._numba.borrowed import pin
-from rollingjoint._numba.jit import direct, entry_address, machine_code
+from rollingjoint._numba.jit import entry_address, machine_code
+from rollingjoint._numba.layout import Integers, fields
+from rollingjoint._numba.pins import Pinned
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import Chain, Results, aligned, new_results
+from rollingjoint.kernels.planar.arrays import Chain, Problem, Results, aligned, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
@@ -79,48 +81,35 @@ def designs_of(mechanism: RollingChain | Sequence[RollingChain], n_lanes: int) -
     return stack(different), np.array([places[each] for each in mechanism], np.int64)
 
 
-class Problem(NamedTuple):
-    """Equilibria to be solved, and where they go; all arrays contiguous.
-
-    Args:
-        chain: from `stack`.
-        designs: which of the stacked mechanisms each lane has, (B,).
-        laws: tendon laws, (B, m) each.
-        loads: load tables, (B, rows, 11).
-        starts: joint angles to start from, (B, J) [rad].
-        results: from `new_results(B, J, m)`.
-    """
-
-    chain: Chain
-    designs: NDArray[np.int64]
-    laws: TendonLaw
-    loads: Array
-    starts: Array
-    results: Results
+@functools.cache
+def _on_problem(kernel: Any, *kinds: Any) -> Callable[..., int]:
+    """The machine code of a kernel of the fields of a Problem, and of arguments of these kinds after them."""
+    return machine_code(kernel, *fields(Problem), *kinds)
 
 
 def solve_range(problem: Problem, first: int, last: int) -> None:
-    """Solve lanes first to last - 1; Python's lock is released meanwhile."""
+    """Solve lanes first to last - 1; Python's lock is released meanwhile. All arrays must be contiguous."""
     everything = problem.starts.shape[1] > MOST_JOINTS
-    if everything or direct(solve_side_by_side, *problem, first, last):
+    if everything or _on_problem(solve_side_by_side, int, int)(*problem, first, last):
         _solve_the_rest(problem, first, last, everything)
 
 
 class PinnedRange:
     """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
 
-    Kernels call it by `entry(pins, first, last)` (borrowed.call_range), which returns how many lanes it leaves to
-    `solve_the_rest`. `entry` is 0 where those are all of them.
+    Kernels call it by call_range(entry, pins, Problem, first, last), which returns how many lanes it leaves to
+    `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
+
+    Raises:
+        InvalidInput: an array of another type or shape than Problem declares.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        chain, designs, laws, loads, starts, results = problem
-        self._addresses = pin(*chain, designs, *laws, loads, starts, *results)
-        self._long = starts.shape[1] > MOST_JOINTS
-        self.pins = self._addresses.ctypes.data
-        self.entry = 0 if self._long else entry_address(solve_pinned, self.pins, 0, 0)
-        self._solve = partial(machine_code(solve_pinned, self.pins, 0, 0), self.pins)
+        self._problem, self._pinned = problem, Pinned(problem)
+        self._long = problem.starts.shape[1] > MOST_JOINTS
+        self.pins = self._pinned.address_for(Problem)
+        self.entry = 0 if self._long else entry_address(solve_pinned, int, int, int)
+        self._solve = partial(machine_code(solve_pinned, int, int, int), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve lanes first to last - 1."""
@@ -136,4 +125,4 @@ def _solve_the_rest(problem: Problem, first: int, last: int, everything: bool) -
     """Solve the lanes that are left to the solver for all cases."""
     lanes = np.arange(first, last)
     left = lanes if everything else lanes[problem.results.status[first:last] == PENDING]
-    direct(solve_lanes, *problem, left)
+    _on_problem(solve_lanes, Annotated[Integers, "left"])(*problem, left)

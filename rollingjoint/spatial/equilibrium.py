@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._numba.jit import direct, machine_code
+from rollingjoint._numba.jit import machine_code
+from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.spatial.arrays import HingeResults, Hinges, new_hinge_results
+from rollingjoint.kernels.spatial.arrays import N_COLUMNS, HingeResults, Hinges, new_hinge_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.solution import Solution, Status
 from rollingjoint.spatial.chain import HingeChain
@@ -124,6 +127,13 @@ def hinge_designs_of(mechanism: Mechanism, n_lanes: int) -> tuple[Hinges, NDArra
     return joined._replace(tendon_joints=parts[0].tendon_joints), np.array([places[each] for each in mechanism])
 
 
+@functools.cache
+def _solve_lanes() -> Callable[..., None]:
+    """The machine code of `solve_hinge_lanes`."""
+    per_lane = Annotated[Integers, "B"], Annotated[TendonLaw, "B"], Annotated[Floats, "B", "rows", N_COLUMNS]
+    return machine_code(solve_hinge_lanes, Hinges, *per_lane, Annotated[Floats, "B", "J"], HingeResults, int, int)
+
+
 def solve_hinge_batch(
     mechanism: Mechanism, chain: Hinges, designs: NDArray[np.int64], laws: TendonLaw, tables: Array, starts: Array
 ) -> HingeEquilibrium:
@@ -139,7 +149,7 @@ def solve_hinge_batch(
     results = new_hinge_results(len(starts), starts.shape[1], laws.low.shape[1])
 
     def work(first: int, last: int) -> None:
-        direct(solve_hinge_lanes, chain, designs, laws, tables, starts, results, first, last)
+        _solve_lanes()(chain, designs, laws, tables, starts, results, first, last)
 
     run_lanes(work, len(starts), starts.shape[1])
     return HingeEquilibrium(mechanism, tables, *results)
@@ -164,8 +174,7 @@ class HingeRange:
         starts: Array,
         results: HingeResults,
     ) -> None:
-        arrays = chain, designs, laws, tables, starts, results
-        self._solve = partial(machine_code(solve_hinge_lanes, *arrays, 0, 0), *arrays)
+        self._solve = partial(_solve_lanes(), chain, designs, laws, tables, starts, results)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve lanes first to last - 1; Python's lock is released meanwhile."""
@@ -179,7 +188,7 @@ def solve_hinge_lane(mechanism: HingeChain, law: TendonLaw, table: Array, start:
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     results = new_hinge_results(1, len(start), len(law.low))
     designs = np.zeros(1, np.int64)
-    direct(solve_hinge_lanes, mechanism.arrays, designs, laws, table[None], start[None], results, 0, 1)
+    _solve_lanes()(mechanism.arrays, designs, laws, table[None], start[None], results, 0, 1)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
     return HingeEquilibrium(mechanism, table, *HingeResults._make([*[array[0] for array in arrays], *numbers]))
