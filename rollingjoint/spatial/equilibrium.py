@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rollingjoint._numba.jit import direct, machine_code
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.spatial.arrays import HingeResults, Hinges, new_hinge_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.solution import Solution, Status
