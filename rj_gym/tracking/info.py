@@ -22,7 +22,7 @@ from rj_gym.tracking.kernels import (
     TRACKING,
 )
 from rj_gym.tracking.task_lanes import TaskLanes, over_time
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -25,7 +25,7 @@ from rollingjoint._numba.borrowed import (
 from rollingjoint._numba.jit import kernel
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.batch import PENDING
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")

@@ -16,7 +16,8 @@ from rj_gym.tracking.task_lanes import LaneByLane, Observation, TaskLanes, over_
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.batch import PinnedRange, Problem, new_results, solve_range, stack
+from rollingjoint.mechanism import stack
+from rollingjoint.planar.batch import BatchArrays, PinnedRange, new_results, solve_range
 from rollingjoint.planar.chain import RollingChain
 
 if TYPE_CHECKING:
@@ -99,8 +100,8 @@ class Lanes(TaskLanes):
     def _bound_solve(self) -> PinnedRange | LaneByLane:
         problem = (self._laws, self._loads, self._starts, self._results)
         try:
-            return PinnedRange(Problem(stack(self.mechanisms), self.designs, *problem))
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *problem))
         except InvalidInput:  # tendons that end on different links
             alone = np.zeros_like(self.designs)
-            problems = [Problem(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
+            problems = [BatchArrays(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
             return LaneByLane([partial(solve_range, each) for each in problems], self.designs)

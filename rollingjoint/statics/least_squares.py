@@ -7,17 +7,21 @@ dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorit
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.kernels.planar.arrays import TendonLaw
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium, Status, solve_lane
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.solution import Solution, Status
+from rollingjoint.statics.batch import prescribed
+from rollingjoint.statics.families import AnyFamily
 from rollingjoint.statics.sensitivity import joint_response
 
 Array = NDArray[np.float64]
 
+_PLACES = ("link", "px", "py", "pz", "ax", "ay", "az")  # columns of load tables that say where, not how much
 _LARGEST_TENSION = 1000.0  # N, where none is given
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
 _MAX_ITERATIONS = 300
@@ -26,28 +30,30 @@ _SMALLEST_DAMPING = 1e-12  # of the largest (dl/dtau)²
 
 
 def solve_least_squares(
-    mechanism: RollingChain, desired: Array, low: Array, high: Array, table: Array, start: Array
-) -> Equilibrium:
+    family: AnyFamily, mechanism: AnyMechanism, desired: Array, low: Array, high: Array, table: Array, start: Array
+) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
-        mechanism: the chain.
+        family: of the mechanism.
+        mechanism: what is solved.
         desired: (m,) [mm].
         low, high: (m,) [N]; above 1000 N a limit is 1000 N.
-        table: load table, (rows, 11).
+        table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     Returns:
         Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
     """
     high = np.minimum(high, _LARGEST_TENSION)
-    elastic = _nearly_inextensible(mechanism, TendonLaw(desired, np.ones_like(desired), low, high), table, start)
+    law = TendonLaw(desired, np.ones_like(desired), low, high)
+    elastic = _nearly_inextensible(family, mechanism, law, table, start)
     if elastic.status == Status.INVALID_INPUT:
         return elastic
-    trial, start = _first_tensions(elastic, low, high), elastic.joint_angles
+    trial, start = _first_tensions(elastic, _acting(family, table), low, high), elastic.joint_angles
     best, rates, least = None, None, np.inf
     damping, iterations = 1e-5, 0
     for _ in range(_MAX_ITERATIONS):
-        found = solve_lane(mechanism, _prescribed(trial), table, start)
+        found = family.solve_one(mechanism, prescribed(trial), table, start)
         iterations += int(found.iterations)
         miss = found.lengths - desired
         cost = 0.5 * float(miss @ miss)
@@ -66,32 +72,33 @@ def solve_least_squares(
     return replace(best, iterations=iterations, status=Status.NOT_CONVERGED)
 
 
-def _nearly_inextensible(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
+def _nearly_inextensible(family: AnyFamily, mechanism: AnyMechanism, law: TendonLaw, table: Array, start: Array) -> Any:
     """Equilibrium with ever stiffer elastic tendons whose unstretched lengths are the desired ones."""
     for stiffness in (1.0, 30.0, 1000.0):
         stiff = law._replace(stiffness=np.full_like(law.command, stiffness))
-        found = solve_lane(mechanism, stiff, table, start)
+        found = family.solve_one(mechanism, stiff, table, start)
         if found.status == Status.INVALID_INPUT:
             break
         start = found.joint_angles
     return found
 
 
-def _first_tensions(elastic: Equilibrium, low: Array, high: Array) -> Array:
+def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) -> Array:
     """Its tensions within the limits; without a load, where only their ratio matters, the largest is 1 N."""
     tensions, largest = elastic.tensions, elastic.tensions.max()
     if largest < _SMALLEST_TENSION:
         tensions = np.ones_like(tensions)
-    elif not np.any(elastic.loads[:, 3:9]):
+    elif not loaded:
         tensions = tensions / largest
     return np.clip(tensions, low, high)
 
 
-def _prescribed(tensions: Array) -> TendonLaw:
-    return TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions)
+def _acting(family: AnyFamily, table: Array) -> bool:
+    """Whether a load table has a force, a moment or a spring."""
+    return bool(np.any(table[:, [name not in _PLACES for name in family.load_columns]]))
 
 
-def _length_rates(equilibrium: Equilibrium) -> Array | None:
+def _length_rates(equilibrium: Solution) -> Array | None:
     """dl/dtau under prescribed tensions, (m, m), joints at a surface limit held; None where H is singular."""
     if equilibrium.status == Status.INDETERMINATE:
         return None
