@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.config import TrainConfig, load_config, plain_settings
-from agents.fields import check_integer
-from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import task_of
+from agents.runs.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
+from agents.runs.config import TrainConfig, load_config, plain_settings
+from agents.runs.folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
+from agents.runs.schedules import check_integer
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.task import task_of
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.io.mechanism_file import mechanism_to_dict

@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.command_line import exit_code
-from agents.config import EnvConfig, TrainConfig
-from agents.rollout import film, is_tracking, run_episodes
-from agents.run_folder import RunFolder, typed_command, versions, write_bytes, write_json, write_text
+from agents.evaluation.rollout import film, is_tracking, run_episodes
+from agents.runs.command_line import exit_code
+from agents.runs.config import EnvConfig, TrainConfig
+from agents.runs.folder import RunFolder, typed_command, versions, write_bytes, write_json, write_text
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agents.controller import Controller
-    from agents.report import Report
+    from agents.evaluation.controller import Controller
+    from agents.evaluation.report import Report
 
 POLICY, OPEN_LOOP = "policy", "open loop"
 FILMED = (POLICY, "jacobian feedback", OPEN_LOOP)
-OWN = "one more controller to compare, as described in agents.controller; repeatable"
+OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,13 +94,13 @@ def evaluate_controllers(
 
     Environments with another task than tracking have no floor.
     """
-    from agents.report import Report
+    from agents.evaluation.report import Report
 
     episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
     if not is_tracking(env):
         return Report(episodes)
-    from agents.floor import episode_floor
-    from rj_gym.tracking.task import task_of
+    from agents.evaluation.floor import episode_floor
+    from rj_gym.core.task import task_of
 
     floors = episode_floor(env, seeds).errors if with_floor else None
     return Report(episodes, task_of(env.arguments()["config"]).length, floors)
@@ -108,7 +108,7 @@ def evaluate_controllers(
 
 def _controllers(evaluation: Evaluation) -> dict[str, Controller]:
     from agents.baselines import baselines
-    from agents.policy import Policy
+    from agents.evaluation.policy import Policy
 
     ours = baselines() if is_tracking(evaluation.config.env) else {}
     own = {text.rpartition(":")[2]: _own_controller(text) for text in evaluation.own}
@@ -126,7 +126,7 @@ def _own_controller(text: str) -> Controller:
 
 
 def _write(report: Report, controllers: dict[str, Controller], evaluation: Evaluation, folder: Path) -> None:
-    from agents.pictures import error_distribution, error_over_time
+    from agents.evaluation.pictures import error_distribution, error_over_time
 
     errors = {name: episodes.errors for name, episodes in report.episodes.items()}
     pictures = {
@@ -150,7 +150,7 @@ def _write(report: Report, controllers: dict[str, Controller], evaluation: Evalu
 
 def _film(report: Report, controllers: dict[str, Controller], evaluation: Evaluation) -> tuple[int, bytes]:
     """Seed and animation of the episode in which open loop's final error is its median one."""
-    from agents.pictures import animation
+    from agents.evaluation.pictures import animation
 
     order = np.argsort(report.episodes[OPEN_LOOP].final_errors)
     seed = evaluation.seeds[int(order[len(order) // 2])]

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.command_line import exit_code
-from agents.config import EnvConfig, TrainConfig
-from agents.conversion import algorithm_of, network_of
-from agents.fields import check_integer
-from agents.network import PolicyError
-from agents.policy_file import SUFFIX
-from agents.recorded_score import RecordedScore
-from agents.run_folder import RunFolder, seeds, write_bytes
+from agents.policies.conversion import algorithm_of, network_of
+from agents.policies.file import SUFFIX
+from agents.policies.network import PolicyError
+from agents.policies.recorded_score import RecordedScore
+from agents.runs.command_line import exit_code
+from agents.runs.config import EnvConfig, TrainConfig
+from agents.runs.folder import RunFolder, seeds, write_bytes
+from agents.runs.schedules import check_integer
 from agents.shipped import ShippedPolicy, entry_names, is_goal, list_policies, load_policy, standalone
 from rj_gym import IDS
 from rollingjoint.errors import ConfigError, RollingJointError
@@ -95,7 +95,7 @@ def export_run(run: RunFolder, which: str, name: str) -> tuple[ShippedPolicy, fl
         PolicyError: a policy of a kind that has no form in NumPy, or one for which NumPy and torch differ.
         RollingJointError: a run folder that cannot be read.
     """
-    from agents.policy import Policy
+    from agents.evaluation.policy import Policy
 
     config = run.config()
     try:

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 
-from agents.config import EnvConfig, plain_settings
-from agents.fields import check_integer
-from agents.network import Network, PolicyError, Vectors
-from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
-from agents.recorded_score import RecordedScore
+from agents.policies.file import SUFFIX, content_hash, pack, read_bytes, unpack
+from agents.policies.network import Network, PolicyError, Vectors
+from agents.policies.recorded_score import RecordedScore
+from agents.runs.config import EnvConfig, plain_settings
+from agents.runs.schedules import check_integer
 from rj_gym import IDS, settings_of
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import Task, task_of
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import InvalidInput
@@ -33,8 +33,8 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dic
 from rollingjoint.mechanism import AnyMechanism
 
 if TYPE_CHECKING:
-    from agents.controller import Seen
-    from agents.report import Score
+    from agents.evaluation.controller import Seen
+    from agents.evaluation.report import Score
 
 FOLDER = Path(__file__).parent / "policies"
 PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
@@ -96,7 +96,7 @@ class ShippedPolicy:
 
     @property
     def environment(self) -> EnvConfig:
-        """The environment that it was trained for, as agents.rollout wants it."""
+        """The environment that it was trained for, as agents.evaluation.rollout wants it."""
         return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
 
     def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
@@ -132,8 +132,8 @@ class ShippedPolicy:
 
     def score_on(self, seeds: range) -> Score:
         """What it scores in the episodes with these seeds."""
-        from agents.report import Score
-        from agents.rollout import run_episodes
+        from agents.evaluation.report import Score
+        from agents.evaluation.rollout import run_episodes
 
         return Score.of(run_episodes(self.environment, self, seeds))
 

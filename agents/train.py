@@ -11,17 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.command_line import exit_code
-from agents.config import TrainConfig, load_config
-from agents.run_folder import RunFolder, RunFolderError, typed_command, write_text
+from agents.runs.command_line import exit_code
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.folder import RunFolder, RunFolderError, typed_command, write_text
 from rollingjoint.errors import ConfigError, RollingJointError
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.callbacks import BaseCallback
 
-    from agents.callbacks import StopOnSignal
-    from agents.checkpoint import Moment
+    from agents.training.callbacks import StopOnSignal
+    from agents.training.checkpoint import Moment
 
 
 class TrainingError(RollingJointError):
@@ -55,7 +55,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: bool = False) -> int:
     """Train into a run folder at `path`; the exit code. Raises RollingJointError."""
-    from agents.build import build_model
+    from agents.training.build import build_model
 
     model = build_model(config)
     run = RunFolder.create(path, config, command, force)
@@ -69,8 +69,8 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
     Args:
         overrides: none, or "total_timesteps=N", how far the run shall go now.
     """
-    from agents import checkpoint
-    from agents.build import build_model
+    from agents.training import checkpoint
+    from agents.training.build import build_model
 
     run = RunFolder.open(path)
     with run.locked():
@@ -111,9 +111,9 @@ def _check_nothing_is_lost(run: RunFolder) -> None:
 
 
 def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Moment | None = None) -> int:
-    from agents import checkpoint
-    from agents.build import close
-    from agents.callbacks import StopOnSignal
+    from agents.training import checkpoint
+    from agents.training.build import close
+    from agents.training.callbacks import StopOnSignal
 
     begun = f"from step {model.num_timesteps} on, " if moment else ""
     print(
@@ -138,9 +138,9 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
 def _learn_and_save(
     model: BaseAlgorithm, config: TrainConfig, run: RunFolder, stop: StopOnSignal, moment: Moment | None
 ) -> None:
-    from agents import checkpoint
-    from agents.callbacks import Checkpoints, Evaluation, FinalError, Progress
-    from agents.training_log import training_log
+    from agents.training import checkpoint
+    from agents.training.callbacks import Checkpoints, Evaluation, FinalError, Progress
+    from agents.training.log import training_log
 
     logger = training_log(run, model.num_timesteps)
     model.set_logger(logger)
@@ -166,7 +166,7 @@ def learn(model: BaseAlgorithm, config: TrainConfig, callbacks: Sequence[BaseCal
 
 def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> TrainingError:
     """What to say of training that failed; the traceback goes to error.txt where that helps and the disk has room."""
-    from agents import checkpoint
+    from agents.training import checkpoint
 
     text = f"training broke off after {model.num_timesteps} steps: "
     if isinstance(error, OSError):

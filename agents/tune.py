@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.command_line import exit_code
-from agents.file_lock import file_lock
-from agents.run_folder import RunFolder, RunFolderError, typed_command, write_text
-from agents.study import StudyConfig, load_study
+from agents.runs.command_line import exit_code
+from agents.runs.file_lock import file_lock
+from agents.runs.folder import RunFolder, RunFolderError, typed_command, write_text
+from agents.tuning.study import StudyConfig, load_study
 from rollingjoint.checked_yaml import dump_yaml
 from rollingjoint.errors import ConfigError
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from optuna.study import Study
     from optuna.trial import Trial
 
-    from agents.callbacks import StopOnSignal
+    from agents.training.callbacks import StopOnSignal
 
 KILLED = "its process ended"
 
@@ -93,7 +93,7 @@ class StudyFolder:
         """The study as Optuna knows it, in a file that several processes may write."""
         import optuna
 
-        from agents.journal import journal_storage
+        from agents.tuning.journal import journal_storage
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         pruners = {
@@ -115,8 +115,8 @@ def tune(config: StudyConfig, folder: StudyFolder, trials: int, command: Sequenc
     """Work on the study until it has so many trials, then write its results; the exit code."""
     from optuna.trial import TrialState
 
-    from agents.callbacks import StopOnSignal
-    from agents.study_report import write_results
+    from agents.training.callbacks import StopOnSignal
+    from agents.tuning.report import write_results
 
     study = folder.journal(config)
     with StopOnSignal() as stop:
@@ -216,10 +216,10 @@ def _train(
     """The score of training with one seed, the last evaluation; raises TrialPruned where it falls behind."""
     from optuna import TrialPruned
 
-    from agents.build import build_model, close
-    from agents.callbacks import Evaluation, FinalError, Progress
     from agents.train import learn
-    from agents.training_log import training_log
+    from agents.training.build import build_model, close
+    from agents.training.callbacks import Evaluation, FinalError, Progress
+    from agents.training.log import training_log
 
     seed = config.training_seeds[place]
     train = config.trained(values, seed)

@@ -15,10 +15,11 @@ import numpy as np
 
 from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.planar.arrays import TendonLaw, design, new_state
-from rollingjoint.kernels.planar.chain import evaluate, stiffness
+from rollingjoint.kernels.planar.arrays import design, new_state
+from rollingjoint.kernels.planar.chain import evaluate, fill_generators, stiffness
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.linear import descent_step
-from rollingjoint.kernels.shared.long_chain import fill_generators, long_step, new_sweep
+from rollingjoint.kernels.shared.long_chain import long_step, new_sweep
 from rollingjoint.load import load_table
 
 LINKS = (3, 5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)
@@ -32,16 +33,16 @@ def solved(n: int) -> tuple[Equilibrium, float]:
 
 
 @numba.njit(error_model="numpy")
-def dense_steps(count, chain, state, H, free, L, step):  # type: ignore[no-untyped-def]
+def dense_steps(count, chain, loads, state, H, free, L, step):  # type: ignore[no-untyped-def]
     for _ in range(count):
-        stiffness(chain, state, H)
+        stiffness(chain, loads, state, H)
         descent_step(H, free, state.residual, L, step)
 
 
 @numba.njit(error_model="numpy")
-def sweeping_steps(count, chain, state, sweep, free, step):  # type: ignore[no-untyped-def]
+def sweeping_steps(count, chain, loads, state, sweep, free, step):  # type: ignore[no-untyped-def]
     for _ in range(count):
-        fill_generators(chain, state, 0.0, sweep)
+        fill_generators(chain, loads, state, 0.0, sweep)
         long_step(sweep, free, state.residual, step)
 
 
@@ -56,13 +57,14 @@ def steps(n: int) -> tuple[float, float]:
     """Seconds of one dense and one O(n) Newton step, assembly included."""
     chain = uniform(n)
     law = TendonLaw(chain.neutral_lengths - 1.0, chain.stiffnesses.copy(), np.zeros(2), np.full(2, 20.0))
-    state, H, sweep = standalone(new_state)(n - 1, 2), np.empty((n - 1, n - 1)), standalone(new_sweep)(n - 1, 2, False)
+    state, H, sweep = standalone(new_state)(n - 1, 2), np.empty((n - 1, n - 1)), standalone(new_sweep)(n - 1, 3)
     state.angle[:] = chain.joint_angles(np.full(n - 1, 0.3))
-    one = evaluated(chain.arrays, law, load_table([WorldForce(-1, (0.5 / n, 0.0))], n), state)
+    loads = load_table([WorldForce(-1, (0.5 / n, 0.0))], n)
+    one = evaluated(chain.arrays, law, loads, state)
     free, L, step = np.ones(n - 1, bool), np.empty((n - 1, n - 1)), np.empty(n - 1)
     count = 1 + 20000 // n**2
-    dense = best(lambda: dense_steps(count, one, state, H, free, L, step))
-    sweeping = best(lambda: sweeping_steps(count, one, state, sweep, free, step))
+    dense = best(lambda: dense_steps(count, one, loads, state, H, free, L, step))
+    sweeping = best(lambda: sweeping_steps(count, one, loads, state, sweep, free, step))
     return dense / count, sweeping / count
 
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rj_gym.config import LoadConfig, RandomizationConfig, RewardConfig, TargetConfig, TrackingConfig
-from rj_gym.settings import Settings
-from rj_gym.tracking.env import RollingJointEnv, RollingJointGoalEnv
-from rj_gym.tracking.observation import observation_entries
-from rj_gym.tracking.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
+from rj_gym.core.config import LoadConfig, RandomizationConfig, RewardConfig, TargetConfig, TrackingConfig
+from rj_gym.core.env import RollingJointEnv, RollingJointGoalEnv
+from rj_gym.core.settings import Settings
+from rj_gym.core.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
+from rj_gym.planar.observation import observation_entries
 from rj_gym.vector_checker import check_vector_env
 from rollingjoint.errors import ConfigError
 
@@ -82,7 +82,7 @@ IDS = {
 DESIGN_IDS = {"rj_gym/CurvatureDesign-v0": "CurvatureDesign"}
 """The same for the design task."""
 
-_FOLDERS = {"RollingJoint": "tracking", "FlexibleArm": "arm", "CurvatureDesign": "design"}
+_FOLDERS = {"RollingJoint": "core", "FlexibleArm": "arm", "CurvatureDesign": "design"}
 
 _ARM_SETTINGS = (
     "ArmRandomizationConfig",

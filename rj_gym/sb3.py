@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from rj_gym.tracking.info import every_lane
+from rj_gym.core.info import every_lane
 from rollingjoint.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from rj_gym.core.vector import TrackingVectorEnv
     from rj_gym.design.vector import CurvatureDesignVectorEnv
-    from rj_gym.tracking.vector import TrackingVectorEnv
 
 
 class SB3VecEnv(VecEnv):

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Gravity, Load
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import Solution

@@ -8,7 +8,7 @@ from agents.baselines.jacobian_feedback import JacobianFeedback
 from agents.baselines.load_estimate import LoadEstimate
 from agents.baselines.open_loop import OpenLoop
 from agents.baselines.predictive import Predictive
-from agents.controller import Controller
+from agents.evaluation.controller import Controller
 
 __all__ = ["DoNothing", "JacobianFeedback", "LoadEstimate", "OpenLoop", "Predictive", "baselines"]
 

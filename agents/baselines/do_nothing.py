@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.task import Task
 
 
 class DoNothing:

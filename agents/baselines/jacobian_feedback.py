@@ -6,8 +6,8 @@ import numpy as np
 
 from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.task import Task
 from rollingjoint.solution import Solution
 
 

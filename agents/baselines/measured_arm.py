@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from agents.baselines.responses import choose
-from agents.controller import HANGING, Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import HANGING, Array, Seen
+from rj_gym.core.task import Task
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium

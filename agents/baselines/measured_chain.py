@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.controller import Array, Seen
+from agents.evaluation.controller import Array, Seen
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium

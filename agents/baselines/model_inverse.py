@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.baselines.responses import bounded_step, choose, tension_response
-from agents.controller import Array
+from agents.evaluation.controller import Array
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import Solution

@@ -6,8 +6,8 @@ import numpy as np
 
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.task import Task
 from rollingjoint.statics.solve import solve_tensions_batch
 
 

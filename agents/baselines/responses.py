@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controller import Array
+from agents.evaluation.controller import Array
 from rollingjoint.solution import Solution
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 

@@ -17,10 +17,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.command_line import exit_code
 from agents.evaluate import Evaluation
-from agents.fields import check_integer
-from agents.run_folder import PACKAGES, RunFolderError, typed_command, versions, write_bytes, write_text
+from agents.runs.command_line import exit_code
+from agents.runs.folder import PACKAGES, RunFolderError, typed_command, versions, write_bytes, write_text
+from agents.runs.schedules import check_integer
 
 if TYPE_CHECKING:
     from agents.results.runs import Task

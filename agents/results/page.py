@@ -10,12 +10,12 @@ from textwrap import fill
 
 import numpy as np
 
-from agents.controller import Array
-from agents.report import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.evaluation.controller import Array
+from agents.evaluation.report import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.results.description import description, load_range
 from agents.results.runs import HEAVIER, Recipe, Task
 from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
-from agents.run_folder import seeds as used_seeds
+from agents.runs.folder import seeds as used_seeds
 
 CLEAR = 3.0  # standard errors from which on a difference counts
 ERRORS = ("mean [mm]", "median [mm]", "95 % below [mm]")

@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from agents.campaign import content
-from agents.controller import Array
-from agents.pictures import COLOURS, SMALLEST_MM, animation, png
-from agents.policy import Policy
-from agents.report import FLOOR
+from agents.evaluation.controller import Array
+from agents.evaluation.pictures import COLOURS, SMALLEST_MM, animation, png
+from agents.evaluation.policy import Policy
+from agents.evaluation.report import FLOOR
+from agents.evaluation.rollout import film
 from agents.results.runs import POLICY, Recipe
 from agents.results.scores import FEEDBACK, Scored
-from agents.rollout import film
 
 OPEN_LOOP = "open loop"
 POLICY_LABEL = "best policy"

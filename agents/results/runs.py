@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from agents.campaign import content, is_finished, rows, training_seconds
-from agents.config import EnvConfig, TrainConfig
-from agents.controller import Array
-from agents.parameters import PARAMETERS
-from agents.policy import Policy
-from agents.rollout import is_tracking
-from agents.run_folder import PROCESSOR, RunFolder, RunFolderError
+from agents.evaluation.controller import Array
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import is_tracking
+from agents.runs.algorithms import PARAMETERS
+from agents.runs.config import EnvConfig, TrainConfig
+from agents.runs.folder import PROCESSOR, RunFolder, RunFolderError
 from rj_gym import IDS
-from rj_gym.config import TaskConfig
+from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import baselines
-from agents.config import EnvConfig
-from agents.controller import Array
-from agents.floor import episode_floor
-from agents.policy import Policy
-from agents.report import FLOOR, Score
+from agents.evaluation.controller import Array
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.policy import Policy
+from agents.evaluation.report import FLOOR, Score
+from agents.evaluation.rollout import Episodes, run_episodes
 from agents.results.runs import POLICY, Task, heavier
-from agents.rollout import Episodes, run_episodes
-from agents.run_folder import RunFolder
+from agents.runs.config import EnvConfig
+from agents.runs.folder import RunFolder
 from rollingjoint import set_threads
 
 FEEDBACK = "jacobian feedback"

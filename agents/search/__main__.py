@@ -16,9 +16,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.fields import check_choice, check_integer
-from agents.run_folder import typed_command
+from agents.runs.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
+from agents.runs.folder import typed_command
+from agents.runs.schedules import check_choice, check_integer
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from agents.search.run import Progress

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from agents.fields import check_choice, check_integer
+from agents.runs.schedules import check_choice, check_integer
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 if TYPE_CHECKING:

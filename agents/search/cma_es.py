@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
+from agents.runs.schedules import check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.command_line import exit_code
-from agents.run_folder import RunFolderError, write_bytes, write_text
+from agents.runs.command_line import exit_code
+from agents.runs.folder import RunFolderError, write_bytes, write_text
 
 PAGE = Path("docs/design_search.md")
 BEGIN, END = "<!-- begin: python -m agents.search.compare -->", "<!-- end -->"

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.file_lock import file_lock
-from agents.run_folder import RunFolderError, versions, write_json, write_text
+from agents.runs.file_lock import file_lock
+from agents.runs.folder import RunFolderError, versions, write_json, write_text
 from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml

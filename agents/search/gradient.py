@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
+from agents.runs.schedules import check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 ARMIJO = 1e-4  # share of the decrease promised by the slope that a step has to keep

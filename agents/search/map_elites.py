@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.fields import check_choice, check_integer, check_number
+from agents.runs.schedules import check_choice, check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 from rollingjoint.checked_yaml import entries, point
 from rollingjoint.errors import ConfigError

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from agents.pictures import COLOURS, png
+from agents.evaluation.pictures import COLOURS, png
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array
 from agents.search.outcome import Outcome, Search, words

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.fields import check_integer
+from agents.runs.schedules import check_integer
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.run_folder import write_bytes, write_json, write_text
+from agents.runs.folder import write_bytes, write_json, write_text
 from agents.search import verdicts
 from agents.search.optimiser import Evaluated
 from agents.search.outcome import YARDSTICK, Search, median, plain_number, words

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
+from agents.runs.schedules import check_integer, check_number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Task
 
 SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.command_line import exit_code
-from agents.config import EnvConfig
-from agents.fields import check_integer
-from agents.run_folder import RunFolder, typed_command, write_text
+from agents.runs.command_line import exit_code
+from agents.runs.config import EnvConfig
+from agents.runs.folder import RunFolder, typed_command, write_text
+from agents.runs.schedules import check_integer
 from agents.search.compare import around
 from agents.search.methods import make
 from agents.search.optimiser import Array, Task
@@ -102,8 +102,8 @@ def _row(name: str, errors: Array, policy: Array, seconds: float) -> str:
 
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
-    from agents.controller import Seen
-    from agents.policy import Policy
+    from agents.evaluation.controller import Seen
+    from agents.evaluation.policy import Policy
 
     policy, envs = Policy.load(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from rj_gym.config import Randomization, RewardConfig, TargetConfig, TaskConfig, check_load
-from rj_gym.settings import Range, Settings, assign, checked_number, checked_range
+from rj_gym.core.config import Randomization, RewardConfig, TargetConfig, TaskConfig, check_load
+from rj_gym.core.settings import Range, Settings, assign, checked_number, checked_range
 from rollingjoint.spatial.chain import HingeChain
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.env import GoalSteps, TrackingEnv
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.env import GoalSteps, TrackingEnv
 
 
 class FlexibleArmEnv(TrackingEnv):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rj_gym.tracking.kernels import (
+from rj_gym.planar.kernels import (
     ERROR,
     FORCE,
     REFUSED,

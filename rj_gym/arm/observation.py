@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.tracking.observation import ERROR_BOUND, POSITION_BOUND, Entry, tendon_entries
+from rj_gym.planar.observation import ERROR_BOUND, POSITION_BOUND, Entry, tendon_entries
 from rollingjoint.spatial.chain import HingeChain
 
 _AXES = ("x", "y", "z")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.sampling import NOTHING_FIXED, Fixed
-from rj_gym.tracking.options import check_keys, finite_floats, like_mechanism, start_option
+from rj_gym.planar.options import check_keys, finite_floats, like_mechanism, start_option
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
 

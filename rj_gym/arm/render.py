@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.arm.kernels import GRAVITY, OWN
-from rj_gym.canvas import (
+from rj_gym.core.episodes import over_time
+from rj_gym.planar.kernels import FORCE, STEP, TENSIONS
+from rj_gym.rendering.canvas import (
     BACKGROUND,
     BASE,
     EDGE,
@@ -25,14 +27,12 @@ from rj_gym.canvas import (
     blend,
     tension_color,
 )
-from rj_gym.tracking.kernels import FORCE, STEP, TENSIONS
-from rj_gym.tracking.task_lanes import over_time
 from rollingjoint.spatial.chain import HingeChain
 
 if TYPE_CHECKING:
     import pygame
 
-    from rj_gym.arm.lanes import ArmLanes
+    from rj_gym.arm.episodes import ArmLanes
 
 Array = NDArray[np.float64]
 _Piece = tuple[float, list[tuple[Array, Color]]]  # depth, polygons in pixels

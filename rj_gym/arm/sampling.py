@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.tracking.draws import (
+from rj_gym.core.draws import (
     Uniforms,
     fading_walk,
     held_draws,

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
+from rj_gym.arm.episodes import ArmLanes
 from rj_gym.arm.kernels import ANGLE, FX, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME, Rules
-from rj_gym.arm.lanes import ArmLanes
 from rj_gym.arm.observation import arm_observation_entries, payload_scale
 from rj_gym.arm.options import checked_options
 from rj_gym.arm.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_shapes
-from rj_gym.tracking import info
-from rj_gym.tracking.draws import Block, Uniforms, blocks_of
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.observation import Entry
-from rj_gym.tracking.task import Task
-from rj_gym.tracking.task_lanes import TaskLanes, over_time
+from rj_gym.core import info
+from rj_gym.core.draws import Block, Uniforms, blocks_of
+from rj_gym.core.episodes import TaskLanes, over_time
+from rj_gym.core.generators import Generators
+from rj_gym.core.task import Task
+from rj_gym.planar.observation import Entry
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.spatial.chain import HingeChain
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
+from rj_gym.core.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
 from rollingjoint.checks import as_floats, suggestion
 from rollingjoint.design import DesignSpace
 from rollingjoint.errors import ConfigError

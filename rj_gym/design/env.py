@@ -11,13 +11,13 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.info import every_lane
 from rj_gym.design.config import DesignConfig
-from rj_gym.design.lanes import Lanes, sampled_info
+from rj_gym.design.episodes import Lanes, sampled_info
 from rj_gym.design.observation import observation_space
 from rj_gym.design.options import checked_options
 from rj_gym.design.render import DesignRenderer, scene
 from rj_gym.design.task import design_task
-from rj_gym.tracking.info import every_lane
 from rollingjoint.errors import InvalidInput
 
 _ALONE = np.zeros(1, np.int64)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rj_gym.design.config import DesignConfig
 from rj_gym.design.task import DesignTask, Episodes, Judged
-from rj_gym.tracking.observation import Entry
+from rj_gym.planar.observation import Entry
 from rollingjoint.design import MARGINS
 
 Array = NDArray[np.float64]

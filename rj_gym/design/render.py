@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
-from rj_gym.design.lanes import Lanes
+from rj_gym.design.episodes import Lanes
+from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.outline import link_outline, to_world
 from rollingjoint.solution import Status

@@ -13,14 +13,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rj_gym.design.config import DesignConfig
-from rj_gym.design.lanes import Lanes, sampled_info
+from rj_gym.design.episodes import Lanes, sampled_info
 from rj_gym.design.observation import observation_space
 from rj_gym.design.options import checked_options
 from rj_gym.design.render import DesignRenderer, scene
 from rj_gym.design.task import Fixed, design_task
-from rj_gym.tracking.info import masked_info, spread_info, unmasked_info, whole_info
-from rj_gym.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 

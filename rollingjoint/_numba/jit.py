@@ -214,6 +214,15 @@ class _PartCompiler(CompilerBase):
         return [passes]
 
 
+PART_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": _PartCompiler,
+}
+"""What numba compiles a part with."""
+
+
 class _Part(CPUDispatcher):
     def __call__(self, *args: Any) -> Any:
         name = self.py_func.__name__
@@ -228,8 +237,7 @@ def part(function: Callable[..., Any] | None = None, *, inline: bool = False) ->
     """
     if function is None:
         return functools.partial(part, inline=inline)
-    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
-    dispatcher: Any = numba.njit(error_model="numpy", forceinline=inline, **options)(function)
+    dispatcher: Any = numba.njit(forceinline=inline, **PART_OPTIONS)(function)
     dispatcher.__class__ = _Part
     return dispatcher
 

@@ -9,7 +9,7 @@ from torch import Tensor
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.family import PlanarFamily

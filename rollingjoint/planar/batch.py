@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from rollingjoint._numba.borrowed import pin
 from rollingjoint._numba.jit import direct, entry_address, machine_code
 from rollingjoint.family import BatchArrays
-from rollingjoint.kernels.planar.arrays import Results, TendonLaw, new_results
+from rollingjoint.kernels.planar.arrays import Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.solution import Status

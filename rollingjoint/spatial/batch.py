@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rollingjoint._numba.jit import direct, machine_code
 from rollingjoint.family import BatchArrays
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.spatial.arrays import HingeResults, new_hinge_results
 from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
 from rollingjoint.solution import Status

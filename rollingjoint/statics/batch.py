@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
 from rollingjoint.solution import Solution

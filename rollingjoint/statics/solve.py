@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats, as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism
 from rollingjoint.solution import Solution

@@ -53,7 +53,7 @@ def test_controllers_are_scored_from_python_as_the_documentation_says(capsys):
 
 
 def test_every_file_of_a_run_folder_is_in_the_documentation():
-    from agents import run_folder
+    from agents.runs import folder as run_folder
 
     for name in re.findall(r"^    (\S+?)/? {2,}\S", run_folder.__doc__, flags=re.MULTILINE):
         assert name in TEXT

@@ -9,7 +9,8 @@ from rollingjoint import five_link, solve_lengths
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
-from rollingjoint.kernels.planar.arrays import CX, CY, PX, PY, TendonLaw
+from rollingjoint.kernels.planar.arrays import CX, CY, PX, PY
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import load_table
 from rollingjoint.planar.random_chain import random_chain, random_loads
 
@@ -101,7 +102,7 @@ def test_stiffness_is_the_formula_and_the_difference(seed):
     chain, phi, loads, law = problem(seed)
     _, state = at(chain, law, loads, phi)
     computed = np.empty((chain.n_joints, chain.n_joints))
-    stiffness(chain.arrays, state, computed)
+    stiffness(chain.arrays, loads, state, computed)
     size = np.abs(computed).max()
     assert computed == pytest.approx(page_stiffness(chain, loads, state), rel=1e-9, abs=1e-12 * size)
     numeric = difference(lambda p: at(chain, law, loads, p)[1].residual.copy(), phi)

@@ -1,1 +1,14 @@
-"""Kernels of planar rolling chains."""
+"""Kernels of planar rolling chains. Importing the package registers their formulas for kernels.shared.
+
+Modules:
+    arrays: the arrays of a chain, its state and its results, grouped by name.
+    batch: the solver for all cases, lane by lane.
+    block: the memory of eight lanes side by side.
+    chain: poses, tendons, residual and stiffness at one configuration.
+    forward: kinematics without statics.
+    joint: one rolling joint: its table, and the tendon gaps across it.
+    side_by_side: the solver of eight lanes side by side.
+    solve: one equilibrium from one start.
+"""
+
+from rollingjoint.kernels.planar import chain as chain

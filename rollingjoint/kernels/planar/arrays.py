@@ -15,6 +15,7 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow, carve, pinned_floats, pinned_integers
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.shared.arrays import TendonLaw
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
@@ -28,9 +29,6 @@ COS, SIN, CX, CY, GX, GY, PX, PY = range(8)
 X, Y, THETA, C, S = range(5)
 # Columns of State.sums: sums over all loads beyond a joint (F force, x point, b follower force, k spring)
 FX, FY, TURN, X_DOT_F, BX, BY, X_DOT_B, K, KX, KY, K_XX = range(11)
-
-# Status codes, the values of equilibrium.Status
-CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
 
 
 class Chain(NamedTuple):
@@ -47,15 +45,6 @@ class Chain(NamedTuple):
     holes: np.ndarray  # (D, J, m, 4): x, y of the hole on the proximal link, x, y on the distal link
     channels: np.ndarray  # (D, m): constant length inside the links
     tendon_joints: np.ndarray  # (m,): number of joints a tendon crosses
-
-
-class TendonLaw(NamedTuple):
-    """tension = clip(stiffness (length - command), low, high); low = high prescribes the tension."""
-
-    command: np.ndarray  # (m,)
-    stiffness: np.ndarray  # (m,)
-    low: np.ndarray  # (m,)
-    high: np.ndarray  # (m,)
 
 
 class State(NamedTuple):
@@ -201,12 +190,6 @@ def borrow_chain(chain):
         borrow(chain.channels),
         borrow(chain.tendon_joints),
     )
-
-
-@part(inline=True)
-def borrow_law(law):
-    """The law, or laws, without reference counts."""
-    return TendonLaw(borrow(law.command), borrow(law.stiffness), borrow(law.low), borrow(law.high))
 
 
 @part(inline=True)

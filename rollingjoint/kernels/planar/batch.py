@@ -7,52 +7,29 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint.kernels.planar.arrays import (
-    INVALID_INPUT,
-    TendonLaw,
     borrow_chain,
-    borrow_law,
     borrow_results,
     borrow_state,
     design,
     new_state,
 )
-from rollingjoint.kernels.planar.chain import contact_forces, evaluate, stiffness
+from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.solve import solve
+from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw, borrow_law
+from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
-
-@part
-def _resolvable(values):
-    for i in range(values.size):
-        if not abs(values[i]) <= LARGEST_INPUT:
-            return False
-    return True
+_STIFFNESSES = (8,)  # columns of a load table
 
 
 @part
-def valid(law, loads, start):
-    """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon."""
-    if not (_resolvable(law.command) and _resolvable(start)):
-        return False
-    for row in range(loads.shape[0]):
-        if not _resolvable(loads[row]) or loads[row, 8] < 0.0:
-            return False
-    for j in range(law.low.size):
-        low, high = law.low[j], law.high[j]
-        if not (0.0 <= low <= LARGEST_INPUT and low <= high and law.stiffness[j] > 0.0):
-            return False
-    return True
-
-
-@part
-def solve_invalid(chain, n_tendons, start, state):
+def solve_invalid(chain, start, state):
     """The start pose (the middle of a joint where it is not a number), no tension and no load."""
     for i in range(start.size):
         lowest, highest = chain.joints[i, 0], chain.joints[i, 1]
         known = abs(start[i]) <= LARGEST_INPUT
         state.angle[i] = min(max(start[i], lowest), highest) if known else 0.5 * (lowest + highest)
-    zero = np.zeros(n_tendons)
-    evaluate(chain, TendonLaw(zero, np.ones(n_tendons), zero, zero), np.zeros((0, 11)), state)
+    evaluate_unloaded(chain, 11, state)
     return INVALID_INPUT, 0, np.inf
 
 
@@ -90,15 +67,14 @@ def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
 def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
     chain, laws, results, state = borrow_chain(chain), borrow_law(laws), borrow_results(results), borrow_state(state)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
-    n_tendons = chain.tendon_joints.size
     for place in range(lanes.size):
         lane = lanes[place]
         one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        if valid(law, loads[lane], starts[lane]):
+        if valid(law, loads[lane], starts[lane], _STIFFNESSES):
             outcome = solve(one, law, loads[lane], starts[lane], state)
         else:
-            outcome = solve_invalid(one, n_tendons, starts[lane], state)
+            outcome = solve_invalid(one, starts[lane], state)
         store(one, state, outcome, results, lane)
 
 
@@ -108,10 +84,4 @@ def stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     state = new_state(angles.shape[1], tensions.shape[1])
     for lane in range(angles.shape[0]):
         one = design(chain, designs[lane])
-        fixed = TendonLaw(state.length, np.ones(state.length.size), tensions[lane], tensions[lane])
-        for i in range(angles.shape[1]):
-            state.angle[i] = angles[lane, i]
-        evaluate(one, fixed, loads[lane], state)
-        for j in range(elastic.shape[1]):
-            state.elastic[j] = elastic[lane, j]
-        stiffness(one, state, H[lane])
+        stiffness_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state, H[lane])

@@ -8,8 +8,9 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import as_rows, carve, numbers
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar.arrays import AT_LIMIT, CONVERGED, State, TendonLaw, carve_state, state_size
+from rollingjoint.kernels.planar.arrays import State, carve_state, state_size
 from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 # Columns of Block.search: energy, its magnitude and |r| where the line search began, part of the step that is tried,

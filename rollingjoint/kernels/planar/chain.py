@@ -32,18 +32,22 @@ from rollingjoint.kernels.planar.arrays import (
     X_DOT_B,
     X_DOT_F,
     C,
+    Chain,
     K,
     S,
     X,
     Y,
     borrow_chain,
-    borrow_law,
     borrow_state,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
+from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.arrays import borrow_law
+from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
 
-@part
+@formula(formulas.evaluate, Chain)
 def evaluate(chain, law, loads, state):
     """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
 
@@ -81,26 +85,6 @@ def evaluate_poses(holes, channels, tendon_joints, state):
         cos, sin = cos * joint[i, COS] - sin * joint[i, SIN], sin * joint[i, COS] + cos * joint[i, SIN]
         theta = theta + angle[i]
         pose[i + 1, X], pose[i + 1, Y], pose[i + 1, THETA], pose[i + 1, C], pose[i + 1, S] = x, y, theta, cos, sin
-
-
-@part(inline=True)
-def evaluate_tendons(law, state):
-    """Fill tensions and their rates; returns (energy, magnitude of its terms)."""
-    zero = 0.0 * state.angle[0]
-    energy, magnitude = zero, zero
-    for j in range(state.length.size):
-        length, k, low, high = state.length[j], law.stiffness[j], law.low[j], law.high[j]
-        stretch = length - law.command[j]
-        pull = k * stretch
-        slack, yielding = pull <= low, pull >= high
-        tension = where(slack, low, where(yielding, high, pull))
-        # 1/2 k stretch² while elastic; beyond a limit the line that continues it
-        term = tension * stretch - 0.5 * tension * tension / k
-        state.tension[j] = tension
-        state.elastic[j] = where(slack, 0.0, where(yielding, 0.0, k))
-        energy = energy + term
-        magnitude = magnitude + abs(term) + abs(tension * length)
-    return energy, magnitude
 
 
 @part(inline=True)
@@ -168,8 +152,8 @@ def evaluate_residual(tendon_joints, state):
     return scale
 
 
-@part
-def stiffness(chain, state, H):
+@formula(formulas.stiffness, Chain)
+def stiffness(chain, loads, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
     state, H, tendon_joints = borrow_state(state), borrow(H), borrow(chain.tendon_joints)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
@@ -190,6 +174,32 @@ def stiffness(chain, state, H):
         for j in range(elastic.size):
             if i < tendon_joints[j]:
                 H[i, i] += tension[j] * gap[i, j, 2]
+
+
+@formula(formulas.fill_generators, Chain)
+def fill_generators(chain, loads, state, prox, sweep):
+    """Fill diagonal, U and V of a Sweep (long_chain.py) from the state; prox is added to the diagonal."""
+    n_joints, q = sweep.U.shape
+    n_tendons = chain.tendon_joints.size
+    first = q - n_tendons
+    sums, contact = state.sums, state.contact
+    for i in range(n_joints):
+        cx, cy = contact[i, 0], contact[i, 1]
+        lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
+        lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
+        sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
+        diagonal = lever + prox
+        if first == 3:
+            sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
+            sweep.V[i, 1], sweep.V[i, 2] = cx, cy
+            diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
+        diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
+        for j in range(n_tendons):
+            rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
+            sweep.U[i, first + j], sweep.V[i, first + j] = state.elastic[j] * rate, rate
+            if i < chain.tendon_joints[j]:
+                diagonal += state.elastic[j] * rate * rate + state.tension[j] * state.gap[i, j, 2]
+        sweep.diagonal[i] = diagonal
 
 
 @part(inline=True)

@@ -43,7 +43,6 @@ from rollingjoint.kernels.planar.arrays import (
     X,
     Y,
     borrow_chain,
-    borrow_law,
     borrow_results,
     pinned_problem,
 )
@@ -68,8 +67,10 @@ from rollingjoint.kernels.planar.block import (
     fill_inputs,
     store_lane,
 )
-from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual, evaluate_tendons
+from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate, table_row
+from rollingjoint.kernels.shared.arrays import borrow_law
+from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,

@@ -1,8 +1,9 @@
 """Newton steps in O(n) for long chains without follower forces.
 
 H is diagonal plus semiseparable: H_im = U_i . V_m for i > m, because a load or a tendon couples two joints only through
-what lies beyond the later one. With q = tendons + 1 (+ 2 where springs act) columns, the factors of H = L P Lᵀ follow
-from one sweep over the joints that carries a (q, q) matrix. Source: docs/theory.md, section 3.
+what lies beyond the later one. With q columns, one per tendon and a few for the loads, the factors of H = L P Lᵀ follow
+from one sweep over the joints that carries a (q, q) matrix. Each family fills U and V (formulas.fill_generators).
+Source: docs/theory.md, section 3.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar.arrays import FX, FY, K_XX, KX, KY, X_DOT_F, K
 
 DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
 
@@ -29,9 +29,8 @@ class Sweep(NamedTuple):
 
 
 @part
-def new_sweep(n_joints, n_tendons, springs):
-    """An empty Sweep."""
-    q = n_tendons + (3 if springs else 1)
+def new_sweep(n_joints, q):
+    """An empty Sweep with q columns."""
     shape = (n_joints, q)
     return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
 
@@ -40,32 +39,6 @@ def new_sweep(n_joints, n_tendons, springs):
 def borrow_sweep(sweep):
     """The sweep without reference counts."""
     return Sweep(borrow(sweep.diagonal), borrow(sweep.U), borrow(sweep.V), borrow(sweep.W), borrow(sweep.pivots))
-
-
-@part
-def fill_generators(chain, state, prox, sweep):
-    """Fill diagonal, U and V from the state; prox is added to the diagonal."""
-    n_joints, q = sweep.U.shape
-    n_tendons = chain.tendon_joints.size
-    first = q - n_tendons
-    sums, contact = state.sums, state.contact
-    for i in range(n_joints):
-        cx, cy = contact[i, 0], contact[i, 1]
-        lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
-        lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
-        sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
-        diagonal = lever + prox
-        if first == 3:
-            sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
-            sweep.V[i, 1], sweep.V[i, 2] = cx, cy
-            diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
-        diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
-        for j in range(n_tendons):
-            rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
-            sweep.U[i, first + j], sweep.V[i, first + j] = state.elastic[j] * rate, rate
-            if i < chain.tendon_joints[j]:
-                diagonal += state.elastic[j] * rate * rate + state.tension[j] * state.gap[i, j, 2]
-        sweep.diagonal[i] = diagonal
 
 
 @part

@@ -11,14 +11,9 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar.arrays import (
-    AT_LIMIT,
-    CONVERGED,
-    INDETERMINATE,
-    NOT_CONVERGED,
-    UNSTABLE,
-)
-from rollingjoint.kernels.planar.chain import evaluate, stiffness
+from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, INDETERMINATE, NOT_CONVERGED, UNSTABLE
+from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
+from rollingjoint.kernels.shared.formulas import evaluate, fill_generators, stiffness
 from rollingjoint.kernels.shared.linear import (
     cholesky,
     damped_step,
@@ -28,7 +23,7 @@ from rollingjoint.kernels.shared.linear import (
     lu_step,
     smallest_real_part,
 )
-from rollingjoint.kernels.shared.long_chain import borrow_sweep, factor, fill_generators, long_step
+from rollingjoint.kernels.shared.long_chain import borrow_sweep, factor, long_step
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -43,34 +38,6 @@ from rollingjoint.kernels.shared.tolerances import (
 MAX_ITERATIONS = 200
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _MAX_HALVINGS = 40
-_MAX_ESCAPES = 8
-
-
-@part
-def mark_free(chain, state, prox, anchor, free):
-    """Mark joints that are not held by a surface limit; returns the largest free |r|. The proximal term is included."""
-    worst = 0.0
-    for i in range(free.size):
-        phi, lowest, highest = state.angle[i], chain.joints[i, 0], chain.joints[i, 1]
-        residual = state.residual[i] + prox * (phi - anchor[i])
-        held = (phi >= highest - 1e-13 and residual < 0.0) or (phi <= lowest + 1e-13 and residual > 0.0)
-        free[i] = not held
-        if free[i]:
-            worst = max(worst, abs(residual))
-    return worst
-
-
-@part
-def _release_step(chain, state, free, step):
-    """Hold joints at a limit that the step would leave outwards; returns True when it held any."""
-    changed = False
-    for i in range(free.size):
-        if free[i] and step[i] != 0.0:
-            phi, lowest, highest = state.angle[i], chain.joints[i, 0], chain.joints[i, 1]
-            if (phi >= highest - 1e-13 and step[i] > 0.0) or (phi <= lowest + 1e-13 and step[i] < 0.0):
-                free[i] = False
-                changed = True
-    return changed
 
 
 @part
@@ -97,7 +64,7 @@ def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L
             descent_step(H, free, residual, L, step)
         elif damping > 0.0 or not lu_step(H, free, residual, step):
             damped_step(H, free, residual, damping, L, step)
-        if not _release_step(chain, state, free, step):
+        if not release_step(chain, state, free, step):
             break
     longest = 0.0
     for i in range(free.size):
@@ -105,13 +72,6 @@ def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L
     if longest > MAX_STEP:
         for i in range(free.size):
             step[i] *= MAX_STEP / longest
-
-
-@part
-def move(chain, phi, step, t, angle):
-    """Fill angle with phi + t step, clipped to the surface limits."""
-    for i in range(angle.size):
-        angle[i] = min(max(phi[i] + t * step[i], chain.joints[i, 0]), chain.joints[i, 1])
 
 
 @part
@@ -157,7 +117,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
 
 
 @part
-def _escape_direction(H, free, step):
+def escape_direction(H, free, step):
     """Fill step with the direction of most negative curvature, 0.1 rad long, its largest entry positive."""
     index, _, vectors = eigen(H, free)
     leader = 0
@@ -201,14 +161,18 @@ def classify(H, sweep, free, L):
 
 
 @part
-def minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep):
-    """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|)."""
+def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep):
+    """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|).
+
+    Under conservative loads it leaves up to `most_escapes` saddles along their negative curvature.
+    """
     n = state.angle.size
     return _minimise(
         chain,
         law,
         loads,
         conservative,
+        most_escapes,
         prox,
         anchor,
         state,
@@ -221,7 +185,7 @@ def minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep):
 
 
 @part
-def _minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep, L, vectors, free):
+def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep, L, vectors, free):
     """minimise with its scratch space."""
     H, sweep, L, vectors, free = borrow(H), borrow_sweep(sweep), borrow(L), borrow(vectors), borrow(free)
     residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
@@ -234,20 +198,20 @@ def _minimise(chain, law, loads, conservative, prox, anchor, state, H, sweep, L,
     for iteration in range(MAX_ITERATIONS):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:
-            fill_generators(chain, state, prox, sweep)
+            fill_generators(chain, loads, state, prox, sweep)
         else:
-            stiffness(chain, state, H)
+            stiffness(chain, loads, state, H)
             for i in range(n):
                 H[i, i] += prox
         if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
             kind = classify(H, sweep, free, L)
-            if kind != UNSTABLE or not conservative or long or escapes == _MAX_ESCAPES:
+            if kind != UNSTABLE or not conservative or long or escapes == most_escapes:
                 for i in range(n):
                     if kind == CONVERGED and not free[i]:
                         kind = AT_LIMIT
                 return kind, iteration, worst
             escapes += 1
-            _escape_direction(H, free, step)
+            escape_direction(H, free, step)
         elif stalled:
             return NOT_CONVERGED, iteration, worst
         else:

@@ -1,1 +1,12 @@
-"""Kernels of spatial hinge chains."""
+"""Kernels of spatial hinge chains. Importing the package registers their formulas for kernels.shared.
+
+Modules:
+    arrays: the arrays of a chain, its state and its results, grouped by name.
+    batch: the solver, lane by lane.
+    chain: poses, tendons, loads, residual and stiffness at one configuration.
+    solve: one equilibrium from one start.
+    springs: springs to fixed points: forces, energy, stiffness.
+    vectors: vectors in space, as three numbers.
+"""
+
+from rollingjoint.kernels.spatial import chain as chain

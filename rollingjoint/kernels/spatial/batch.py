@@ -1,4 +1,4 @@
-"""Hinge chains over many lanes, what may enter their solver; stiffness."""
+"""The solver of hinge chains and their stiffness, lane by lane."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
-from rollingjoint.kernels.planar.arrays import INVALID_INPUT, TendonLaw, borrow_law
-from rollingjoint.kernels.planar.batch import _resolvable
+from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw, borrow_law
+from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.kernels.spatial.arrays import (
     N_COLUMNS,
@@ -18,22 +18,9 @@ from rollingjoint.kernels.spatial.arrays import (
     hinge_design,
     new_hinge_state,
 )
-from rollingjoint.kernels.spatial.chain import evaluate, stiffness
 from rollingjoint.kernels.spatial.solve import solve_hinges
 
-
-@part
-def _valid(law, loads, start):
-    """True when every number can be solved with: no NaN, nothing huge, limits in order, no pushing tendon or spring."""
-    if not (_resolvable(law.command) and _resolvable(start)):
-        return False
-    for row in range(loads.shape[0]):
-        if not _resolvable(loads[row]) or loads[row, SPRING] < 0.0:
-            return False
-    for j in range(law.low.size):
-        if not (0.0 <= law.low[j] <= LARGEST_INPUT and law.low[j] <= law.high[j] and law.stiffness[j] > 0.0):
-            return False
-    return True
+_STIFFNESSES = (SPRING,)  # columns of a load table
 
 
 @part
@@ -42,8 +29,7 @@ def _solve_invalid(chain, start, state):
     for i in range(start.size):
         angle = start[i] if abs(start[i]) <= LARGEST_INPUT else chain.joints[i, 2]
         state.angle[i] = min(max(angle, chain.joints[i, 0]), chain.joints[i, 1])
-    zero = np.zeros(state.length.size)
-    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, N_COLUMNS)), state)
+    evaluate_unloaded(chain, N_COLUMNS, state)
     return INVALID_INPUT, 0, np.inf, 0
 
 
@@ -83,7 +69,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, first, last, state
     for lane in range(first, last):
         one = hinge_design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        if _valid(law, loads[lane], starts[lane]):
+        if valid(law, loads[lane], starts[lane], _STIFFNESSES):
             for i in range(rest.size):
                 rest[i] = one.joints[i, 2]
             outcome = solve_hinges(one, law, loads[lane], starts[lane], rest, state)
@@ -98,10 +84,4 @@ def hinge_stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     state = new_hinge_state(angles.shape[1], tensions.shape[1])
     for lane in range(angles.shape[0]):
         one = hinge_design(chain, designs[lane])
-        fixed = TendonLaw(state.length, np.ones(state.length.size), tensions[lane], tensions[lane])
-        for i in range(angles.shape[1]):
-            state.angle[i] = angles[lane, i]
-        evaluate(one, fixed, loads[lane], state)
-        for j in range(elastic.shape[1]):
-            state.elastic[j] = elastic[lane, j]
-        stiffness(one, state, H[lane])
+        stiffness_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state, H[lane])

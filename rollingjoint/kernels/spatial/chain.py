@@ -9,7 +9,9 @@ import math
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar.chain import evaluate_tendons
+from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.spatial.arrays import (
     BODY_FORCE,
     BODY_MOMENT,
@@ -26,6 +28,7 @@ from rollingjoint.kernels.spatial.arrays import (
     XF,
     B,
     F,
+    Hinges,
     K,
     M,
     borrow_hinge_state,
@@ -34,7 +37,7 @@ from rollingjoint.kernels.spatial.springs import add_springs, evaluate_springs, 
 from rollingjoint.kernels.spatial.vectors import cross, turned
 
 
-@part
+@formula(formulas.evaluate, Hinges)
 def evaluate(chain, law, loads, state):
     """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
 
@@ -218,8 +221,8 @@ def own_stiffness(chain, state, i):
     return value
 
 
-@part
-def stiffness(chain, state, H):
+@formula(formulas.stiffness, Hinges)
+def stiffness(chain, loads, state, H):
     """Fill H = dr/dtheta, (J, J); symmetric where everything has a potential."""
     state, H = borrow_hinge_state(state), borrow(H)
     axis, elastic = state.axis, state.elastic
@@ -276,8 +279,8 @@ def _add_followers(state, m, H):
         H[i, m] -= axis[i, 0] * (tx + qx) + axis[i, 1] * (ty + qy) + axis[i, 2] * (tz + qz)
 
 
-@part
-def fill_generators(chain, state, prox, sweep):
+@formula(formulas.fill_generators, Hinges)
+def fill_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep (long_chain.py) with H = U_i . V_m for i > m; prox is added to the diagonal."""
     state = borrow_hinge_state(state)
     n_tendons = state.tension.size

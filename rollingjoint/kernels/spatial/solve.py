@@ -1,8 +1,8 @@
-"""One equilibrium of a hinge chain from one start: the Newton iteration of every family on hinges, and its way on.
+"""One equilibrium of a hinge chain from one start: Newton's method, and the fallbacks for a non-converged pose.
 
-Long chains whose loads all have a potential take the steps in O(n) of long_chain.py, with generators of their own.
-Where the energy decides, an unstable equilibrium is left downhill and counted. Where something has no potential, or
-Newton ends nowhere, the overdamped motion from the start follows, then loads and tendons grow from nothing.
+Long chains whose loads all have a potential take the O(n) steps of long_chain.py. Where the energy decides, an unstable
+equilibrium is left downhill and counted, here and not in Newton's method. Where something has no potential, or Newton's
+method does not converge, the overdamped motion from the start follows, then loads and tendons grow from nothing.
 """
 
 from __future__ import annotations
@@ -11,32 +11,18 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar import solve as planar
-from rollingjoint.kernels.planar.arrays import UNSTABLE, TendonLaw
-from rollingjoint.kernels.planar.solve import begin
-from rollingjoint.kernels.shared import newton
-from rollingjoint.kernels.shared.family import rebound
-from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, Sweep
-from rollingjoint.kernels.shared.newton import mark_free, move
+from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
+from rollingjoint.kernels.shared.bounds import begin, mark_free, move
+from rollingjoint.kernels.shared.formulas import evaluate, stiffness
+from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, new_sweep
+from rollingjoint.kernels.shared.newton import escape_direction, minimise
+from rollingjoint.kernels.shared.relaxation import relax
 from rollingjoint.kernels.spatial.arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
-from rollingjoint.kernels.spatial.chain import evaluate, fill_generators, stiffness
 from rollingjoint.kernels.spatial.springs import has_springs
 
-_MAX_ESCAPES = 8
+_MOST_ESCAPES = 8
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
-
-_line_search = rebound(newton._line_search, evaluate=evaluate)
-_iterate = rebound(
-    newton._minimise,
-    evaluate=evaluate,
-    stiffness=stiffness,
-    fill_generators=fill_generators,
-    _line_search=_line_search,
-    _MAX_ESCAPES=0,  # left below, where it is counted
-)
-_minimise = rebound(newton.minimise, _minimise=_iterate)
-_relax = rebound(planar._relax, evaluate=evaluate, stiffness=stiffness)
 
 
 @part
@@ -51,21 +37,14 @@ def _has_potential(chain, loads):
 
 
 @part
-def new_sweep(n_joints, n_tendons, springs):
-    """An empty Sweep; springs need three columns more."""
-    shape = (n_joints, 3 + n_tendons + (3 if springs else 0))
-    return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
-
-
-@part
 def _escape(chain, law, loads, state, free, step, before):
     """Leave a saddle along the most negative curvature, so far that the energy falls; returns whether it did."""
     n = state.angle.size
     energy, _, _ = evaluate(chain, law, loads, state)
     mark_free(chain, state, 0.0, state.angle, free)
     H = np.empty((n, n))
-    stiffness(chain, state, H)
-    newton._escape_direction(H, free, step)
+    stiffness(chain, loads, state, H)
+    escape_direction(H, free, step)
     for i in range(n):
         before[i] = state.angle[i]
     t = 1.0
@@ -87,9 +66,9 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
     free, step = np.ones(n, np.bool_), np.empty(n)
     count, escapes = 0, 0
     while True:
-        status, iterations, worst = _minimise(chain, law, loads, conservative, 0.0, anchor, state, H, sweep)
+        status, iterations, worst = minimise(chain, law, loads, conservative, 0, 0.0, anchor, state, H, sweep)
         count += iterations
-        if status != UNSTABLE or not conservative or escapes == _MAX_ESCAPES:
+        if status != UNSTABLE or not conservative or escapes == _MOST_ESCAPES:
             break
         if not _escape(chain, law, loads, state, free, step, anchor):
             break
@@ -147,13 +126,13 @@ def solve_hinges(chain, law, loads, start, rest, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = _has_potential(chain, loads)
     n = start.size if conservative and start.size > DENSE_JOINTS else 0
-    sweep = new_sweep(n, law.low.size, has_springs(loads))
+    sweep = new_sweep(n, law.low.size + (6 if has_springs(loads) else 3))
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
     status, count, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
     if status >= UNSTABLE and not conservative:
         begin(chain, start, state.angle)
-        count += _relax(chain, law, loads, state, H, sweep)
+        count += relax(chain, law, loads, state, H, sweep)
         status, more, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
         count += more
     if status >= UNSTABLE:

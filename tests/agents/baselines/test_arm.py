@@ -8,12 +8,12 @@ import rj_gym  # noqa: F401  (registers its ids)
 from agents.baselines import JacobianFeedback, LoadEstimate, OpenLoop, Predictive
 from agents.baselines.measured import measured_by
 from agents.baselines.model_inverse import nearest_tensions
-from agents.config import EnvConfig
-from agents.controller import Seen
-from agents.floor import episode_floor
-from agents.rollout import run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.tracking.task import task_of
+from rj_gym.core.task import task_of
 from rollingjoint import flexible_arm, solve_tensions_batch
 
 ARM = "rj_gym/FlexibleArm-v0"

@@ -9,14 +9,14 @@ from agents.baselines import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop
 from agents.baselines.measured_chain import estimated_loads, measured_equilibrium
 from agents.baselines.model_inverse import nearest_tensions
 from agents.baselines.responses import bounded_step, length_responses, tension_response
-from agents.config import EnvConfig
-from agents.controller import Seen
-from agents.floor import episode_floor
-from agents.rollout import run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TrackingConfig
-from rj_gym.tracking.task import task_of
-from rj_gym.tracking.vector import RollingJointVectorEnv
+from rj_gym.core.config import TrackingConfig
+from rj_gym.core.task import task_of
+from rj_gym.core.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.load import load_table
 from rollingjoint.presets import preset, small_arm, uniform

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from agents.baselines import DoNothing, JacobianFeedback
-from agents.build import make_env
-from agents.config import EnvConfig
-from agents.controller import Seen
 from agents.evaluate import evaluate_controllers
-from agents.policy import Policy
-from agents.rollout import film, run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import film, run_episodes
+from agents.runs.config import EnvConfig
+from agents.training.build import make_env
 from rollingjoint.errors import ConfigError, InvalidInput
 
 IDS = ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"]

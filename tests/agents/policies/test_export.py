@@ -16,14 +16,14 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import export
-from agents.build import build_model
-from agents.config import EnvConfig, load_config
-from agents.conversion import network_of
 from agents.export import check_against_torch, export_policy
-from agents.network import PolicyError
-from agents.policy_file import unpack
-from agents.run_folder import RunFolder, write_file
+from agents.policies.conversion import network_of
+from agents.policies.file import unpack
+from agents.policies.network import PolicyError
+from agents.runs.config import EnvConfig, load_config
+from agents.runs.folder import RunFolder, write_file
 from agents.shipped import ShippedPolicy, list_policies, load_policy
+from agents.training.build import build_model
 from rj_gym.sb3 import make_sb3_env
 
 torch.set_num_threads(1)

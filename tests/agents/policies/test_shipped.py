@@ -11,14 +11,15 @@ import safetensors.numpy
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agents import policy_file, shipped
-from agents.controller import Seen
-from agents.network import Network, PolicyError
-from agents.policy_file import pack, unpack
-from agents.recorded_score import ERRORS, SHARES, RecordedScore
+from agents import shipped
+from agents.evaluation.controller import Seen
+from agents.policies import file as policy_file
+from agents.policies.file import pack, unpack
+from agents.policies.network import Network, PolicyError
+from agents.policies.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.shipped import FOLDER, ShippedPolicy, entry_names, list_policies, load_policy, standalone
 from rj_gym import TrackingConfig, settings_of
-from rj_gym.tracking.task import TrackingTask, task_of
+from rj_gym.core.task import TrackingTask, task_of
 from rollingjoint.errors import RollingJointError
 from rollingjoint.io.mechanism_file import load_mechanism
 

@@ -10,20 +10,20 @@ from PIL import Image
 
 from agents import train
 from agents.baselines import baselines
-from agents.config import EnvConfig, TrainConfig
 from agents.evaluate import evaluate_controllers
-from agents.policy import Policy
-from agents.report import Score
+from agents.evaluation.policy import Policy
+from agents.evaluation.report import Score
+from agents.evaluation.rollout import Episodes
 from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
 from agents.results.description import description
 from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
 from agents.results.runs import Recipe, Run, Task, find_tasks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
-from agents.rollout import Episodes
-from agents.run_folder import RunFolder
+from agents.runs.config import EnvConfig, TrainConfig
+from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TrackingConfig
+from rj_gym.core.config import TrackingConfig
 
 COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.run_folder import RunFolderError
+from agents.runs.folder import RunFolderError
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.gradient import Descent

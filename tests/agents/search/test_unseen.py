@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from agents import evaluate, train  # noqa: E402 - needs torch
-from agents.run_folder import RunFolder  # noqa: E402
+from agents.runs.folder import RunFolder  # noqa: E402
 from agents.search import unseen  # noqa: E402
 from rj_gym import CurvatureDesignVectorEnv  # noqa: E402
 

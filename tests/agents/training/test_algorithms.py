@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents import train
-from agents.build import build_model
-from agents.callbacks import Evaluation
-from agents.config import TrainConfig
+from agents.runs.config import TrainConfig
 from agents.train import learn
+from agents.training.build import build_model
+from agents.training.callbacks import Evaluation
 from rollingjoint.errors import ConfigError
 
 GOAL = "rj_gym/RollingJointGoal-v0"

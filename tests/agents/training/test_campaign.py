@@ -12,7 +12,7 @@ import pytest
 
 from agents import campaign, train
 from agents.campaign import content, load_campaign
-from agents.config import EnvConfig, TrainConfig, load_config
+from agents.runs.config import EnvConfig, TrainConfig, load_config
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 from rollingjoint.presets import small_arm

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 import rj_gym
-from agents.config import TrainConfig, load_config
-from agents.fields import Linear
-from agents.parameters import PARAMETERS, constructor_arguments
+from agents.runs.algorithms import PARAMETERS, constructor_arguments
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.schedules import Linear
 from rollingjoint.errors import ConfigError
 from rollingjoint.presets import PRESETS
 
@@ -125,7 +125,7 @@ def test_the_env_file_is_found_beside_the_config_and_settings_go_on_top(tmp_path
 
 
 def test_parameters_are_arguments_of_the_constructors():
-    from agents.build import algorithm_class
+    from agents.training.build import algorithm_class
 
     for name, parameters in PARAMETERS.items():
         accepted = inspect.signature(algorithm_class(name)).parameters
@@ -147,8 +147,8 @@ def test_the_default_config_is_valid():
 
 def test_importing_agents_and_reading_a_config_loads_neither_torch_nor_matplotlib():
     code = (
-        "import sys, agents, agents.config, agents.run_folder, agents.train, agents.evaluate, agents.baselines;"
-        "agents.config.load_config('configs/train/demo.yaml');"
+        "import sys, agents, agents.runs.config, agents.runs.folder, agents.train, agents.evaluate, agents.baselines;"
+        "agents.runs.config.load_config('configs/train/demo.yaml');"
         "sys.exit(', '.join({'torch', 'stable_baselines3', 'matplotlib'} & set(sys.modules)) or None)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from agents import checkpoint, train
-from agents.callbacks import Evaluation
-from agents.config import load_config
-from agents.file_lock import file_lock
-from agents.policy import Policy
-from agents.rollout import run_episodes
-from agents.run_folder import RunFolder
-from agents.training_log import _Events
+from agents import train
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import load_config
+from agents.runs.file_lock import file_lock
+from agents.runs.folder import RunFolder
+from agents.training import checkpoint
+from agents.training.callbacks import Evaluation
+from agents.training.log import _Events
 
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
@@ -33,7 +34,8 @@ for words in (PPO, HER):
 # Kills its own process when a file of this name is about to be written for the n-th time.
 KILLED_WHILE_WRITING = """
 import os, signal, sys
-from agents import checkpoint, train
+from agents import train
+from agents.training import checkpoint
 write, seen = checkpoint.write_file, []
 def killing(path, content):
     seen.extend([1] if path.name == sys.argv[1] else [])
@@ -244,7 +246,8 @@ def test_a_full_disk_before_training_leaves_no_run_folder(tmp_path, monkeypatch,
 
 LIMITED = """
 import resource, sys
-from agents import checkpoint, train
+from agents import train
+from agents.training import checkpoint
 save = checkpoint.save
 def limited(model, run):
     done = save(model, run)

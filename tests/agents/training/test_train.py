@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from agents import evaluate, train
-from agents.callbacks import StopOnSignal
-from agents.policy import Policy
-from agents.rollout import run_episodes
-from agents.run_folder import RunFolder
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.folder import RunFolder
+from agents.training.callbacks import StopOnSignal
 
 TINY = [
     "env.n_envs=2", "env.settings.episode_steps=10", "total_timesteps=80", "parameters.n_steps=20",

@@ -13,12 +13,13 @@ import pytest
 from optuna.trial import TrialState
 from PIL import Image
 
-from agents import study_report, train, tune
-from agents.callbacks import Evaluation
-from agents.config import load_config
-from agents.file_lock import file_lock
-from agents.journal import journal_storage
-from agents.study import StudyConfig, load_study
+from agents import train, tune
+from agents.runs.config import load_config
+from agents.runs.file_lock import file_lock
+from agents.training.callbacks import Evaluation
+from agents.tuning import report as study_report
+from agents.tuning.journal import journal_storage
+from agents.tuning.study import StudyConfig, load_study
 from rollingjoint.errors import ConfigError
 
 STUDY = """
@@ -154,7 +155,7 @@ def test_a_trial_that_falls_behind_is_ended_early(config, tmp_path, monkeypatch,
 KILLED_IN_THE_SECOND_TRIAL = """
 import os, signal, sys
 from agents import tune
-from agents.callbacks import Evaluation
+from agents.training.callbacks import Evaluation
 evaluate = Evaluation.evaluate
 def killing(self):
     if "0001" in str(self.run.path):
@@ -266,7 +267,7 @@ def test_every_value_of_a_space_must_fit_the_configuration():
 
 
 def load_study_with(space: dict) -> StudyConfig:
-    from agents.config import TrainConfig
-    from agents.study import Choices
+    from agents.runs.config import TrainConfig
+    from agents.tuning.study import Choices
 
     return StudyConfig(TrainConfig(), {key: Choices(tuple(value["choices"])) for key, value in space.items()})

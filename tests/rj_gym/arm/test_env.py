@@ -9,7 +9,7 @@ import pytest
 
 import rj_gym
 from rj_gym import FlexibleArmConfig, FlexibleArmEnv, FlexibleArmGoalEnv, FlexibleArmVectorEnv
-from rj_gym.canvas import SIZE
+from rj_gym.rendering.canvas import SIZE
 from rollingjoint import Status
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.presets import five_link, flexible_arm, small_arm

@@ -9,9 +9,9 @@ import pytest
 from rj_gym import FlexibleArmConfig, arm_observation_entries
 from rj_gym.arm.kernels import ANGLE, OWN, rotation_vector, turn_frame
 from rj_gym.arm.task import ArmTask, goal_angles
-from rj_gym.tracking.kernels import REWARD
-from rj_gym.tracking.task import task_of
-from rj_gym.tracking.task_lanes import over_time
+from rj_gym.core.episodes import over_time
+from rj_gym.core.task import task_of
+from rj_gym.planar.kernels import REWARD
 from rollingjoint import Gravity, Status, WorldForce
 from rollingjoint._numba.jit import standalone
 from rollingjoint.presets import flexible_arm, small_arm

@@ -59,7 +59,7 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_in_another_file_change
 
 def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():
     from rj_gym.arm.kernels import observe, prepare
-    from rj_gym.tracking.kernels import observe as planar_observe
+    from rj_gym.planar.kernels import observe as planar_observe
 
     names = [one._cache._impl.filename_base for one in (observe, planar_observe, prepare)]
     assert len(set(names)) == 3

@@ -9,7 +9,7 @@ import yaml
 
 import rj_gym
 from rj_gym.arm.options import ARM_OPTIONS
-from rj_gym.tracking.options import OPTIONS
+from rj_gym.planar.options import OPTIONS
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE, ARM_PAGE = ((DOCS / name).read_text() for name in ("environment.md", "arm_environment.md"))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig
-from rj_gym.tracking.draws import Uniforms
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.info import state_info
-from rj_gym.tracking.lanes import Lanes, over_time
-from rj_gym.tracking.sampling import Fixed, load_forces, uniform_blocks
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.core.draws import Uniforms
+from rj_gym.core.generators import Generators
+from rj_gym.core.info import state_info
+from rj_gym.core.task import TrackingTask
+from rj_gym.planar.episodes import Lanes, over_time
+from rj_gym.planar.sampling import Fixed, load_forces, uniform_blocks
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 EVERYTHING = {

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig, observation_entries
-from rj_gym.tracking.info import reward_info, state_info
-from rj_gym.tracking.kernels import REWARD
-from rj_gym.tracking.lanes import Lanes
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.core.info import reward_info, state_info
+from rj_gym.core.task import TrackingTask
+from rj_gym.planar.episodes import Lanes
+from rj_gym.planar.kernels import REWARD
 from rollingjoint._numba.jit import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce

@@ -7,14 +7,14 @@ from rollingjoint import Gravity, Spring, Status, WorldForce, solve_lengths, sol
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
-from rollingjoint.kernels.planar.arrays import TendonLaw
 from rollingjoint.kernels.shared import long_chain
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import load_table
 from rollingjoint.planar.random_chain import random_chain, random_loads
 
 new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
 evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
-new_sweep, fill_generators = standalone(long_chain.new_sweep), standalone(long_chain.fill_generators)
+new_sweep, fill_generators = standalone(long_chain.new_sweep), standalone(chain_kernels.fill_generators)
 factor, substitute = standalone(long_chain.factor), standalone(long_chain.substitute)
 
 
@@ -30,9 +30,9 @@ def test_the_sweep_solves_what_the_dense_matrix_says():
         one = one_design(chain.arrays, 0)
         state.angle[:] = chain.joint_angles(rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
         evaluate(one, law, loads, state)
-        stiffness(one, state, H)
-        sweep = new_sweep(n, m, bool(np.any(loads[:, 8] != 0)))
-        fill_generators(one, state, 0.3, sweep)
+        stiffness(one, loads, state, H)
+        sweep = new_sweep(n, m + (3 if np.any(loads[:, 8] != 0) else 1))
+        fill_generators(one, loads, state, 0.3, sweep)
         free = rng.random(n) < 0.8
         dense = (H + 0.3 * np.eye(n))[np.ix_(free, free)]
         ratio = factor(sweep, free, 0.0)

@@ -120,8 +120,8 @@ def test_length_descent_equals_the_compiled_least_squares_without_loads():
         if not published.converged or compiled.status != rj.Status.CONVERGED:
             continue
         compared += 1
-        np.testing.assert_allclose(published.poses, compiled.poses, rtol=0, atol=1e-8)
-        np.testing.assert_allclose(published.lengths, compiled.lengths, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(published.poses, compiled.poses, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(published.lengths, compiled.lengths, rtol=0, atol=1e-9)
     assert compared >= 15
 
 

@@ -1,0 +1,96 @@
+"""Running episodes of the arm's task side by side."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.arm import kernels
+from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
+from rj_gym.arm.sampling import Episodes
+from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes
+from rj_gym.planar.kernels import TENSIONS
+from rollingjoint._numba.jit import machine_code
+from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import stack
+from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
+from rollingjoint.spatial.chain import HingeChain
+
+if TYPE_CHECKING:
+    from rj_gym.arm.render import ArmScene
+    from rj_gym.arm.task import ArmTask
+
+Array = NDArray[np.float64]
+
+
+class ArmLanes(TaskLanes):
+    """Room for B episodes of the arm's task."""
+
+    _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
+    _FORCE: ClassVar[slice] = slice(FX, FX + 3)
+    task: ArmTask
+    mechanisms: tuple[HingeChain, ...]
+    course: Course
+    state: State
+
+    def scene(self, trail: Array, lane: int = 0) -> ArmScene:
+        """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
+        from rj_gym.arm.render import arm_scene
+
+        return arm_scene(self, trail, lane)
+
+    def _make_room(self) -> None:
+        capacity, config, arm = self.capacity, self.task.config, self.task.mechanism
+        n, m, times = arm.n_links, arm.n_tendons, config.episode_steps + 1
+        self.course = Course(
+            np.zeros((capacity, times if config.target.process == "path" else 1, 12 if config.orientation else 3)),
+            np.zeros((capacity, 1 if config.load.process == "constant" else times, 3)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, times if config.randomization.sensor_noise else 0, 6)),
+        )
+        self.state = State(
+            np.zeros((capacity, n - 1)),
+            np.zeros((capacity, n, 4, 4)),
+            np.zeros((capacity, 2, m)),
+            np.zeros((capacity, TENSIONS + 2 * m + OWN)),
+        )
+        self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
+        self._results = new_results(capacity, n - 1, m)
+
+    def _enter_loads(self, episodes: Episodes) -> None:
+        count, own = len(episodes), TENSIONS + 2 * self._actions.shape[1]
+        self.state.readings[:count, own + GRAVITY : own + GRAVITY + 3] = episodes.gravity
+        self._loads[:count] = self.task.load_tables(episodes, 0)
+
+    def _tips(self, count: int) -> Array:
+        tips = self._results.poses[:count, -1]
+        position, rotation = tips[:, :3, 3], tips[:, :3, :3].reshape(count, 9)
+        return np.concatenate([position, rotation], axis=1) if self.task.config.orientation else position
+
+    def _step(self, observation: Observation, first: int, last: int) -> int:
+        return self._begin_step(first, last)
+
+    def _observe(self, observation: Observation) -> None:
+        self._fill(observation)
+
+    def _bind_step(self) -> None:
+        solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
+        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        known = self._rules, self.course, self.state
+        flat = np.empty(0, np.float32)
+        self._begin_step = partial(machine_code(kernels.prepare, *known, inputs, 0, 0), *known, inputs)
+        self._finish = partial(machine_code(kernels.finish, *known, solved, flat, 0, 0), *known, solved)
+        self._fill = partial(machine_code(kernels.observe, *known, flat), *known)
+
+    def _bound_solve(self) -> Any:
+        arrays = self._laws, self._loads, self._starts, self._results
+        try:
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *arrays))
+        except InvalidInput:  # tendons that end on different links
+            alone = np.zeros_like(self.designs)
+            solvers = [PinnedRange(BatchArrays(arm.arrays, alone, *arrays)) for arm in self.mechanisms]
+            return LaneByLane(solvers, self.designs)

@@ -1,0 +1,1 @@
+"""What every task shares: the environments around it, its episodes, its settings."""

@@ -1,0 +1,107 @@
+"""Running episodes of the planar task side by side."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.planar import kernels
+from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
+from rj_gym.planar.render import Scene
+from rj_gym.planar.sampling import Episodes
+from rollingjoint._numba.jit import machine_code
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import LOAD_COLUMNS
+from rollingjoint.mechanism import stack
+from rollingjoint.planar.batch import BatchArrays, PinnedRange, new_results, solve_range
+from rollingjoint.planar.chain import RollingChain
+
+if TYPE_CHECKING:
+    from rj_gym.core.task import TrackingTask
+
+__all__ = ["Lanes", "over_time"]
+
+Array = NDArray[np.float64]
+
+_LINK = LOAD_COLUMNS.index("link")
+
+
+class Lanes(TaskLanes):
+    """Room for B episodes of the planar task."""
+
+    _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
+    _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
+    task: TrackingTask
+    mechanisms: tuple[RollingChain, ...]
+    course: Course
+    state: State
+
+    def scene(self, trail: Array, lane: int = 0) -> Scene:
+        """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
+        readings, m = self.state.readings[lane], self._actions.shape[1]
+        return Scene(
+            mechanism=self.mechanisms[self.designs[lane]],
+            poses=self.state.poses[lane],
+            tensions=readings[TENSIONS : TENSIONS + m],
+            tension_range=self.task.config.tension_range,
+            targets=over_time(self.course.targets[lane], self.task.config.episode_steps + 1),
+            force=readings[FORCE : FORCE + 2],
+            link=int(readings[LINK]),
+            trail=trail,
+            step=int(readings[STEP]),
+        )
+
+    def _make_room(self) -> None:
+        capacity, config = self.capacity, self.task.config
+        n, m, times = self.task.mechanism.n_links, self.task.mechanism.n_tendons, config.episode_steps + 1
+        self.course = Course(
+            np.zeros((capacity, times if config.target.process == "path" else 1, 2)),
+            np.zeros((capacity, 1 if config.load.process == "constant" else times, 2)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, times if config.randomization.sensor_noise else 0, n - 1, 3)),
+        )
+        self.state = State(
+            np.zeros((capacity, n - 1)),
+            np.zeros((capacity, n - 1, m)),
+            np.zeros((capacity, n, 3)),
+            np.zeros((capacity, 2, m)),
+            np.zeros((capacity, TENSIONS + 2 * m)),
+        )
+        self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
+        self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
+
+    def _enter_loads(self, episodes: Episodes) -> None:
+        count = len(episodes)
+        self._loads[:count, 0, _LINK] = episodes.links
+        self.state.responses[:count] = 0.0
+
+    def _tips(self, count: int) -> Array:
+        return self._results.poses[:count, -1, :2]
+
+    def _observe(self, observation: Observation) -> None:
+        kernels.observe(self._pins, observation)
+
+    def _bind_step(self) -> None:
+        results = self._results
+        solved = Solved(*(getattr(results, name) for name in Solved._fields))
+        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        self._pinned = kernels.task_pins(self._rules, self.course, self.state, inputs, solved)
+        self._pins = self._pinned[0].ctypes.data
+        flat = np.empty(0, np.float32)
+        bound = self._pins, self._solve.entry, self._solve.pins
+        self._step = partial(machine_code(kernels.step, *bound, flat, 0, 0), *bound)
+        self._finish = partial(machine_code(kernels.finish, self._pins, flat, 0, 0), self._pins)
+
+    def _bound_solve(self) -> PinnedRange | LaneByLane:
+        problem = (self._laws, self._loads, self._starts, self._results)
+        try:
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *problem))
+        except InvalidInput:  # tendons that end on different links
+            alone = np.zeros_like(self.designs)
+            problems = [BatchArrays(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
+            return LaneByLane([partial(solve_range, each) for each in problems], self.designs)

@@ -1,0 +1,228 @@
+"""Episodes as pure functions of uniform random numbers, one row per episode.
+
+A generator is asked once per episode (`Uniforms`); everything after that is arithmetic on (B, ...) arrays. So an
+episode depends on its own row alone, whatever the batch around it, and a scalar and a native vector environment share
+this code. What randomisation needs comes last: switching it on leaves the loads of a seed as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.core.draws import (
+    Block,
+    Uniforms,
+    blocks_of,
+    fading_walk,
+    held_draws,
+    hold,
+    normal,
+    start_tensions,
+    symmetric,
+    target_shape,
+    target_tensions,
+)
+from rollingjoint.errors import MechanismError
+from rollingjoint.planar.chain import Link, RollingChain
+from rollingjoint.profile import Surface
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What the caller of reset holds fixed, the same in every lane; None is drawn.
+
+    Shapes as in Episodes without the lane axis. A fixed mechanism is not randomised.
+    """
+
+    mechanism: RollingChain | None = None
+    targets: Array | None = None
+    links: int | None = None
+    forces: Array | None = None
+    start_tensions: Array | None = None
+
+
+NOTHING_FIXED = Fixed()
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What was drawn for B episodes; T is the number of steps, time 0 the start.
+
+    A series has one entry where it does not change over time.
+
+    Args:
+        mechanisms: the mechanisms that occur: one, or one per lane.
+        designs: which of them each lane has, (B,).
+        targets: tip targets, (B, 1 or T + 1, 2) [mm]; or None: the tips of the unloaded equilibria at target_tensions.
+        target_tensions: (B, 1 or T + 1, m) [N].
+        links: link that the load pulls, (B,).
+        forces: loads, (B, 1 or T + 1, 2) [N].
+        start_tensions: tensions before the load acts, (B, m) [N].
+        stiffnesses: of the tendons, (B, m) [N/mm].
+        surface_offsets: displacement (x, y, angle) of every link's parent and child surface, (B, n, 2, 3) [mm, rad].
+        actuator_offsets: what the motors add to every length command, (B, m) [mm].
+        noise: measurement error of the moving links' poses (x, y, angle), (B, T + 1, n - 1, 3) [mm, rad], or None.
+    """
+
+    mechanisms: tuple[RollingChain, ...]
+    designs: NDArray[np.int64]
+    targets: Array | None
+    target_tensions: Array
+    links: NDArray[np.int64]
+    forces: Array
+    start_tensions: Array
+    stiffnesses: Array
+    surface_offsets: Array
+    actuator_offsets: Array
+    noise: Array | None
+
+    def __len__(self) -> int:
+        return len(self.links)
+
+    @property
+    def rest_causes(self) -> Array:
+        """Numbers on which the pose before the load acts depends, beside the mechanism, (B, m)."""
+        return self.start_tensions
+
+
+def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
+    """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
+    return blocks_of(_uniform_shapes(config, mechanism))
+
+
+def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
+    times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
+    shapes: dict[str, tuple[int, ...]] = {"target": target_shape(config, m), "link": (1,)}
+    if config.load.process == "ou":
+        shapes["walk"] = (times, 2, 2)
+    else:
+        draws = times if config.load.process == "step" else 1
+        shapes |= {"direction": (draws,), "magnitude": (draws,)}
+        if config.load.process == "step":
+            shapes["jump"] = (times,)
+    shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
+    if config.randomization.sensor_noise:
+        shapes["noise"] = (times, moving, 3, 2)
+    return shapes
+
+
+def sample_episodes(
+    config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed = NOTHING_FIXED
+) -> Episodes:
+    """B episodes of the task, with what `fixed` holds in place of what was drawn.
+
+    Args:
+        config: the settings.
+        nominal: the mechanism before randomisation.
+        uniforms: of the same configuration and mechanism.
+        fixed: what is not drawn.
+    """
+    randomization = config.randomization
+    mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
+    drawn = Episodes(
+        mechanisms,
+        designs,
+        None,
+        target_tensions(config, uniforms["target"]),
+        load_links(config.load, nominal.n_links, uniforms["link"]),
+        load_forces(config.load, uniforms),
+        start_tensions(config, uniforms["start"]),
+        np.array([mechanism.stiffnesses for mechanism in mechanisms]).take(designs, axis=0),
+        offsets,
+        symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
+        _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
+    )
+    return hold(drawn, fixed, ("targets", "links", "forces", "start_tensions"))
+
+
+def _mechanisms(
+    randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed
+) -> tuple[tuple[RollingChain, ...], NDArray[np.int64], Array]:
+    """Mechanisms, designs and surface offsets of Episodes."""
+    lanes = len(uniforms)
+    if fixed.mechanism is not None or not randomization.varies_mechanism:
+        chosen = fixed.mechanism or nominal
+        return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
+    tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
+    offsets = symmetric(tolerance, uniforms["surface"])
+    factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
+    varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
+    return tuple(varied), np.arange(lanes), offsets
+
+
+def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.int64]:
+    """Link that the load pulls, (B,): the tip, or uniform over the moving links."""
+    if config.link == "tip":
+        return np.full(len(uniforms), n_links - 1)
+    return 1 + (uniforms[:, 0] * (n_links - 1)).astype(np.int64)
+
+
+def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
+    """Loads, (B, 1 or T + 1, 2) [N]."""
+    if config.process == "ou":
+        return _ornstein_uhlenbeck(config, normal(uniforms["walk"]))
+    low, high = config.magnitude
+    angle = 2 * math.pi * uniforms["direction"]
+    magnitude = low + (high - low) * uniforms["magnitude"]
+    drawn = np.empty((*angle.shape, 2))
+    drawn[..., 0], drawn[..., 1] = magnitude * np.cos(angle), magnitude * np.sin(angle)
+    if config.process == "constant":
+        return drawn
+    return np.take_along_axis(drawn, held_draws(uniforms["jump"], config.hold_steps)[..., None], axis=1)
+
+
+def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
+    """Force with exponentially fading memory, (B, T + 1, 2) [N], started in its stationary distribution."""
+    largest = config.magnitude[1]
+    walk = fading_walk(normal, config.correlation_steps)
+    walk *= largest / 2
+    magnitude = np.linalg.norm(walk, axis=-1, keepdims=True)
+    return walk * np.minimum(1.0, largest / np.maximum(magnitude, 1e-12))
+
+
+def varied_mechanism(mechanism: RollingChain, offsets: Array, factors: Array) -> RollingChain:
+    """The mechanism with displaced contact surfaces and other tendon stiffnesses; itself where nothing changes.
+
+    Offsets under which the mechanism could not be built are halved until it can.
+
+    Args:
+        offsets: x, y, angle of every link's parent and child surface, (n, 2, 3) [mm, rad].
+        factors: of the tendon stiffnesses, (m,).
+    """
+    changes: dict[str, object] = {}
+    if np.any(factors != 1):
+        changes["tendons"] = tuple(
+            replace(tendon, stiffness=tendon.stiffness * float(factor))
+            for tendon, factor in zip(mechanism.tendons, factors, strict=True)
+        )
+    while np.any(np.abs(offsets) > 1e-6):
+        links = tuple(
+            Link(_displaced(link.parent, parent), _displaced(link.child, child))
+            for link, (parent, child) in zip(mechanism.links, offsets, strict=True)
+        )
+        try:
+            return mechanism.replace(links=links, **changes)
+        except MechanismError:  # tendon holes that would cross: a workshop would scrap the part; halve the error
+            offsets = 0.5 * offsets
+    return mechanism.replace(**changes) if changes else mechanism
+
+
+def _displaced(surface: Surface, offset: Array) -> Surface:
+    (x, y), (dx, dy, turn) = surface.start, offset
+    return replace(surface, start=(x + dx, y + dy), angle=surface.angle + turn)
+
+
+def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:
+    return _pose_scale(config.position_noise_mm, config.angle_noise_rad) * normal(uniforms)
+
+
+def _pose_scale(mm: float, rad: float) -> Array:
+    """The scale of x, y, angle, (3,)."""
+    return np.array([mm, mm, rad])

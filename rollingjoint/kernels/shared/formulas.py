@@ -1,0 +1,42 @@
+"""The formulas that every family of mechanisms has, chosen by the type of the chain when a kernel is compiled.
+
+Newton's method and the rest of this folder call these names; each family registers its own parts for them. numba cannot
+take functions as arguments without losing its disk cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba.extending import overload
+
+from rollingjoint._numba.jit import PART_OPTIONS, part
+
+
+def evaluate(chain: Any, law: Any, loads: Any, state: Any) -> Any:
+    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale)."""
+    raise TypeError("evaluate is compiled into kernels")
+
+
+def stiffness(chain: Any, loads: Any, state: Any, H: Any) -> None:
+    """Fill H = dr/dangle, (J, J), at an evaluated state."""
+    raise TypeError("stiffness is compiled into kernels")
+
+
+def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -> None:
+    """Fill diagonal, U and V of a Sweep at an evaluated state: H_im = U_i . V_m for i > m; prox joins the diagonal."""
+    raise TypeError("fill_generators is compiled into kernels")
+
+
+def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
+    """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
+
+    def register(function: Callable[..., Any]) -> Any:
+        @overload(generic, jit_options=PART_OPTIONS, strict=False)
+        def choose(chain: Any, *others: Any) -> Callable[..., Any] | None:
+            return function if getattr(chain, "instance_class", None) is kind else None
+
+        return part(function)
+
+    return register

@@ -1,0 +1,57 @@
+"""One lane of a batch: whether its inputs can be solved with, and its stiffness at a given configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rollingjoint._numba.jit import part
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.formulas import evaluate, stiffness
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+
+
+@part
+def _resolvable(values):
+    for i in range(values.size):
+        if not abs(values[i]) <= LARGEST_INPUT:
+            return False
+    return True
+
+
+@part
+def valid(law, loads, start, stiffnesses):
+    """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon.
+
+    stiffnesses: the columns of the load table that must not be negative.
+    """
+    if not (_resolvable(law.command) and _resolvable(start)):
+        return False
+    for row in range(loads.shape[0]):
+        if not _resolvable(loads[row]):
+            return False
+        for column in stiffnesses:
+            if loads[row, column] < 0.0:
+                return False
+    for j in range(law.low.size):
+        low, high = law.low[j], law.high[j]
+        if not (0.0 <= low <= LARGEST_INPUT and low <= high and law.stiffness[j] > 0.0):
+            return False
+    return True
+
+
+@part
+def evaluate_unloaded(chain, columns, state):
+    """Fill the state at its angles without tensions and without loads, whose table has so many columns."""
+    zero = np.zeros(state.length.size)
+    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, columns)), state)
+
+
+@part
+def stiffness_at(chain, tensions, elastic, loads, angles, state, H):
+    """Fill H at joint angles under tensions and their rates d tension / d length; overwrites the state."""
+    for i in range(angles.size):
+        state.angle[i] = angles[i]
+    evaluate(chain, TendonLaw(state.length, np.ones(state.length.size), tensions, tensions), loads, state)
+    for j in range(elastic.size):
+        state.elastic[j] = elastic[j]
+    stiffness(chain, loads, state, H)
