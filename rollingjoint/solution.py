@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import SolverError
+from rollingjoint.mechanism import designs_of
 
 Array = NDArray[np.float64]
 
@@ -99,10 +100,10 @@ class Solution:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = np.where(known[..., None, None], self.loads, 0.0)
-        angles = self._lanes(self.joint_angles)
+        angles = self._rows(self.joint_angles)
         H = np.empty((*angles.shape, angles.shape[1]))
-        tendons = self._lanes(self.tensions), self._lanes(self.tendon_stiffness)
-        self._fill_stiffness(*self._designs, *tendons, self._lanes(loads, axes=2), angles, H)
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        self._fill_stiffness(*self._designs, *tendons, self._rows(loads, axes=2), angles, H)
         return H.reshape(*self.joint_angles.shape, angles.shape[1])
 
     @cached_property
@@ -135,20 +136,20 @@ class Solution:
         if np.ndim(self.status):
             codes, counts = np.unique(self.status, return_counts=True)
             found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
-            return f"<{kind} of {name}, {np.size(self.status)} lanes: {found or 'none'}>"
+            return f"<{kind} of {name}, {np.size(self.status)} rows: {found or 'none'}>"
         point = ", ".join(f"{x:.3f}" for x in self.tip)
         return f"<{kind} of {name}: {Status(int(self.status)).name}, tip at ({point}) mm>"
 
     @cached_property
     def _designs(self) -> tuple[Any, NDArray[np.int64]]:
-        """The arrays of the mechanisms, and which of them each lane has."""
-        raise NotImplementedError
+        """The arrays of the mechanisms, and which of them each row has."""
+        return designs_of(self.mechanism, np.size(self.status))
 
     @staticmethod
     def _fill_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
         raise NotImplementedError
 
-    def _lanes(self, values: Array, axes: int = 1) -> Array:
-        """A copy with a leading axis of lanes, in the form that kernels are compiled for."""
+    def _rows(self, values: Array, axes: int = 1) -> Array:
+        """A copy with a leading axis of rows, in the form that kernels are compiled for."""
         return np.array(values, float, order="C").reshape(np.size(self.status), *values.shape[values.ndim - axes :])

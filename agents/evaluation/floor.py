@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from agents.runs.environment import EnvConfig
 from rj_gym.core.task import task_of
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.planar.equilibrium import Status
-from rollingjoint.statics.families import Mechanism
+from rollingjoint.mechanism import AnyMechanism, Mechanism
+from rollingjoint.solution import Status
 from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
 from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
@@ -109,7 +109,7 @@ def episode_floor(
 
 
 def floor(
-    mechanism: Mechanism | Sequence[Mechanism],
+    mechanism: AnyMechanism | Sequence[AnyMechanism],
     targets: Array,
     loads: Array,
     tension_range: tuple[float, float],

@@ -23,7 +23,7 @@ from rj_gym.core.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
-from rollingjoint.statics.families import Mechanism
+from rollingjoint.mechanism import AnyMechanism
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ShippedPolicy:
         return is_goal(self.env_id)
 
     @property
-    def mechanism(self) -> Mechanism:
+    def mechanism(self) -> AnyMechanism:
         """The mechanism that it was trained on."""
         return _mechanism_of(self.settings)
 
@@ -179,8 +179,8 @@ def entry_names(settings: TaskConfig, goal: bool) -> tuple[str, ...]:
     return tuple(f"{entry.name} [{entry.unit}]" for entry in task_of(settings).entries(goal))
 
 
-def _mechanism_of(settings: TaskConfig) -> Mechanism:
-    mechanism: Mechanism = task_of(settings).mechanism
+def _mechanism_of(settings: TaskConfig) -> AnyMechanism:
+    mechanism: AnyMechanism = task_of(settings).mechanism
     return mechanism
 
 
@@ -208,7 +208,7 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _numbers_of(mechanism: Mechanism) -> dict[str, Any]:
+def _numbers_of(mechanism: AnyMechanism) -> dict[str, Any]:
     """All that makes up a mechanism, but its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}
 

@@ -79,11 +79,11 @@ class Results(NamedTuple):
     status: Annotated[Integers, "B"]
 
 
-class Problem(NamedTuple):
+class BatchArrays(NamedTuple):
     """Equilibria to be solved, and where they go."""
 
     chain: Chain  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    designs: Annotated[Integers, "B"]  # which of the stacked designs each row has
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", 11]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad

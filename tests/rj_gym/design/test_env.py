@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rollingjoint import ConfigError, InvalidInput
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 torch = pytest.importorskip("torch")
 
