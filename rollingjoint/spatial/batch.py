@@ -40,7 +40,9 @@ def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array)
 
 def pack(mechanism: HingeChain | tuple[HingeChain, ...], table: Array, results: HingeResults) -> HingeEquilibrium:
     """The equilibria in the results of the kernels."""
-    return HingeEquilibrium(mechanism, table, *results)
+    angles, poses, tensions, lengths, rates, torques, elastic, residual, iterations, status, escapes = results
+    solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
+    return HingeEquilibrium(mechanism, table, *solved, torques, escapes)
 
 
 def solve_range(batch: BatchArrays, first: int, last: int) -> None:
