@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,28 +21,17 @@ from rollingjoint.threads import run_in_threads
 Array = NDArray[np.float64]
 
 
-class BatchArrays(NamedTuple):
-    """Equilibria to be solved, and where they go; all arrays contiguous.
-
-    Args:
-        chain: from `mechanism.stack`, or `arrays` of a mechanism.
-        designs: which of the stacked mechanisms each row has, (B,).
-        laws: tendon laws, (B, m) each.
-        loads: load tables, (B, rows, columns).
-        starts: joint angles to start from, (B, J) [rad].
-        results: from the family's `new_results(B, J, m)`.
-    """
-
-    chain: Any
-    designs: NDArray[np.int64]
-    laws: TendonLaw
-    loads: Array
-    starts: Array
-    results: Any
-
-
 class BatchModule(Protocol):
     """`batch.py` of a family: the solver behind the checks of its inputs."""
+
+    @property
+    def BatchArrays(self) -> Callable[..., Any]:  # noqa: N802
+        """Equilibria to be solved as a batch, and where they go: chain, designs, laws, loads, starts, results.
+
+        chain: from `mechanism.stack`; designs: which of the stacked mechanisms each row has, (B,); laws: (B, m) each;
+        loads: load tables, (B, rows, columns); starts: joint angles, (B, J) [rad]; results: from `new_results`. All
+        arrays are contiguous.
+        """
 
     def solve_one(self, mechanism: Any, law: TendonLaw, table: Array, start: Array, /) -> Any:
         """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]."""
@@ -50,7 +39,7 @@ class BatchModule(Protocol):
     def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
         """Empty outputs of a batch."""
 
-    def solve_range(self, batch: BatchArrays, first: int, last: int, /) -> None:
+    def solve_range(self, arrays: Any, first: int, last: int, /) -> None:
         """Solve rows first to last - 1; Python's lock is released meanwhile."""
 
     def pack(self, mechanism: Any, tables: Array, results: Any, /) -> Any:
@@ -132,6 +121,6 @@ class Family:
     ) -> Any:
         """The equilibria of a batch, unchecked; arguments as of BatchArrays, mechanism: one, or one per row."""
         results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
-        arrays = BatchArrays(chain, designs, laws, tables, starts, results)
+        arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
         run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1])
         return self.batch.pack(mechanism, tables, results)

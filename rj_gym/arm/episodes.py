@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rj_gym.arm import kernels
 from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
 from rj_gym.arm.sampling import Episodes
-from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes
+from rj_gym.core.episodes import FLAT, LaneByLane, Observation, TaskLanes
 from rj_gym.planar.kernels import TENSIONS
-from rollingjoint._numba.jit import machine_code
+from rollingjoint.compiled import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mechanism import stack
 from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
@@ -80,11 +80,10 @@ class ArmLanes(TaskLanes):
     def _bind_step(self) -> None:
         solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        known = self._rules, self.course, self.state
-        flat = np.empty(0, np.float32)
-        self._begin_step = partial(machine_code(kernels.prepare, *known, inputs, 0, 0), *known, inputs)
-        self._finish = partial(machine_code(kernels.finish, *known, solved, flat, 0, 0), *known, solved)
-        self._fill = partial(machine_code(kernels.observe, *known, flat), *known)
+        kinds, known = (kernels.Rules, Course, State), (self._rules, self.course, self.state)
+        self._begin_step = partial(machine_code(kernels.prepare, *kinds, Inputs, int, int), *known, inputs)
+        self._finish = partial(machine_code(kernels.finish, *kinds, Solved, FLAT, int, int), *known, solved)
+        self._fill = partial(machine_code(kernels.observe, *kinds, FLAT), *known)
 
     def _bound_solve(self) -> Any:
         arrays = self._laws, self._loads, self._starts, self._results

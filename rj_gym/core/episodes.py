@@ -8,24 +8,24 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core.generators import Generators
 from rj_gym.planar.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
-from rollingjoint._numba.jit import machine_code
 from rollingjoint.checks import as_floats
+from rollingjoint.compiled import Floats, Singles, machine_code, run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.batch import TendonLaw
-from rollingjoint.threads import run_in_threads
 
 if TYPE_CHECKING:
     from rj_gym.core.task import Task
 
 Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
+FLAT = Annotated[Singles, "B x entries"]  # observations as kernels fill them
 
 
 class TaskLanes(ABC):
@@ -276,7 +276,7 @@ class TaskLanes(ABC):
         """The kernels with all arguments that stay."""
         self._neutral_angles = np.array([mechanism.neutral_angles for mechanism in self.mechanisms])
         self._action, self._readings = self._actions[0], self.state.readings[0]
-        self._finite = partial(machine_code(all_finite, self._actions), self._actions)
+        self._finite = partial(machine_code(all_finite, Annotated[Floats, "B", "m"]), self._actions)
         self._solve = self._bound_solve()
         self._bind_step()
 

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.core.episodes import FLAT, LaneByLane, Observation, TaskLanes, over_time
 from rj_gym.planar import kernels
-from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
+from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State, TaskArrays
 from rj_gym.planar.render import Scene
 from rj_gym.planar.sampling import Episodes
-from rollingjoint._numba.jit import machine_code
+from rollingjoint.compiled import BatchArrays, Pinned, PinnedRange, machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.mechanism import stack
-from rollingjoint.planar.batch import BatchArrays, PinnedRange, new_results, solve_range
+from rollingjoint.planar.batch import new_results, solve_range
 from rollingjoint.planar.chain import RollingChain
 
 if TYPE_CHECKING:
@@ -90,12 +90,11 @@ class Lanes(TaskLanes):
         results = self._results
         solved = Solved(*(getattr(results, name) for name in Solved._fields))
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        self._pinned = kernels.task_pins(self._rules, self.course, self.state, inputs, solved)
-        self._pins = self._pinned[0].ctypes.data
-        flat = np.empty(0, np.float32)
+        self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, inputs, solved))
+        self._pins = self._pinned.address_for(TaskArrays)
         bound = self._pins, self._solve.entry, self._solve.pins
-        self._step = partial(machine_code(kernels.step, *bound, flat, 0, 0), *bound)
-        self._finish = partial(machine_code(kernels.finish, self._pins, flat, 0, 0), self._pins)
+        self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), *bound)
+        self._finish = partial(machine_code(kernels.finish, int, FLAT, int, int), self._pins)
 
     def _bound_solve(self) -> PinnedRange | LaneByLane:
         problem = (self._laws, self._loads, self._starts, self._results)

@@ -7,24 +7,24 @@ last - 1, and lanes do not see each other.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import (
+from rollingjoint.compiled import (
+    PENDING,
+    BatchArrays,
+    Floats,
+    Integers,
+    Singles,
     borrow,
     call_range,
     carve,
+    kernel,
     next_uniform,
-    pin,
-    pinned_floats,
-    pinned_integers,
-    pinned_singles,
-    pins_at,
+    unpin,
 )
-from rollingjoint._numba.jit import kernel
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.batch import PENDING
 from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
@@ -58,105 +58,59 @@ class Rules(NamedTuple):
     observe_tensions: bool
     observe_target: bool
     observe_load: bool
-    neutral_lengths: np.ndarray  # (m,) mm
-    low: np.ndarray  # (entries,) of the observation, float32
-    high: np.ndarray  # (entries,)
+    neutral_lengths: Annotated[Floats, "m"]  # mm
+    low: Annotated[Singles, "entries"]  # of the observation
+    high: Annotated[Singles, "entries"]
 
 
 class Course(NamedTuple):
     """What is fixed when an episode begins; series have one entry where nothing changes over time."""
 
-    targets: np.ndarray  # (B, 1 or T + 1, 2) mm
-    forces: np.ndarray  # (B, 1 or T + 1, 2) N
-    stiffnesses: np.ndarray  # (B, m) N/mm
-    actuator_offsets: np.ndarray  # (B, m) mm
-    noise: np.ndarray  # (B, 0 or T + 1, n - 1, 3) mm, mm, rad
+    targets: Annotated[Floats, "B", "1 or T + 1 targets", 2]  # mm
+    forces: Annotated[Floats, "B", "1 or T + 1 forces", 2]  # N
+    stiffnesses: Annotated[Floats, "B", "m"]  # N/mm
+    actuator_offsets: Annotated[Floats, "B", "m"]  # mm
+    noise: Annotated[Floats, "B", "0 or T + 1", "moving", 3]  # mm, mm, rad
 
 
 class State(NamedTuple):
     """Where running episodes are."""
 
-    angles: np.ndarray  # (B, J) joint angles of the last usable equilibrium, rad
-    responses: np.ndarray  # (B, J, m) its d angle / d command, rad/mm
-    poses: np.ndarray  # (B, n, 3) its poses, mm, mm, rad
-    actions: np.ndarray  # (B, 2, m) the last action and the one before, within [-1, 1]
-    readings: np.ndarray  # (B, TENSIONS + 2 m) columns above
+    angles: Annotated[Floats, "B", "J"]  # joint angles of the last usable equilibrium, rad
+    responses: Annotated[Floats, "B", "J", "m"]  # its d angle / d command, rad/mm
+    poses: Annotated[Floats, "B", "n", 3]  # its poses, mm, mm, rad
+    actions: Annotated[Floats, "B", 2, "m"]  # the last action and the one before, within [-1, 1]
+    readings: Annotated[Floats, "B", "columns"]  # TENSIONS + 2 m, named above
 
 
 class Inputs(NamedTuple):
     """What goes into a step and into its solve."""
 
-    actions: np.ndarray  # (B, m) not yet clipped
-    starts: np.ndarray  # (B, J) joint angles from which the solver starts, rad
-    commands: np.ndarray  # (B, m) tendon lengths, mm
-    loads: np.ndarray  # (B, 1, 11) columns of load.LOAD_COLUMNS
+    actions: Annotated[Floats, "B", "m"]  # not yet clipped
+    starts: Annotated[Floats, "B", "J"]  # joint angles from which the solver starts, rad
+    commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
+    loads: Annotated[Floats, "B", 1, 11]  # columns of load.LOAD_COLUMNS
 
 
 class Solved(NamedTuple):
     """The parts of the solver's Results that the task reads."""
 
-    joint_angles: np.ndarray  # (B, J)
-    poses: np.ndarray  # (B, n, 3)
-    tensions: np.ndarray  # (B, m)
-    lengths: np.ndarray  # (B, m)
-    responses: np.ndarray  # (B, J, m)
-    status: np.ndarray  # (B,)
+    joint_angles: Annotated[Floats, "B", "J"]
+    poses: Annotated[Floats, "B", "n", 3]
+    tensions: Annotated[Floats, "B", "m"]
+    lengths: Annotated[Floats, "B", "m"]
+    responses: Annotated[Floats, "B", "J", "m"]
+    status: Annotated[Integers, "B"]
 
 
-def task_pins(rules, course, state, inputs, solved):
-    """Addresses of everything that the kernels below work on, and the arrays that must be kept for that."""
-    scales, choices = np.array(rules[:9], float), np.array(rules[9:12], np.int64)
-    pinned = (scales, choices, *rules[12:], *course, *state, *inputs, *solved)
-    return pin(*pinned), pinned
+class TaskArrays(NamedTuple):
+    """Everything that the kernels below work on."""
 
-
-@kernel(inline="always")
-def _pinned_task(pins):
-    """(rules, course, state, inputs, solved) from their addresses."""
-    scales, choices = pinned_floats(pins, 0, 1), pinned_integers(pins, 1, 1)
-    rules = Rules(
-        scales[0],
-        scales[1],
-        scales[2],
-        scales[3],
-        scales[4],
-        scales[5],
-        scales[6],
-        scales[7],
-        scales[8],
-        choices[0] == 1,
-        choices[1] == 1,
-        choices[2] == 1,
-        pinned_floats(pins, 2, 1),
-        pinned_singles(pins, 3, 1),
-        pinned_singles(pins, 4, 1),
-    )
-    course = Course(
-        pinned_floats(pins, 5, 3),
-        pinned_floats(pins, 6, 3),
-        pinned_floats(pins, 7, 2),
-        pinned_floats(pins, 8, 2),
-        pinned_floats(pins, 9, 4),
-    )
-    state = State(
-        pinned_floats(pins, 10, 2),
-        pinned_floats(pins, 11, 3),
-        pinned_floats(pins, 12, 3),
-        pinned_floats(pins, 13, 3),
-        pinned_floats(pins, 14, 2),
-    )
-    inputs = Inputs(
-        pinned_floats(pins, 15, 2), pinned_floats(pins, 16, 2), pinned_floats(pins, 17, 2), pinned_floats(pins, 18, 3)
-    )
-    solved = Solved(
-        pinned_floats(pins, 19, 2),
-        pinned_floats(pins, 20, 3),
-        pinned_floats(pins, 21, 2),
-        pinned_floats(pins, 22, 2),
-        pinned_floats(pins, 23, 3),
-        pinned_integers(pins, 24, 1),
-    )
-    return rules, course, state, inputs, solved
+    rules: Rules
+    course: Course
+    state: State
+    inputs: Inputs
+    solved: Solved
 
 
 @kernel
@@ -191,11 +145,11 @@ def step(pins, solver, problem, observation, first, last):
     Returns how many lanes the solver has left to PinnedRange.solve_the_rest (`solver` and `problem` are its entry and
     pins); if any, `finish` remains to be done after that. REFUSED, and nothing done, where an action is not finite.
     """
-    rules, course, state, inputs, solved = _pinned_task(pins_at(pins))
+    rules, course, state, inputs, solved = unpin(pins, TaskArrays)
     if not finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, inputs, first, last)
-    left = last - first if solver == 0 else call_range(solver, problem, first, last)
+    left = last - first if solver == 0 else call_range(solver, problem, BatchArrays, first, last)
     if left < 0:  # no memory: the solver for all cases has what it needs, or raises
         left = last - first
         for lane in range(first, last):
@@ -208,14 +162,14 @@ def step(pins, solver, problem, observation, first, last):
 @kernel(nogil=True)
 def finish(pins, observation, first, last):
     """End a step after the solve: state, readings and the flat observation."""
-    rules, course, state, _, solved = _pinned_task(pins_at(pins))
+    rules, course, state, _, solved = unpin(pins, TaskArrays)
     _finish(rules, course, state, solved, observation, first, last)
 
 
 @kernel
 def observe(pins, observation):
     """Fill the flat observation anew."""
-    rules, course, state, _, _ = _pinned_task(pins_at(pins))
+    rules, course, state, _, _ = unpin(pins, TaskArrays)
     vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
     _observe_links(rules, course, state, vectors, 0, vectors.shape[0])
     _observe(rules, course, state, vectors, 0, vectors.shape[0])

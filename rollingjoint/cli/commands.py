@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from rollingjoint._numba.jit import cache_directory
+from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.errors import InvalidInput

@@ -5,15 +5,18 @@ Nothing is checked here; `rollingjoint.statics.solve` is the front door.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._numba.borrowed import pin
-from rollingjoint._numba.jit import direct, entry_address, machine_code
-from rollingjoint.family import BatchArrays
-from rollingjoint.kernels.planar.arrays import Results, new_results
+from rollingjoint._numba.jit import entry_address, machine_code
+from rollingjoint._numba.layout import Integers, fields
+from rollingjoint._numba.pins import Pinned
+from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
@@ -52,28 +55,35 @@ def pack(mechanism: RollingChain | tuple[RollingChain, ...], table: Array, resul
     return Equilibrium(mechanism, table, *solved, contacts[..., :2], contacts[..., 2:], forces)
 
 
+@functools.cache
+def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., int]:
+    """The machine code of a kernel of the fields of BatchArrays, and of arguments of these kinds after them."""
+    return machine_code(kernel, *fields(BatchArrays), *kinds)
+
+
 def solve_range(batch: BatchArrays, first: int, last: int) -> None:
-    """Solve rows first to last - 1; Python's lock is released meanwhile."""
+    """Solve rows first to last - 1; Python's lock is released meanwhile. All arrays must be contiguous."""
     everything = batch.starts.shape[1] > MOST_JOINTS
-    if everything or direct(solve_side_by_side, *batch, first, last):
+    if everything or _on_batch(solve_side_by_side, int, int)(*batch, first, last):
         _solve_the_rest(batch, first, last, everything)
 
 
 class PinnedRange:
     """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
 
-    Kernels call it by `entry(pins, first, last)` (borrowed.call_range), which returns how many rows it leaves to
-    `solve_the_rest`. `entry` is 0 where those are all of them.
+    Kernels call it by call_range(entry, pins, BatchArrays, first, last), which returns how many rows it leaves to
+    `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
+
+    Raises:
+        InvalidInput: an array of another type or shape than BatchArrays declares.
     """
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._batch = batch
-        chain, designs, laws, loads, starts, results = batch
-        self._addresses = pin(*chain, designs, *laws, loads, starts, *results)
-        self._long = starts.shape[1] > MOST_JOINTS
-        self.pins = self._addresses.ctypes.data
-        self.entry = 0 if self._long else entry_address(solve_pinned, self.pins, 0, 0)
-        self._solve = partial(machine_code(solve_pinned, self.pins, 0, 0), self.pins)
+        self._batch, self._pinned = batch, Pinned(batch)
+        self._long = batch.starts.shape[1] > MOST_JOINTS
+        self.pins = self._pinned.address_for(BatchArrays)
+        self.entry = 0 if self._long else entry_address(solve_pinned, int, int, int)
+        self._solve = partial(machine_code(solve_pinned, int, int, int), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1."""
@@ -89,4 +99,4 @@ def _solve_the_rest(batch: BatchArrays, first: int, last: int, everything: bool)
     """Solve the rows that are left to the solver for all cases."""
     rows = np.arange(first, last)
     left = rows if everything else rows[batch.results.status[first:last] == PENDING]
-    direct(solve_lanes, *batch, left)
+    _on_batch(solve_lanes, Annotated[Integers, "left"])(*batch, left)

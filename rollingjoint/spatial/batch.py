@@ -5,15 +5,17 @@ Nothing is checked here; `rollingjoint.statics.solve` is the front door.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._numba.jit import direct, machine_code
-from rollingjoint.family import BatchArrays
+from rollingjoint._numba.jit import machine_code
+from rollingjoint._numba.layout import fields
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.spatial.arrays import HingeResults, new_hinge_results
+from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults, new_hinge_results
 from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
 from rollingjoint.solution import Status
 from rollingjoint.spatial.chain import HingeChain
@@ -32,7 +34,7 @@ def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array)
     """The equilibrium of one mechanism. law: (m,) each; table: (rows, 20); start: (n - 1,)."""
     results = new_results(1, len(start), len(law.low))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    direct(solve_hinge_lanes, mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
+    _solve_lanes()(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
     return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]))
@@ -45,9 +47,15 @@ def pack(mechanism: HingeChain | tuple[HingeChain, ...], table: Array, results: 
     return HingeEquilibrium(mechanism, table, *solved, torques, escapes)
 
 
+@functools.cache
+def _solve_lanes() -> Callable[..., None]:
+    """The machine code of `solve_hinge_lanes`."""
+    return machine_code(solve_hinge_lanes, *fields(BatchArrays), int, int)
+
+
 def solve_range(batch: BatchArrays, first: int, last: int) -> None:
     """Solve rows first to last - 1; Python's lock is released meanwhile."""
-    direct(solve_hinge_lanes, *batch, first, last)
+    _solve_lanes()(*batch, first, last)
 
 
 class PinnedRange:
@@ -59,7 +67,7 @@ class PinnedRange:
     entry = pins = 0
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._solve = partial(machine_code(solve_hinge_lanes, *batch, 0, 0), *batch)
+        self._solve = partial(_solve_lanes(), *batch)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1; Python's lock is released meanwhile."""

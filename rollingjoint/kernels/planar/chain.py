@@ -37,12 +37,9 @@ from rollingjoint.kernels.planar.arrays import (
     S,
     X,
     Y,
-    borrow_chain,
-    borrow_state,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import borrow_law
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
@@ -53,7 +50,7 @@ def evaluate(chain, law, loads, state):
 
     Follower forces have no potential and are left out of the energy.
     """
-    chain, law, loads, state = borrow_chain(chain), borrow_law(law), borrow(loads), borrow_state(state)
+    chain, law, loads, state = borrow(chain), borrow(law), borrow(loads), borrow(state)
     evaluate_joints(chain, state)
     evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(law, state)
@@ -155,7 +152,7 @@ def evaluate_residual(tendon_joints, state):
 @formula(formulas.stiffness, Chain)
 def stiffness(chain, loads, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    state, H, tendon_joints = borrow_state(state), borrow(H), borrow(chain.tendon_joints)
+    state, H, tendon_joints = borrow(state), borrow(H), borrow(chain.tendon_joints)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
     gap, elastic, tension = state.gap, state.elastic, state.tension
     for i in range(n_joints):

@@ -11,7 +11,7 @@ from rj_gym.core.info import reward_info, state_info
 from rj_gym.core.task import TrackingTask
 from rj_gym.planar.episodes import Lanes
 from rj_gym.planar.kernels import REWARD
-from rollingjoint._numba.jit import entry_address, kernel
+from rollingjoint.compiled import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
 from rollingjoint.solution import Status
@@ -113,8 +113,9 @@ def test_a_solver_that_cannot_get_memory_leaves_all_lanes_to_the_other_one():
             raise MemoryError
         return 0
 
-    fallback = lanes._solve.solve_the_rest
-    lanes._solve = SimpleNamespace(entry=entry_address(out_of_memory, 0, 0, 0), pins=0, solve_the_rest=fallback)
+    solver = lanes._solve
+    entry = entry_address(out_of_memory, int, int, int)
+    lanes._solve = SimpleNamespace(entry=entry, pins=solver.pins, solve_the_rest=solver.solve_the_rest)
     lanes._bind_step()
     one, other = advance(lanes, np.ones((3, 2))), advance(others, np.ones((3, 2)))
     assert np.allclose(one.poses, other.poses, atol=1e-7) and np.all(one.status == "CONVERGED")
