@@ -97,7 +97,7 @@ def as_range(
     error: Error = InvalidInput,
 ) -> tuple[float, float]:
     """Two numbers in order from `low` to `high`; `error` for anything else."""
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.shape(value) != (2,):
         raise error(what, value, f"two numbers (low, high) [{unit}]" if unit else "two numbers (low, high)")
     first, second = (as_number(what, number, low, high, error=error) for number in value)
     if first > second:

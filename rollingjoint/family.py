@@ -1,14 +1,14 @@
 """What a family of mechanisms brings; everything that serves all families asks this interface and no class.
 
-A new family is a folder that ends in one subclass of Family, and that subclass in `statics.families.FAMILIES`.
+A new family is a folder with a `family.py` that makes a Family, and that Family in `statics.families.FAMILIES`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,127 +16,111 @@ from numpy.typing import NDArray
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Gravity, Load
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Solution
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
-M = TypeVar("M", bound=AnyMechanism)
-S = TypeVar("S", bound=Solution)
 
 
-class Family(ABC, Generic[M, S]):
+class BatchModule(Protocol):
+    """`batch.py` of a family: the solver behind the checks of its inputs."""
+
+    @property
+    def BatchArrays(self) -> Callable[..., Any]:  # noqa: N802
+        """Equilibria to be solved as a batch, and where they go: chain, designs, laws, loads, starts, results.
+
+        chain: from `mechanism.stack`; designs: which of the stacked mechanisms each row has, (B,); laws: (B, m) each;
+        loads: load tables, (B, rows, columns); starts: joint angles, (B, J) [rad]; results: from `new_results`. All
+        arrays are contiguous.
+        """
+
+    def solve_one(self, mechanism: Any, law: TendonLaw, table: Array, start: Array, /) -> Any:
+        """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]."""
+
+    def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
+        """Empty outputs of a batch."""
+
+    def solve_range(self, arrays: Any, first: int, last: int, /) -> None:
+        """Solve rows first to last - 1; Python's lock is released meanwhile."""
+
+    def pack(self, mechanism: Any, tables: Array, results: Any, /) -> Any:
+        """The equilibria in the outputs; mechanism: one, or one per row."""
+
+
+class FileModule(Protocol):
+    """`file.py` of a family: the content of its mechanism files."""
+
+    @property
+    def HEADER(self) -> str:  # noqa: N802
+        """The comment that a file begins with."""
+
+    @property
+    def PARTS(self) -> str:  # noqa: N802
+        """The key that tells such a file: of its links, or the like."""
+
+    @property
+    def KEYS(self) -> tuple[str, ...]:  # noqa: N802
+        """All keys at the top of a file."""
+
+    def from_dict(self, content: object, source: str, name: str, /) -> Any:
+        """The mechanism that the content of a file describes; raises ConfigError."""
+
+    def to_dict(self, mechanism: Any, /) -> dict[str, Any]:
+        """The content that makes the same mechanism exactly."""
+
+
+class ReportModule(Protocol):
+    """`report.py` of a family: its mechanisms and equilibria in words, tables and JSON."""
+
+    def travel(self, mechanism: Any, /) -> str:
+        """How far the joints move, in words."""
+
+    def remark(self, found: Any, /) -> str:
+        """What else the status line says of an equilibrium, with a leading comma, or nothing."""
+
+    def tables(self, found: Any, friction: float, /) -> tuple[str, str]:
+        """Links and joints of an equilibrium as aligned columns."""
+
+    def as_dict(self, found: Any, friction: float, /) -> dict[str, Any]:
+        """Links and joints of an equilibrium as plain dicts, lists and numbers; units stand in the key names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
     """Everything that differs between families of mechanisms.
 
     Attributes:
         kind: class of its mechanisms.
         title: what such a mechanism is, in messages.
         dimension: coordinates of a point, 2 or 3.
-        load_columns: columns of its load tables.
-        batch_arrays: its NamedTuple of a batch: chain, designs, laws, loads, starts, results.
-        length_methods: methods of `solve_lengths` that it has.
-        slips: whether its joints are contacts that could slip.
         presets: its named mechanisms.
-        file_parts: the key that lists the links, or the like, in mechanism files.
-        file_keys: all keys at the top of its mechanism files.
-        file_header: the comment that such a file begins with.
+        load_columns: columns of its load tables.
+        load_table: rows of these columns for loads and a number of links; InvalidInput for other loads.
+        batch, file, report: its modules of these names.
+        start_angles: joint angles [rad] of joints at places given in the unit of `joint_limits`.
+        own_weight: the weight of a mechanism's parts along a direction; None where its parts have none of their own.
+        length_methods: methods of `solve_lengths` that it has.
+        slips: whether its joints are contacts, which may slip.
     """
 
-    kind: type[M]
-    title: ClassVar[str]
-    dimension: ClassVar[int]
-    load_columns: ClassVar[tuple[str, ...]]
-    batch_arrays: ClassVar[type[Any]]
-    length_methods: ClassVar[tuple[str, ...]] = ("elastic",)
-    slips: ClassVar[bool] = False
-    presets: Mapping[str, Callable[[], M]]
-    file_parts: ClassVar[str]
-    file_keys: ClassVar[tuple[str, ...]]
-    file_header: ClassVar[str]
-
-    # Statics; nothing is checked here
-
-    @staticmethod
-    @abstractmethod
-    def load_table(loads: Sequence[Load], n_links: int, /) -> Array:
-        """Rows of `load_columns` for the loads; InvalidInput for loads that the family cannot have."""
-
-    @staticmethod
-    @abstractmethod
-    def solve_one(mechanism: M, law: TendonLaw, table: Array, start: Array, /) -> S:
-        """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]."""
-
-    @staticmethod
-    @abstractmethod
-    def new_results(n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
-        """Empty outputs of a batch."""
-
-    @staticmethod
-    @abstractmethod
-    def solve_range(batch: Any, first: int, last: int, /) -> None:
-        """Solve rows first to last - 1; Python's lock is released meanwhile."""
-
-    @staticmethod
-    @abstractmethod
-    def pack(mechanism: M | tuple[M, ...], tables: Array, results: Any, /) -> S:
-        """The equilibria in the outputs."""
+    kind: type[AnyMechanism]
+    title: str
+    dimension: int
+    presets: Mapping[str, Callable[[], AnyMechanism]]
+    load_columns: tuple[str, ...]
+    load_table: Callable[[Sequence[Load], int], Array]
+    batch: BatchModule
+    file: FileModule
+    report: ReportModule
+    start_angles: Callable[[Any, Sequence[float]], Array]
+    own_weight: Callable[[Any, Any], Gravity] | None = None
+    length_methods: tuple[str, ...] = ("elastic",)
+    slips: bool = False
 
     def solve_batch(
-        self,
-        mechanism: M | tuple[M, ...],
-        chain: Any,
-        designs: NDArray[np.int64],
-        laws: TendonLaw,
-        tables: Array,
-        starts: Array,
-    ) -> S:
-        """The equilibria of a batch; arguments as of `batch_arrays`, `mechanism` one or one per row."""
-        results = self.new_results(len(starts), starts.shape[1], laws.low.shape[1])
-        batch = self.batch_arrays(chain, designs, laws, tables, starts, results)
-        run_in_threads(partial(self.solve_range, batch), len(starts), starts.shape[1])
-        return self.pack(mechanism, tables, results)
-
-    # Mechanism files
-
-    @staticmethod
-    @abstractmethod
-    def from_dict(content: object, source: str, name: str, /) -> M:
-        """The mechanism that the content of a mechanism file describes; raises ConfigError."""
-
-    @staticmethod
-    @abstractmethod
-    def to_dict(mechanism: M, /) -> dict[str, Any]:
-        """The content that makes the same mechanism exactly."""
-
-    # Reports
-
-    @staticmethod
-    @abstractmethod
-    def travel(mechanism: M, /) -> str:
-        """How far its joints move, in words."""
-
-    @staticmethod
-    @abstractmethod
-    def tables(found: S, friction: float, /) -> tuple[str, str]:
-        """Links and joints of an equilibrium as aligned columns."""
-
-    @staticmethod
-    @abstractmethod
-    def to_json(found: S, friction: float, /) -> dict[str, Any]:
-        """Links and joints of an equilibrium as plain dicts, lists and numbers; units stand in the key names."""
-
-    @staticmethod
-    def remark(found: S, /) -> str:
-        """What else the status line says of an equilibrium, with a leading comma."""
-        return ""
-
-    # What users give
-
-    @staticmethod
-    @abstractmethod
-    def start_angles(mechanism: M, places: Sequence[float], /) -> Array | Sequence[float]:
-        """Joint angles [rad] of the joints at places given in the unit of `joint_limits`."""
-
-    @staticmethod
-    def own_weight(mechanism: M, direction: tuple[float, float, float], /) -> Gravity | None:
-        """The weight of the mechanism's parts along a direction; None where parts have none of their own."""
-        return None
+        self, mechanism: Any, chain: Any, designs: NDArray[np.int64], laws: TendonLaw, tables: Array, starts: Array
+    ) -> Any:
+        """The equilibria of a batch, unchecked; arguments as of BatchArrays, mechanism: one, or one per row."""
+        results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
+        arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
+        run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1])
+        return self.batch.pack(mechanism, tables, results)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from typing import Any, Self
@@ -49,12 +51,26 @@ _MESSAGES = {
 _FAR = 1e15  # eigenvalue given to joints that are held
 
 
-class Solution:
-    """One equilibrium, or many with a leading axis B on every array; each family is a frozen dataclass on top."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(ABC):
+    """One equilibrium, or many with a leading axis B on every array; each family adds to it.
+
+    Attributes:
+        mechanism: what was solved, or a tuple of mechanisms, one per row.
+        loads: load table, (rows, columns), columns of the family.
+        joint_angles: (n - 1,) angle of every joint [rad].
+        poses: of every link in the base frame: (n, 3) x, y, angle [mm, rad], or (n, 4, 4) frames [mm].
+        tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
+        tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
+        tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
+        residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
+        iterations: Newton steps. status: Status, or (B,) integers.
+    """
 
     mechanism: Any
     loads: Array
     joint_angles: Array
+    poses: Array
     tensions: Array
     lengths: Array
     tendon_rates: Array
@@ -70,23 +86,23 @@ class Solution:
         return bool(usable) if usable.ndim == 0 else usable
 
     @property
+    @abstractmethod
     def tip(self) -> Array:
         """Origin of the last link, (2,) or (3,) [mm]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def pose_jacobian(self) -> Array:
         """(n, 3 or 6, n - 1) d link poses / d joint angles [mm/rad, 1]."""
-        raise NotImplementedError
 
     @property
     def torques_per_tension(self) -> Array:
         """(n - 1, m) d residual / d tension [mm]: the rates of the lengths, where tendons have an energy."""
         return self.tendon_rates
 
+    @abstractmethod
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
         """(3 or 6, n - 1) d pose of a frame at a body point [mm], default the link's origin, / d joint angles."""
-        raise NotImplementedError
 
     @cached_property
     def free_joints(self) -> NDArray[np.bool_]:
@@ -146,9 +162,9 @@ class Solution:
         return designs_of(self.mechanism, np.size(self.status))
 
     @staticmethod
+    @abstractmethod
     def _fill_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
-        raise NotImplementedError
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.core.generators import Generators
 from rj_gym.planar.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
 from rollingjoint.checks import as_floats
-from rollingjoint.compiled import Floats, Singles, machine_code
+from rollingjoint.compiled import Floats, Singles, machine_code, run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.batch import TendonLaw
-from rollingjoint.threads import run_in_threads
 
 if TYPE_CHECKING:
     from rj_gym.core.task import Task

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.batch import Start
-from rollingjoint.statics.families import AnyFamily, family_of
+from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 _IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
@@ -92,14 +93,14 @@ def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
     return loads + _gravity(args, mechanism, family)
 
 
-def _numbers(family: AnyFamily) -> tuple[list[str], list[str], list[str]]:
+def _numbers(family: Family) -> tuple[list[str], list[str], list[str]]:
     """The numbers of a force, a moment and a spring, by name."""
     axes = "XYZ"[: family.dimension]
     forces, moments, anchor = ([letter + axis for axis in axes] for letter in "FMA")
     return forces, moments if family.dimension == 3 else ["M"], ["K", *anchor]
 
 
-def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: AnyFamily) -> list[Load]:
+def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) -> list[Load]:
     weights, n_links = args.gravity, mechanism.n_links
     if weights is None:
         if args.gravity_direction:
@@ -107,11 +108,10 @@ def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: AnyFamil
         return []
     down = [0.0] * (family.dimension - 1) + [-1.0]
     direction: Any = tuple(_counted("--gravity-direction", args.gravity_direction or down, family.dimension))
-    own = family.own_weight(mechanism, direction)
-    if own is not None:
+    if family.own_weight is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
-        return [own]
+        return [family.own_weight(mechanism, direction)]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")

@@ -12,7 +12,7 @@ from rollingjoint.errors import MechanismError
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.family import PlanarFamily
+from rollingjoint.planar.family import PLANAR
 from rollingjoint.solution import Status
 
 
@@ -48,7 +48,7 @@ def solve_compiled(
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
-    equilibrium = PlanarFamily().solve_batch(mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin)
+    equilibrium = PLANAR.solve_batch(mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin)
     phi[lanes] = torch.as_tensor(equilibrium.joint_angles).to(phi)
     held[lanes] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
     status[lanes] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)

@@ -58,24 +58,24 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     Raises:
         ConfigError: a wrong key, type or number, or a mechanism that cannot be built.
     """
-    keys = tuple(dict.fromkeys(key for family in FAMILIES for key in family.file_keys))
+    keys = tuple(dict.fromkeys(key for family in FAMILIES for key in family.file.KEYS))
     given = content if isinstance(content, Mapping) else mapping(source, content, keys)
-    fitting = [family for family in FAMILIES if family.file_parts in given]
+    fitting = [family for family in FAMILIES if family.file.PARTS in given]
     if not fitting:
-        allowed = " or ".join(f"the key {family.file_parts!r}" for family in FAMILIES)
+        allowed = " or ".join(f"the key {family.file.PARTS!r}" for family in FAMILIES)
         hint = "Add the links of a planar chain or the beads of an arm."
         raise ConfigError(source, list(mapping(source, given, keys)), allowed, hint)
-    return fitting[-1].from_dict(content, source, name)
+    return fitting[-1].file.from_dict(content, source, name)
 
 
 def mechanism_to_dict(mechanism: AnyMechanism) -> dict[str, Any]:
     """Plain dicts, lists, numbers and text; mechanism_from_dict makes the same mechanism of them exactly."""
-    return family_of(mechanism).to_dict(mechanism)
+    return family_of(mechanism).file.to_dict(mechanism)
 
 
 def dump_mechanism(mechanism: AnyMechanism) -> str:
     """YAML text of the mechanism; loading it gives the same mechanism exactly."""
-    header = family_of(mechanism).file_header
+    header = family_of(mechanism).file.HEADER
     return header + yaml.safe_dump(mechanism_to_dict(mechanism), sort_keys=False, default_flow_style=None, width=110)
 
 

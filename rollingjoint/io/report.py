@@ -19,21 +19,21 @@ def mechanism_line(mechanism: AnyMechanism) -> str:
     """One line: links, tendons, length, joint travel."""
     ends = mechanism.last_links
     at = "" if set(ends) == {mechanism.n_links - 1} else f" ending at links {', '.join(map(str, ends))}"
-    travel = family_of(mechanism).travel(mechanism)
+    travel = family_of(mechanism).report.travel(mechanism)
     return f"{mechanism.parts}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {travel}"
 
 
 def status_line(found: Solution) -> str:
     """One line: status, its meaning, residual and iterations; whether an arm has buckled."""
     status = Status(int(found.status))
-    remark = family_of(found.mechanism).remark(found)
+    remark = family_of(found.mechanism).report.remark(found)
     numbers = f"residual {found.residual:.1e} N·mm, {found.iterations} iterations{remark}"
     return f"{status.name}: {status.message} ({numbers})"
 
 
 def as_table(found: Solution, friction: float = FRICTION) -> str:
     """Links, joints and tendons of an equilibrium as aligned columns, and the status line."""
-    links, joints = family_of(found.mechanism).tables(found, friction)
+    links, joints = family_of(found.mechanism).report.tables(found, friction)
     tendons = zip(range(len(found.tensions)), found.tensions, found.lengths, strict=True)
     pulled = number_table(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4))
     return "\n\n".join((links, joints, pulled, status_line(found)))
@@ -55,7 +55,7 @@ def as_dict(found: Solution, friction: float = FRICTION) -> dict[str, Any]:
         "residual_N_mm": _finite(found.residual),
         "iterations": int(found.iterations),
         "smallest_eigenvalue_N_mm_per_rad": _finite(found.smallest_eigenvalue),
-        **family_of(found.mechanism).to_json(found, friction),
+        **family_of(found.mechanism).report.as_dict(found, friction),
         "tendons": [
             {"tendon": j, "tension_N": float(tension), "length_mm": float(length)}
             for j, (tension, length) in enumerate(zip(found.tensions, found.lengths, strict=True))

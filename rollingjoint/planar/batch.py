@@ -1,4 +1,4 @@
-"""Batches of planar rolling chains solved into arrays that the caller keeps: what solvers and environments share.
+"""Batches of planar chains solved into arrays that the caller keeps: what the solvers and the environments share.
 
 Nothing is checked here; `rollingjoint.statics.solve` is the front door.
 """
@@ -51,9 +51,8 @@ def solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, start: Arra
 def pack(mechanism: RollingChain | tuple[RollingChain, ...], table: Array, results: Results) -> Equilibrium:
     """The equilibria in the results of the kernels."""
     angles, poses, contacts, tensions, lengths, rates, elastic, forces, _, residual, iterations, status = results
-    points, tangents = contacts[..., :2], contacts[..., 2:]
-    solved = (angles, poses, points, tangents, tensions, lengths, rates, elastic, forces, residual, iterations, status)
-    return Equilibrium(mechanism, table, *solved)
+    solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
+    return Equilibrium(mechanism, table, *solved, contacts[..., :2], contacts[..., 2:], forces)
 
 
 @functools.cache

@@ -13,7 +13,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.batch import stiffness_of
 from rollingjoint.kernels.planar.forward import arc_lengths_of
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.solution import Solution, Status
+from rollingjoint.solution import Solution
 
 Array = NDArray[np.float64]
 
@@ -22,34 +22,15 @@ Array = NDArray[np.float64]
 class Equilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
-    Attributes:
-        mechanism: the chain that was solved, or a tuple of them, one per row.
-        loads: load table, (rows, 11), columns load.LOAD_COLUMNS.
-        joint_angles: (n - 1,) relative angle of every joint [rad].
-        poses: (n, 3) x, y, angle of every link in the base frame [mm, rad].
+    Attributes, beside those of Solution:
         contact_points, contact_tangents: (n - 1, 2) contact and unit tangent there, base frame [mm].
-        tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
-        tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
-        tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
         contact_forces: (n - 1, 2) on the distal link, along the child surface's tangent and normal [N].
-        residual: largest joint moment that is not balanced, joints at a surface limit left out [N·mm].
-        iterations: Newton steps. status: Status, or (B,) integers.
     """
 
     mechanism: RollingChain | tuple[RollingChain, ...]
-    loads: Array
-    joint_angles: Array
-    poses: Array
     contact_points: Array
     contact_tangents: Array
-    tensions: Array
-    lengths: Array
-    tendon_rates: Array
-    tendon_stiffness: Array
     contact_forces: Array
-    residual: float | Array
-    iterations: int | NDArray[np.int64]
-    status: Status | NDArray[np.int64]
 
     @property
     def chain(self) -> RollingChain:

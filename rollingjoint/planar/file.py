@@ -21,7 +21,9 @@ from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
-KEYS = ("name", "defaults", "links", "tendons")
+HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
+PARTS = "links"
+KEYS = ("name", "defaults", PARTS, "tendons")
 _SURFACE_KEYS = ("curvature", "start", "angle", "limits")
 _TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
 _TABLES = {

@@ -17,6 +17,11 @@ def travel(mechanism: RollingChain) -> str:
     return f"s from {mechanism.joint_limits[:, 0].min():g} to {mechanism.joint_limits[:, 1].max():g} mm"
 
 
+def remark(found: Equilibrium) -> str:
+    """Nothing: the status says all."""
+    return ""
+
+
 def tables(eq: Equilibrium, friction: float) -> tuple[str, str]:
     """Links and joints of an equilibrium as aligned columns."""
     links = [(i, x, y, angle, angle * _DEGREES) for i, (x, y, angle) in enumerate(eq.poses)]
@@ -39,7 +44,7 @@ def tables(eq: Equilibrium, friction: float) -> tuple[str, str]:
     )
 
 
-def to_json(eq: Equilibrium, friction: float) -> dict[str, Any]:
+def as_dict(eq: Equilibrium, friction: float) -> dict[str, Any]:
     """Links and joints of an equilibrium; units stand in the key names."""
     slip = eq.slip_margins(friction)
     return {

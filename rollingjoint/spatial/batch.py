@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array)
     """The equilibrium of one mechanism. law: (m,) each; table: (rows, 20); start: (n - 1,)."""
     results = new_results(1, len(start), len(law.low))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    solve_range(BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), 0, 1)
+    _solve_lanes()(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
     return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]))
@@ -43,11 +42,13 @@ def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array)
 
 def pack(mechanism: HingeChain | tuple[HingeChain, ...], table: Array, results: HingeResults) -> HingeEquilibrium:
     """The equilibria in the results of the kernels."""
-    return HingeEquilibrium(mechanism, table, *results)
+    angles, poses, tensions, lengths, rates, torques, elastic, residual, iterations, status, escapes = results
+    solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
+    return HingeEquilibrium(mechanism, table, *solved, torques, escapes)
 
 
 @functools.cache
-def _solve_lanes() -> Callable[..., Any]:
+def _solve_lanes() -> Callable[..., None]:
     """The machine code of `solve_hinge_lanes`."""
     return machine_code(solve_hinge_lanes, *fields(BatchArrays), int, int)
 

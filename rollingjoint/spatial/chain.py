@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
+from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.kernels.spatial.arrays import Hinges
 from rollingjoint.load import Gravity
@@ -57,20 +57,19 @@ class Bead:
 
     def __post_init__(self) -> None:
         for name, unit in (("spacing", "mm"), ("stiffness", "N·mm/rad"), ("gap", "mm")):
-            if not 0 < _numbers(name, getattr(self, name), ())[()] < np.inf:
-                raise MechanismError(f"bead {name}", getattr(self, name), f"a positive number [{unit}]")
+            as_positive(f"bead {name}", getattr(self, name), f"a positive number [{unit}]", MechanismError)
         if not self.gap < self.spacing:
             raise MechanismError("bead gap", self.gap, f"less than the spacing, {self.spacing:g} mm")
-        if not 0 <= _numbers("weight", self.weight, ())[()] < np.inf:
-            raise MechanismError("bead weight", self.weight, "0 or more [N]")
-        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, (3,))
+        as_number("bead weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
+        rest = as_number("bead rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, 3)
         length = float(np.linalg.norm(axis))
         if not 0 < length < np.inf:
             raise MechanismError("bead axis", self.axis, "a direction other than (0, 0, 0)")
         length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
         object.__setattr__(self, "axis", tuple((axis / length).tolist()))
-        low, high = _numbers("limits", self.limits, (2,))
-        if not -2 * np.pi <= low < _numbers("rest_angle", self.rest_angle, ())[()] < high <= 2 * np.pi:
+        low, high = _numbers("limits", self.limits, 2)
+        if not -2 * np.pi <= low < rest < high <= 2 * np.pi:
             raise MechanismError("bead limits", self.limits, f"-2π to 2π [rad], {self.rest_angle} between them")
         object.__setattr__(self, "limits", (float(low), float(high)))
 
@@ -269,9 +268,9 @@ def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
     return closest + margin, closest - margin + 2 * np.pi
 
 
-def _numbers(what: str, values: object, shape: tuple[int, ...]) -> Array:
-    allowed = f"{shape[0]} numbers" if shape else "a number"
+def _numbers(what: str, values: object, count: int) -> Array:
+    allowed = f"{count} numbers"
     array = as_floats(f"bead {what}", values, allowed, MechanismError)
-    if array.shape != shape or not np.all(np.isfinite(array)):
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
         raise MechanismError(f"bead {what}", values, allowed)
     return array

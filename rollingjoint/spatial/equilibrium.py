@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of
-from rollingjoint.solution import Solution, Status
+from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
@@ -19,33 +19,14 @@ Array = NDArray[np.float64]
 class HingeEquilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
-    Attributes:
-        mechanism: the chain that was solved, or a tuple of them, one per row.
-        loads: load table, (rows, 20), columns load.SPATIAL_LOAD_COLUMNS.
-        joint_angles: (n - 1,) angle of every hinge [rad].
-        poses: (n, 4, 4) link frames in the base frame [mm].
-        tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
-        tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
+    Attributes, beside those of Solution:
         tendon_torques: (n - 1, m) d residual / d tension; tendon_rates unless the tendons are end couples [mm].
-        tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
-        residual: largest hinge moment that is not balanced, hinges at their limit left out [N·mm].
-        iterations: Newton steps. status: Status, or (B,) integers.
         escapes: unstable equilibria that the solver met and left downhill. Not 0: the arm has buckled, and where it
             buckled to is one of several.
     """
 
     mechanism: HingeChain | tuple[HingeChain, ...]
-    loads: Array
-    joint_angles: Array
-    poses: Array
-    tensions: Array
-    lengths: Array
-    tendon_rates: Array
     tendon_torques: Array
-    tendon_stiffness: Array
-    residual: float | Array
-    iterations: int | NDArray[np.int64]
-    status: Status | NDArray[np.int64]
     escapes: int | NDArray[np.int64]
 
     @property

@@ -11,7 +11,9 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.spatial.chain import AXES, Bead, HingeChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS, BeadTendon
 
-KEYS = ("name", "model", "defaults", "beads", "tendons")
+HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
+PARTS = "beads"
+KEYS = ("name", "model", "defaults", PARTS, "tendons")
 _BEAD_KEYS = tuple(field.name for field in fields(Bead))
 _TENDON_KEYS = tuple(field.name for field in fields(BeadTendon))
 

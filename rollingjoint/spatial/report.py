@@ -38,7 +38,7 @@ def tables(found: HingeEquilibrium, friction: float) -> tuple[str, str]:
     )
 
 
-def to_json(found: HingeEquilibrium, friction: float) -> dict[str, Any]:
+def as_dict(found: HingeEquilibrium, friction: float) -> dict[str, Any]:
     """Links and hinges of an equilibrium; units stand in the key names."""
     moments = _spring_moments(found)
     return {

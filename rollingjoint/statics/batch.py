@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
 from rollingjoint.solution import Solution
-from rollingjoint.statics.families import FAMILIES, KINDS, AnyFamily, family_of
+from rollingjoint.statics.families import FAMILIES, KINDS, family_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ class Batch:
     """Rows that are solved in one call: the inputs of each, (B, m), and its mechanism."""
 
     mechanism: AnyMechanism | tuple[AnyMechanism, ...]
-    family: AnyFamily
+    family: Family
     chains: tuple[AnyMechanism, ...]  # the different ones
     arrays: Any
     designs: NDArray[np.int64]

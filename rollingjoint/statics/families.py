@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.family import PlanarFamily
-from rollingjoint.spatial.family import SpatialFamily
+from rollingjoint.planar.family import PLANAR
+from rollingjoint.spatial.family import SPATIAL
 
-AnyFamily = Family[Any, Any]
-
-FAMILIES: tuple[AnyFamily, ...] = (PlanarFamily(), SpatialFamily())
+FAMILIES = (PLANAR, SPATIAL)
 
 KINDS = " or ".join(f"a {family.kind.__name__}" for family in FAMILIES)
 """The classes of mechanisms, in words."""
 
 
-def family_of(mechanism: AnyMechanism) -> AnyFamily:
+def family_of(mechanism: AnyMechanism) -> Family:
     """The family of one mechanism.
 
     Raises:
@@ -32,6 +29,6 @@ def family_of(mechanism: AnyMechanism) -> AnyFamily:
 
 
 @functools.cache
-def family_of_kind(kind: type) -> AnyFamily | None:
+def family_of_kind(kind: type) -> Family | None:
     """The family of a class of mechanisms, None for any other class."""
     return next((family for family in FAMILIES if issubclass(kind, family.kind)), None)

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import Solution, Status
 from rollingjoint.statics.batch import prescribed
-from rollingjoint.statics.families import AnyFamily
 from rollingjoint.statics.sensitivity import joint_response
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ _ROUNDING = 1e-15  # of the lengths
 
 
 def solve_least_squares(
-    family: AnyFamily, mechanism: AnyMechanism, desired: Array, low: Array, high: Array, table: Array, start: Array
+    family: Family, mechanism: AnyMechanism, desired: Array, low: Array, high: Array, table: Array, start: Array
 ) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
@@ -51,7 +51,7 @@ def solve_least_squares(
     high = np.minimum(high, _LARGEST_TENSION)
 
     def solve(law: TendonLaw, start: Array) -> Any:
-        return family.solve_one(mechanism, law, table, start)
+        return family.batch.solve_one(mechanism, law, table, start)
 
     elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:
@@ -127,7 +127,7 @@ def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) ->
     return np.clip(tensions, low, high)
 
 
-def _is_loaded(family: AnyFamily, table: Array) -> bool:
+def _is_loaded(family: Family, table: Array) -> bool:
     """Whether a load table has a force, a moment or a spring."""
     return bool(np.any(table[:, [name not in _PLACES for name in family.load_columns]]))
 

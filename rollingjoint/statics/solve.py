@@ -13,7 +13,6 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism
-from rollingjoint.solution import Solution
 from rollingjoint.statics.batch import Batch, Start, prescribed
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.least_squares import solve_least_squares
@@ -41,7 +40,7 @@ def solve_tensions(mechanism: Mechanism[S], tensions: ArrayLike, loads: Sequence
     family = family_of(mechanism)
     tau = as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
     table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
-    return family.solve_one(mechanism, prescribed(tau), table, phi)
+    return family.batch.solve_one(mechanism, prescribed(tau), table, phi)
 
 
 def solve_lengths(
@@ -76,7 +75,9 @@ def solve_lengths(
     low, high = _tension_limits_of(tension_limits, mechanism.n_tendons)
     table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
     if method == "elastic":
-        return family.solve_one(mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi)
+        return family.batch.solve_one(
+            mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi
+        )
     if method not in family.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
     return solve_least_squares(family, mechanism, command, low, high, table, phi)
@@ -137,7 +138,7 @@ def _start_of(mechanism: AnyMechanism, start: Start) -> Array:
     """Joint angles to start from, (n - 1,)."""
     if start is None:
         return mechanism.neutral_angles.copy()
-    angles = start.joint_angles if isinstance(start, Solution) else start
+    angles = getattr(start, "joint_angles", start)
     return as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
 
 

@@ -280,7 +280,7 @@ def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last
 
 @kernel(nogil=True)
 def solve_pinned(pins, first, last):
-    """solve_side_by_side on pinned BatchArrays."""
+    """solve_side_by_side on a pinned BatchArrays."""
     chain, designs, laws, loads, starts, results = unpin(pins, BatchArrays)
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)

@@ -74,10 +74,10 @@ class HingeResults(NamedTuple):
 
 
 class BatchArrays(NamedTuple):
-    """Equilibria to be solved, and where they go."""
+    """Equilibria to be solved as a batch, and where they go."""
 
     chain: Hinges  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each row has
+    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", N_COLUMNS]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad

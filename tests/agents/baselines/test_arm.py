@@ -3,7 +3,6 @@
 import gymnasium
 import numpy as np
 import pytest
-from agents.runs.environment import EnvConfig
 
 import rj_gym  # noqa: F401  (registers its ids)
 from agents.baselines import JacobianFeedback, LoadEstimate, OpenLoop, Predictive
@@ -12,6 +11,7 @@ from agents.baselines.model_inverse import nearest_tensions
 from agents.evaluation.controller import Seen
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.task import task_of
 from rollingjoint import flexible_arm, solve_tensions_batch

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import yaml
-from agents.runs.environment import EnvConfig
 from scipy.optimize import least_squares
 
 from agents.baselines import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
@@ -13,6 +12,7 @@ from agents.baselines.responses import bounded_step, length_responses, tension_r
 from agents.evaluation.controller import Seen
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.config import TrackingConfig
 from rj_gym.core.task import task_of

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from agents.runs.environment import EnvConfig
 
 from agents.baselines import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
@@ -14,6 +13,7 @@ from agents.evaluation.pictures import animation, error_distribution, error_over
 from agents.evaluation.report import Report
 from agents.evaluation.rollout import Episodes
 from agents.evaluation.score import Score
+from agents.runs.environment import EnvConfig
 
 
 def episodes(final, before=0.5, rewards=0.0, terminated=False):

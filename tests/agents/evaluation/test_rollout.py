@@ -3,13 +3,13 @@
 import gymnasium
 import numpy as np
 import pytest
-from agents.runs.environment import EnvConfig, make_env
 
 from agents.baselines import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import film, run_episodes
+from agents.runs.environment import EnvConfig, make_env
 from rollingjoint.errors import ConfigError, InvalidInput
 
 IDS = ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"]

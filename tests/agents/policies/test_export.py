@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from agents.runs.environment import EnvConfig
-from agents.runs.files import write_file
 from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
@@ -23,6 +21,8 @@ from agents.policies.export import check_against_torch, export_policy, export_ru
 from agents.policies.file import unpack
 from agents.policies.network import PolicyError
 from agents.runs.config import load_config
+from agents.runs.environment import EnvConfig
+from agents.runs.files import write_file
 from agents.runs.folder import RunFolder
 from agents.shipped import ShippedPolicy, list_policies, load_policy
 from agents.training.build import build_model

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agents.runs.environment import EnvConfig
 from PIL import Image
 
 from agents import train
@@ -22,6 +21,7 @@ from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, v
 from agents.results.runs import Benchmark, Recipe, Run, find_benchmarks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
 from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.config import TrackingConfig

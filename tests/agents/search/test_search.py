@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from agents.runs.files import RunFolderError
 
+from agents.runs.files import RunFolderError
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.gradient import Descent

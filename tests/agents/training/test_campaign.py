@@ -9,11 +9,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from agents.runs.environment import EnvConfig
 
 from agents import train
 from agents.campaign import main as campaign_main
 from agents.runs.config import TrainConfig, load_config
+from agents.runs.environment import EnvConfig
 from agents.training import campaign
 from agents.training.campaign import load_campaign
 from rollingjoint.errors import ConfigError
