@@ -25,7 +25,7 @@ from agents.config import TrainConfig, load_config, plain_settings
 from agents.fields import check_integer
 from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
 from rj_gym.core.config import TaskConfig
-from rj_gym.core.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.io.mechanism_file import mechanism_to_dict

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.statics.solve import solve_lengths_batch

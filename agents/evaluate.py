@@ -100,7 +100,7 @@ def evaluate_controllers(
     if not is_tracking(env):
         return Report(episodes)
     from agents.floor import episode_floor
-    from rj_gym.core.task import task_of
+    from rj_gym.core.registry import task_of
 
     floors = episode_floor(env, seeds).errors if with_floor else None
     return Report(episodes, task_of(env.arguments()["config"]).length, floors)

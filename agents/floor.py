@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from agents.config import EnvConfig
 from agents.rollout import is_tracking
-from rj_gym.core.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.planar.equilibrium import Status
 from rollingjoint.statics.families import Mechanism

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agents.build import algorithm_class, load_normaliser
 from agents.controller import Seen
 from agents.run_folder import RunFolder, RunFolderError
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.config import EnvConfig
 from agents.controller import Array, Controller, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.errors import ConfigError
 
 

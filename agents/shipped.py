@@ -25,7 +25,8 @@ from agents.policy_file import SUFFIX, content_hash, pack, read_bytes, unpack
 from agents.recorded_score import RecordedScore
 from rj_gym import IDS, settings_of
 from rj_gym.core.config import TaskConfig
-from rj_gym.core.task import Task, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import InvalidInput

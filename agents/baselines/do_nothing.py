@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 
 
 class DoNothing:

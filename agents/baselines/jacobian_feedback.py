@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
 from agents.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.solution import Solution
 
 

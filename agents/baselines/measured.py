@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.baselines.responses import choose
 from agents.controller import HANGING, Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium

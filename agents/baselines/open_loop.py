@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
 from agents.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask as Task
 from rollingjoint.statics.solve import solve_tensions_batch
 
 

@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.arm.kernels import GRAVITY, OWN
-from rj_gym.core.episodes import over_time
-from rj_gym.planar.kernels import FORCE, STEP, TENSIONS
 from rj_gym.rendering.canvas import (
     BACKGROUND,
     BASE,
@@ -31,8 +28,6 @@ from rollingjoint.spatial.chain import HingeChain
 
 if TYPE_CHECKING:
     import pygame
-
-    from rj_gym.arm.episodes import ArmLanes
 
 Array = NDArray[np.float64]
 _Piece = tuple[float, list[tuple[Array, Color]]]  # depth, polygons in pixels
@@ -82,25 +77,6 @@ class ArmScene:
     def tip(self) -> Array:
         """Where the tip is, (3,) [mm]."""
         return self.poses[-1, :3, 3]
-
-
-def arm_scene(lanes: ArmLanes, trail: Array, lane: int) -> ArmScene:
-    """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
-    readings, config = lanes.state.readings[lane], lanes.task.config
-    m, step, gravity = lanes.task.mechanism.n_tendons, int(readings[STEP]), len(readings) - OWN + GRAVITY
-    targets = over_time(lanes.course.targets[lane], config.episode_steps + 1)
-    return ArmScene(
-        mechanism=lanes.mechanisms[lanes.designs[lane]],
-        poses=lanes.state.poses[lane],
-        tensions=readings[TENSIONS : TENSIONS + m],
-        tension_range=config.tension_range,
-        targets=targets[:, :3],
-        target_frame=targets[step, 3:].reshape(3, 3) if config.orientation else None,
-        gravity=readings[gravity : gravity + 3],
-        payload=readings[FORCE : FORCE + 3],
-        trail=trail,
-        step=step,
-    )
 
 
 class ArmRenderer(Screen[ArmScene]):

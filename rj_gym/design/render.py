@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.design.episodes import Lanes
 from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.planar.outline import link_outline, to_world
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ _CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80
 
 
 @dataclass(frozen=True)
-class Scene:
+class DesignScene:
     """What a picture shows.
 
     Args:
@@ -49,28 +47,7 @@ class Scene:
     steps: int
 
 
-def scene(lanes: Lanes, lane: int = 0) -> Scene:
-    """What a picture of one lane shows."""
-    task, episodes, judged = lanes.task, lanes.episodes, lanes.judged
-    valid = bool((judged.margins[lane] >= 0).all())
-    design = lanes.designs[lane] if valid else task.space.reference()
-    mechanism, poses = task.drawn(design, episodes.tensions[lane], episodes.forces[lane])
-    return Scene(
-        mechanism=mechanism,
-        poses=poses,
-        ok=judged.status[lane] <= Status.AT_LIMIT,
-        targets=episodes.targets[lane],
-        tensions=episodes.tensions[lane],
-        forces=episodes.forces[lane],
-        case_errors=judged.case_errors[lane],
-        error=float(judged.error[lane]),
-        valid=valid,
-        step=int(lanes.steps[lane]),
-        steps=task.config.episode_steps,
-    )
-
-
-class DesignRenderer(Screen[Scene]):
+class DesignRenderer(Screen[DesignScene]):
     """Draws scenes of mechanisms of about this length [mm]; the view is fixed, so pictures of a run line up."""
 
     def __init__(self, length: float) -> None:
@@ -80,7 +57,7 @@ class DesignRenderer(Screen[Scene]):
 class _DesignCanvas(Canvas):
     """The drawing of the design task."""
 
-    def draw(self, scene: Scene) -> pygame.Surface:
+    def draw(self, scene: DesignScene) -> pygame.Surface:
         """The scene at the picture's size."""
         self.begin(scene.mechanism.links[0])
         for places in scene.targets:
@@ -118,7 +95,7 @@ class _DesignCanvas(Canvas):
             self.line([begin, end], 1.0, LOAD)
             self.disc(end, 1.4, LOAD)
 
-    def _caption(self, scene: Scene) -> None:
+    def _caption(self, scene: DesignScene) -> None:
         self.text(f"step {scene.step} / {scene.steps}", (24, 22), 30, INK)
         text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
         self.text(text, (24, 54), 30, TARGET)

@@ -1,40 +1,39 @@
-"""Running episodes of the planar task side by side."""
+"""Running episodes of the planar task."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.episodes import LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.core.draws import over_time
+from rj_gym.core.episodes import Observation
+from rj_gym.core.kernels import FORCE, LINK, STEP, TENSIONS
+from rj_gym.core.tracking_episodes import LaneByLane, TrackingEpisodeBuffer
 from rj_gym.planar import kernels
-from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State
-from rj_gym.planar.render import Scene
-from rj_gym.planar.sampling import Episodes
+from rj_gym.planar.kernels import Course, Inputs, Solved, State
+from rj_gym.planar.render import Renderer, Scene
+from rj_gym.planar.sampling import PlanarDraws
+from rj_gym.planar.task import PlanarTask
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.batch import PinnedRange, Problem, new_results, solve_range, stack
 from rollingjoint.planar.chain import RollingChain
 
-if TYPE_CHECKING:
-    from rj_gym.core.task import TrackingTask
-
-__all__ = ["Lanes", "over_time"]
-
 Array = NDArray[np.float64]
 
 _LINK = LOAD_COLUMNS.index("link")
 
 
-class Lanes(TaskLanes):
+class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the planar task."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
-    task: TrackingTask
+    task: PlanarTask
     mechanisms: tuple[RollingChain, ...]
     course: Course
     state: State
@@ -53,6 +52,14 @@ class Lanes(TaskLanes):
             trail=trail,
             step=int(readings[STEP]),
         )
+
+    def renderer(self) -> Renderer:
+        """What draws the scenes."""
+        return Renderer(self.task.length)
+
+    def sampled_info(self, draws: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        return super().sampled_info(draws) | {"surface_offsets": draws.surface_offsets}
 
     def _make_room(self) -> None:
         capacity, config = self.capacity, self.task.config
@@ -74,9 +81,9 @@ class Lanes(TaskLanes):
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
         self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
 
-    def _enter_loads(self, episodes: Episodes) -> None:
-        count = len(episodes)
-        self._loads[:count, 0, _LINK] = episodes.links
+    def _enter_loads(self, draws: PlanarDraws) -> None:
+        count = len(draws)
+        self._loads[:count, 0, _LINK] = draws.links
         self.state.responses[:count] = 0.0
 
     def _tips(self, count: int) -> Array:

@@ -13,7 +13,7 @@ from agents.controller import Seen
 from agents.floor import episode_floor
 from agents.rollout import run_episodes
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint import flexible_arm, solve_tensions_batch
 
 ARM = "rj_gym/FlexibleArm-v0"

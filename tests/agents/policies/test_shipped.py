@@ -18,7 +18,8 @@ from agents.policy_file import pack, unpack
 from agents.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.shipped import FOLDER, ShippedPolicy, entry_names, list_policies, load_policy, standalone
 from rj_gym import TrackingConfig, settings_of
-from rj_gym.core.task import TrackingTask, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.planar.task import PlanarTask as TrackingTask
 from rollingjoint.errors import RollingJointError
 from rollingjoint.io.mechanism_file import load_mechanism
 
