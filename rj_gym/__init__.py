@@ -3,6 +3,15 @@
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
 rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), and rj_gym/CurvatureDesign-v0. The last one needs
 torch; it and the arms are imported when one is first asked for.
+
+Modules:
+    arm: the arm's tracking task.
+    core: what every task shares.
+    design: the design task.
+    planar: the planar tracking task.
+    rendering: what the drawings of all tasks share.
+    sb3: the native vector environments for Stable-Baselines3.
+    vector_checker: a checker of Gymnasium vector environments.
 """
 
 from __future__ import annotations
