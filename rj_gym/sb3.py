@@ -1,4 +1,4 @@
-"""Stable-Baselines3 on the native vector environments. SB3 does not take a Gymnasium VectorEnv; this is its VecEnv."""
+"""Stable-Baselines3 on the native vector environments: a VecEnv, since SB3 does not take a Gymnasium VectorEnv."""
 
 from __future__ import annotations
 
