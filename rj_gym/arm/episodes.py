@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm import kernels
-from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
-from rj_gym.arm.render import ArmRenderer, ArmScene
+from rj_gym.arm.kernels import FX, GRAVITY, OWN, TARGET_FRAME, Course, Inputs, Solved, State
+from rj_gym.arm.render import ArmCanvas, ArmScene
 from rj_gym.arm.sampling import ArmDraws
 from rj_gym.arm.task import ArmTask
 from rj_gym.core.draws import over_time
 from rj_gym.core.episodes import Observation
-from rj_gym.core.kernels import FORCE, STEP, TENSIONS
+from rj_gym.core.kernels import FORCE, TENSIONS
 from rj_gym.core.tracking_episodes import LaneByLane, TrackingEpisodeBuffer
+from rj_gym.rendering.canvas import Screen
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
@@ -37,25 +38,18 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
 
     def scene(self, trail: Array, lane: int = 0) -> ArmScene:
         """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
-        readings, config = self.state.readings[lane], self.task.config
-        m, step, gravity = self._actions.shape[1], int(readings[STEP]), len(readings) - OWN + GRAVITY
-        targets = over_time(self.course.targets[lane], config.episode_steps + 1)
+        readings, own = self.readings[lane], TENSIONS + 2 * self._actions.shape[1]
+        frame = readings[own + TARGET_FRAME : own + TARGET_FRAME + 9].reshape(3, 3)
         return ArmScene(
-            mechanism=self.mechanisms[self.designs[lane]],
-            poses=self.state.poses[lane],
-            tensions=readings[TENSIONS : TENSIONS + m],
-            tension_range=config.tension_range,
-            targets=targets[:, :3],
-            target_frame=targets[step, 3:].reshape(3, 3) if config.orientation else None,
-            gravity=readings[gravity : gravity + 3],
+            **self._shared_scene(trail, lane),
+            target_frame=frame if self.task.config.orientation else None,
+            gravity=readings[own + GRAVITY : own + GRAVITY + 3],
             payload=readings[FORCE : FORCE + 3],
-            trail=trail,
-            step=step,
         )
 
-    def renderer(self) -> ArmRenderer:
+    def renderer(self) -> Screen[ArmScene]:
         """What draws the scenes."""
-        return ArmRenderer(self.task.mechanism)
+        return Screen(ArmCanvas(self.task.mechanism))
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.core.draws import over_time
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.core.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
+from rj_gym.core.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, TIP, all_finite
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
@@ -136,6 +136,20 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             "start_tensions": draws.start_tensions,
             "stiffnesses": draws.stiffnesses,
             "actuator_offsets": draws.actuator_offsets,
+        }
+
+    def _shared_scene(self, trail: Array, lane: int) -> dict[str, Any]:
+        """The fields of a TrackingScene."""
+        readings, config, d = self.readings[lane], self.task.config, self.task.dimension
+        return {
+            "mechanism": self.mechanisms[self.designs[lane]],
+            "poses": self.state.poses[lane],
+            "tensions": readings[TENSIONS : TENSIONS + self._actions.shape[1]],
+            "tension_range": config.tension_range,
+            "targets": over_time(self.course.targets[lane, :, :d], config.episode_steps + 1),
+            "tip": readings[TIP : TIP + d],
+            "trail": trail,
+            "step": int(readings[STEP]),
         }
 
     def __getstate__(self) -> dict[str, Any]:

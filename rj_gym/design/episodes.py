@@ -12,9 +12,10 @@ from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.core.kernels import ERROR, STEP
 from rj_gym.design.observation import observation_values
-from rj_gym.design.render import DesignRenderer, DesignScene
+from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws
 from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
+from rj_gym.rendering.canvas import Screen
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.equilibrium import Status
 
@@ -89,9 +90,9 @@ class DesignEpisodeBuffer(EpisodeBuffer):
             steps=task.config.episode_steps,
         )
 
-    def renderer(self) -> DesignRenderer:
+    def renderer(self) -> Screen[DesignScene]:
         """What draws the scenes."""
-        return DesignRenderer(self.task.length)
+        return Screen(DesignCanvas(self.task.length))
 
     def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
         """Put what these lanes have come to into their readings, in the order of the task's columns."""

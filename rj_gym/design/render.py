@@ -1,4 +1,4 @@
-"""The drawing of the design task: what the present design does in every case, over what it should do."""
+"""The drawing of the design task: the shape of the present design in every case, over the shape it should have."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
+from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.outline import link_outline, to_world
 
@@ -47,15 +47,8 @@ class DesignScene:
     steps: int
 
 
-class DesignRenderer(Screen[DesignScene]):
-    """Draws scenes of mechanisms of about this length [mm]; the view is fixed, so pictures of a run line up."""
-
-    def __init__(self, length: float) -> None:
-        super().__init__(_DesignCanvas(length))
-
-
-class _DesignCanvas(Canvas):
-    """The drawing of the design task."""
+class DesignCanvas(Canvas):
+    """The drawing of the design task; the view is fixed, so pictures of a run line up."""
 
     def draw(self, scene: DesignScene) -> pygame.Surface:
         """The scene at the picture's size."""
@@ -96,9 +89,8 @@ class _DesignCanvas(Canvas):
             self.disc(end, 1.4, LOAD)
 
     def _caption(self, scene: DesignScene) -> None:
-        self.text(f"step {scene.step} / {scene.steps}", (24, 22), 30, INK)
         text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
-        self.text(text, (24, 54), 30, TARGET)
+        self.captions((f"step {scene.step} / {scene.steps}", INK), (text, TARGET))
         for case, (left, right) in enumerate(scene.tensions):
             self.text(f"{left:.1f} N, {right:.1f} N", (500, 24 + 26 * case), 24, FAINT)
             self.text(f"{scene.case_errors[case]:.2f} mm", (620, 24 + 26 * case), 24, _color(case))

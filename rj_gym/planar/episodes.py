@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.draws import over_time
 from rj_gym.core.episodes import Observation
-from rj_gym.core.kernels import FORCE, LINK, STEP, TENSIONS
+from rj_gym.core.kernels import FORCE, LINK, TENSIONS
 from rj_gym.core.tracking_episodes import LaneByLane, TrackingEpisodeBuffer
 from rj_gym.planar import kernels
 from rj_gym.planar.kernels import Course, Inputs, Solved, State
-from rj_gym.planar.render import Renderer, Scene
+from rj_gym.planar.render import PlanarCanvas, PlanarScene
 from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
+from rj_gym.rendering.canvas import Screen
 from rollingjoint._numba.jit import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
@@ -38,24 +38,16 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     course: Course
     state: State
 
-    def scene(self, trail: Array, lane: int = 0) -> Scene:
+    def scene(self, trail: Array, lane: int = 0) -> PlanarScene:
         """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
-        readings, m = self.state.readings[lane], self._actions.shape[1]
-        return Scene(
-            mechanism=self.mechanisms[self.designs[lane]],
-            poses=self.state.poses[lane],
-            tensions=readings[TENSIONS : TENSIONS + m],
-            tension_range=self.task.config.tension_range,
-            targets=over_time(self.course.targets[lane], self.task.config.episode_steps + 1),
-            force=readings[FORCE : FORCE + 2],
-            link=int(readings[LINK]),
-            trail=trail,
-            step=int(readings[STEP]),
+        readings = self.readings[lane]
+        return PlanarScene(
+            **self._shared_scene(trail, lane), force=readings[FORCE : FORCE + 2], link=int(readings[LINK])
         )
 
-    def renderer(self) -> Renderer:
+    def renderer(self) -> Screen[PlanarScene]:
         """What draws the scenes."""
-        return Renderer(self.task.length)
+        return Screen(PlanarCanvas(self.task.length))
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
