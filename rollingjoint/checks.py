@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Sequence
 from numbers import Integral, Real
 
@@ -17,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput
 
 Error = type[InvalidInput]
+
+_LARGEST = sys.float_info.max
 
 
 def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error = InvalidInput) -> NDArray[np.float64]:
@@ -47,7 +50,7 @@ def as_number(
 ) -> float:
     """The value as a float; `error` unless it is a finite number from `low` to `high`."""
     number = isinstance(value, Real) and not isinstance(value, bool | np.bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:  # type: ignore[arg-type, operator]
+    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
         raise error(what, value, allowed or f"a finite number{_between(low, high)}")
     return float(value)  # type: ignore[arg-type]
 

@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.solution import Solution
 
 
@@ -28,7 +28,7 @@ class JacobianFeedback:
     MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
-    def begin(self, task: Task, episodes: int) -> None:
+    def begin(self, task: TrackingTask, episodes: int) -> None:
         """Nothing is known of the target's motion yet."""
         low, high = task.config.tension_range
         margin = self.MARGIN * (high - low)

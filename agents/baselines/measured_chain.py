@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
@@ -21,7 +21,7 @@ class MeasuredChain:
     nominal_loads = ()
     stiffens = True  # nothing but tensions holds the links together
 
-    def __init__(self, task: Task, episodes: int) -> None:
+    def __init__(self, task: TrackingTask, episodes: int) -> None:
         self.mechanism: RollingChain = task.mechanism
 
     def unloaded(self, seen: Seen) -> Equilibrium:

@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.statics.solve import solve_tensions_batch
 
 
@@ -17,7 +17,7 @@ class OpenLoop:
     It knows the mechanism, the target and its own commands, and looks neither at the pose nor at the load.
     """
 
-    def begin(self, task: Task, episodes: int) -> None:
+    def begin(self, task: TrackingTask, episodes: int) -> None:
         """Nothing is planned yet."""
         self.task = task
         self.loads = measured_by(task, episodes).nominal_loads

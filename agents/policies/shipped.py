@@ -19,7 +19,8 @@ from agents.runs.checks import integer
 from agents.runs.environment import EnvConfig, plain_settings
 from rj_gym import IDS, settings_of
 from rj_gym.core.config import TaskConfig
-from rj_gym.core.task import Task, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
@@ -99,7 +100,7 @@ class ShippedPolicy:
         """
         return self.network(observation)
 
-    def begin(self, task: Task | None, episodes: int) -> None:
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
         """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
         hint = "policy.make_env() makes the environment of this policy."
         if task is None:

@@ -72,7 +72,7 @@ class EnvConfig:
         """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
         if not self.is_tracking:
             return dict(self.settings)
-        from rj_gym.core.task import task_of
+        from rj_gym.core.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict
 
         config = self.arguments()["config"]
