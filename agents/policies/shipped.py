@@ -15,13 +15,12 @@ from agents.evaluation.score import Score
 from agents.policies.file import content_hash, pack, unpack
 from agents.policies.network import Network, PolicyError, Vectors
 from agents.policies.recorded_score import RecordedScore
-from agents.runs.checks import integer
+from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
 from rj_gym import IDS, settings_of
 from rj_gym.config import TaskConfig
 from rj_gym.tracking.task import Task, task_of
 from rollingjoint.checked_yaml import mapping, text
-from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.statics.families import Mechanism
 
@@ -217,8 +216,9 @@ def _numbers_of(mechanism: Mechanism) -> dict[str, Any]:
 def _located(source: str) -> Iterator[None]:
     """Makes every complaint about the content of a file a PolicyError that names the file."""
     try:
-        yield
-    except InvalidInput as error:
-        raise PolicyError(f"{source}: {error.what}", error.value, error.allowed, error.mend) from error
+        with prefixed(f"{source}: ", PolicyError):
+            yield
+    except PolicyError:
+        raise
     except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
         raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

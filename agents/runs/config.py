@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.runs.algorithms import PARAMETERS, check_hindsight, checked_parameters
-from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
@@ -135,7 +135,6 @@ class TrainConfig:
             values["policy"][name] = None if widths is None else list(widths)
         return values
 
-
     def content(self) -> dict[str, Any]:
         """Plain values of all that it means: defaults of the environment written in, a mechanism as its numbers."""
         values = self.to_dict()
@@ -165,14 +164,11 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
     """
     path = Path(path)
     values = _section(read_yaml(path), str(path))
-    source = f"{path} with --set" if overrides else str(path)
-    try:
+    with prefixed(f"{path} with --set: " if overrides else f"{path}: "):
         values = apply_overrides(values, overrides)
         if isinstance(values.get("env"), dict):
             values["env"] = _resolve_env(values["env"], path.parent)
         return TrainConfig.from_dict(values)
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error.what}", error.value, error.allowed, error.mend) from error
 
 
 def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

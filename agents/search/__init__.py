@@ -5,8 +5,7 @@ Modules:
     problem: its space, objectives and limits as a Problem of rollingjoint.design.
     optimiser: the protocol of an optimiser: ask, tell.
     methods: the optimisers by name.
-    random_search: uniform random designs.
-    latin_hypercube: designs that fill the box evenly.
+    sampling: random designs, and Latin hypercubes.
     cma_es: CMA-ES.
     bayesian: Bayesian search.
     gradient: L-BFGS from several starts.
