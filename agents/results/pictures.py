@@ -155,7 +155,7 @@ def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
 
 
 def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, three in a row."""
+    """A figure with `count` panels, three in a row."""
     columns = min(3, count)
     rows = -(-count // columns)
     figure = figure_of(4.2 * columns, 3.4 * rows)
@@ -174,7 +174,7 @@ def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
 
 
 def _logarithmic(axes: Axes, names: str, marks: Sequence[float] = (1,)) -> None:
-    """Make these of its axes, "x", "y" or "xy", logarithmic ones with marks at so many times the powers of ten."""
+    """Make these of its axes, "x", "y" or "xy", logarithmic, with ticks at these multiples of the powers of ten."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = axes.xaxis if name == "x" else axes.yaxis

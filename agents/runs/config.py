@@ -61,7 +61,7 @@ class NormaliseConfig:
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """Evaluation during training: every so many steps, on `episodes` fixed seeds from `seed` on."""
+    """Evaluation during training: every `every` steps, on `episodes` fixed seeds from `seed` on."""
 
     every: int = 50_000
     episodes: int = 40
@@ -189,7 +189,7 @@ def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[st
 
 
 def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The env section with the settings of `env.file` read in and mechanism files found beside their configuration."""
+    """The env section with the settings of `env.file` read in and paths of mechanism files resolved."""
     env = dict(mapping("env", env, ["file", *(f.name for f in fields(EnvConfig))]))
     name = env.pop("file", None)
     settings = _with_mechanism(env.get("settings"), folder)

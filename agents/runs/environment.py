@@ -92,7 +92,7 @@ def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
 
 
 def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """A native vector environment of rj_gym with so many copies; for other ids, scalar ones stepped in turn."""
+    """A native vector environment of rj_gym with `count` copies; for other ids, scalar ones stepped in turn."""
     if not config.is_ours:
         return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
     with making(config):

@@ -16,7 +16,7 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
     """Hold the file at `path`, which is made if it is not there; on a file system without locks hold nothing.
 
-    Raises filelock.Timeout where another process, or another place of this one, holds it, unless told to wait.
+    Raises filelock.Timeout if it is held elsewhere, in another process or in this one, unless told to wait.
     """
     from filelock import FileLock, Timeout  # comes with the extras that train and search
 

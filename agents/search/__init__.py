@@ -19,7 +19,7 @@ Modules:
     report: the report of a search.
     pictures: pictures of a search.
     compare: python -m agents.search.compare: the page docs/design_search.md.
-    unseen: python -m agents.search.unseen: a policy that designs beside the methods, on unseen tasks.
+    unseen: python -m agents.search.unseen: a design policy compared with the methods on unseen tasks.
 
 Nothing is imported here: torch and the libraries of single methods are loaded by the modules that need them.
 """

@@ -1,4 +1,4 @@
-"""What a search file says: frozen, checked once when built, read from YAML."""
+"""The content of a search file: frozen, checked once when built, read from YAML."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The optimisers by name. For another one: a class as agents.search.optimiser describes it, and its line here."""
+"""The optimisers by name; a new one is a class as agents.search.optimiser describes it, and a line here."""
 
 from __future__ import annotations
 

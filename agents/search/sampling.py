@@ -1,4 +1,4 @@
-"""Designs drawn without regard to what was found: at random, what every other method has to beat, or evenly spread."""
+"""Designs drawn without feedback: at random, the baseline of all other methods, or as a Latin hypercube."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RandomSearch:
         return self.generator.uniform(-1.0, 1.0, (min(self.batch, most), self.setup.dimensions))
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Nothing is learnt."""
+        """Ignored."""
 
 
 @dataclass
@@ -57,4 +57,4 @@ class LatinHypercube:
         return asked
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Nothing is learnt."""
+        """Ignored."""

@@ -90,13 +90,13 @@ class StudyConfig:
     """A study.
 
     Args:
-        train: what every trial trains, but for the keys in `space`.
-        space: what is searched, by dotted key of the training configuration (a number is a place in a list).
+        train: what every trial trains, except for the keys in `space`.
+        space: what is searched, by dotted key of the training configuration (a number is an index of a list).
         score: of the evaluations during training, whose last one scores a trial; smaller is better.
         training_seeds: a trial trains once with each; its score is the mean.
         episodes, first_seed: evaluation episodes of a trial, their seeds: used by nothing else.
         pruner: ends trials that fall behind: "median" of the earlier ones, "halving" (successive halving) or "none".
-        startup: so many first trials are drawn at random and never ended early.
+        startup: number of first trials, which are drawn at random and never ended early.
         trials: how many; seed: of the search itself.
     """
 
