@@ -203,8 +203,4 @@ def versions(*more: str) -> dict[str, str]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = "not installed as a package"
-    return found | {
-        "platform": platform.platform(),
-        "processor": platform.machine(),
-        "cores": str(os.cpu_count()),
-    }
+    return found | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}

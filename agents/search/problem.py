@@ -24,15 +24,7 @@ from rollingjoint.planar.chain import RollingChain
 
 KINDS: dict[str, Any] = {
     kind.name: kind
-    for kind in (
-        BendingShapes,
-        TipTravel,
-        TipRotation,
-        LateralStiffness,
-        LoadCapacity,
-        TendonTravel,
-        PeakTension,
-    )
+    for kind in (BendingShapes, TipTravel, TipRotation, LateralStiffness, LoadCapacity, TendonTravel, PeakTension)
 }
 REFERENCE = "reference"
 
