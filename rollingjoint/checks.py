@@ -116,6 +116,7 @@ def suggestion(word: str, valid: Sequence[str]) -> str:
 
 def _between(low: float, high: float) -> str:
     """The bounds in words, with a leading space where there are any."""
+    least, most = (f"{bound:.0f}" if abs(bound) < 1e15 and bound % 1 == 0 else f"{bound:g}" for bound in (low, high))
     if high == math.inf:
-        return "" if low == -math.inf else f" >= {low:g}"
-    return f" <= {high:g}" if low == -math.inf else f" from {low:g} to {high:g}"
+        return "" if low == -math.inf else f" >= {least}"
+    return f" <= {most}" if low == -math.inf else f" from {least} to {most}"

@@ -1,4 +1,4 @@
-"""The controller that every other one should beat."""
+"""A controller that does nothing: what every other one should beat."""
 
 from __future__ import annotations
 

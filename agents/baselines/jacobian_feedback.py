@@ -1,4 +1,4 @@
-"""Damped resolved rate."""
+"""Jacobian feedback: damped resolved rate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class JacobianFeedback:
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
     def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Nothing is known of the target's motion yet."""
+        """Reset: the motion of the target is unknown."""
         low, high = task.config.tension_range
         margin = self.MARGIN * (high - low)
         self.task, self.tension_range = task, (low + margin, high - margin)

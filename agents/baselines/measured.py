@@ -29,7 +29,7 @@ class Measured(Protocol):
         """The model where it was measured, the load unknown."""
 
     def loaded(self, seen: Seen) -> tuple[Solution, Array]:
-        """The model under the loads that the measurements tell of, and these, (B, rows, columns)."""
+        """The model under the loads estimated from the measurements, and these loads, (B, rows, columns)."""
 
 
 MODELS: dict[type, Callable[[TrackingTask, int], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}

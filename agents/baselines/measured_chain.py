@@ -41,7 +41,7 @@ def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
     Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
-    left out: where a motor holds or gives way its command follows, and the law of the elastic tendon goes on to hold.
+    left out: where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
     moments = _joint_moments(mechanism, seen)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))

@@ -18,7 +18,7 @@ class OpenLoop:
     """
 
     def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Nothing is planned yet."""
+        """Reset: nothing is planned."""
         self.task = task
         self.loads = measured_by(task, episodes).nominal_loads
         self.target = np.full((episodes, task.dimension), np.nan)
@@ -33,7 +33,7 @@ class OpenLoop:
         return way / np.maximum(1.0, np.abs(way).max(axis=1, keepdims=True))
 
     def aim(self, seen: Seen) -> Array:
-        """Where the model's tip shall go, (B, d) [mm]: to the target."""
+        """Where the model's tip should go, (B, d) [mm]: to the target."""
         return seen.target
 
     def plan(self, target: Array) -> None:

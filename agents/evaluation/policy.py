@@ -39,7 +39,7 @@ class Policy:
             model = algorithm_class(config.algorithm).load(policy, device="cpu", custom_objects=objects)
             return cls(model, _load_normaliser(normaliser))
         except Exception as error:  # whatever SB3, torch and pickle make of a damaged file
-            allowed = "a zip that Stable-Baselines3 can load, with its normaliser"
+            allowed = "files that can be read: a zip that Stable-Baselines3 can load, its normaliser"
             raise RunFolderError("policy", str(policy), allowed, repr(error)) from error
 
     def begin(self, task: TrackingTask | None, episodes: int) -> None:

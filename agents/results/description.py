@@ -1,4 +1,4 @@
-"""What a task is, in a few sentences, from its settings."""
+"""A task described in a few sentences, from its settings."""
 
 from __future__ import annotations
 
