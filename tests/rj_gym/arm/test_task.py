@@ -13,7 +13,7 @@ from rj_gym.tracking.kernels import REWARD
 from rj_gym.tracking.task import task_of
 from rj_gym.tracking.task_lanes import over_time
 from rollingjoint import Gravity, Status, WorldForce
-from rollingjoint._numba.jit import standalone
+from rollingjoint.compiled import standalone
 from rollingjoint.presets import flexible_arm, small_arm
 from rollingjoint.spatial import se3
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 SOURCE = """
-from rollingjoint._numba.jit import kernel
+from rollingjoint.compiled import kernel
 
 @kernel
 def moved(x):
@@ -19,7 +19,7 @@ print(moved(1.0))
 
 USER = """
 from elsewhere import moved
-from rollingjoint._numba.jit import kernel
+from rollingjoint.compiled import kernel
 
 @kernel
 def twice(x):
