@@ -14,7 +14,7 @@ from rj_gym.core.draws import over_time
 from rj_gym.core.kernels import REWARD
 from rj_gym.core.registry import task_of
 from rollingjoint import Gravity, Status, WorldForce
-from rollingjoint._numba.jit import standalone
+from rollingjoint.compiled import standalone
 from rollingjoint.presets import flexible_arm, small_arm
 from rollingjoint.spatial import se3
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
