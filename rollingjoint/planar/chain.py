@@ -15,6 +15,7 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
+from rollingjoint.kernels.planar.loads import LOAD_COLUMNS
 from rollingjoint.planar import joint_table
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
@@ -126,8 +127,11 @@ class RollingChain:
             crossed[j] = len(points) - 1
             holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
             channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
+        standing = np.zeros((0, len(LOAD_COLUMNS)))
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
-        return Chain(joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed)
+        return Chain(
+            joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed, standing[None]
+        )
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:

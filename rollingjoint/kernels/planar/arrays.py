@@ -45,6 +45,7 @@ class Chain(NamedTuple):
     holes: np.ndarray  # (D, J, m, 4): x, y of the hole on the proximal link, x, y on the distal link
     channels: np.ndarray  # (D, m): constant length inside the links
     tendon_joints: np.ndarray  # (m,): number of joints a tendon crosses
+    standing: np.ndarray  # (D, rows, columns): load table of the springs that belong to the mechanism
 
 
 class State(NamedTuple):
@@ -144,6 +145,7 @@ def design(chain, which):
         chain.holes[which],
         chain.channels[which],
         chain.tendon_joints,
+        chain.standing[which],
     )
 
 
@@ -189,6 +191,7 @@ def borrow_chain(chain):
         borrow(chain.holes),
         borrow(chain.channels),
         borrow(chain.tendon_joints),
+        borrow(chain.standing),
     )
 
 
@@ -240,24 +243,25 @@ def pinned_problem(pins):
         pinned_floats(pins, 5, 4),
         pinned_floats(pins, 6, 2),
         pinned_integers(pins, 7, 1),
+        pinned_floats(pins, 8, 3),
     )
-    designs = pinned_integers(pins, 8, 1)
+    designs = pinned_integers(pins, 9, 1)
     laws = TendonLaw(
-        pinned_floats(pins, 9, 2), pinned_floats(pins, 10, 2), pinned_floats(pins, 11, 2), pinned_floats(pins, 12, 2)
+        pinned_floats(pins, 10, 2), pinned_floats(pins, 11, 2), pinned_floats(pins, 12, 2), pinned_floats(pins, 13, 2)
     )
-    loads, starts = pinned_floats(pins, 13, 3), pinned_floats(pins, 14, 2)
+    loads, starts = pinned_floats(pins, 14, 3), pinned_floats(pins, 15, 2)
     results = Results(
-        pinned_floats(pins, 15, 2),
-        pinned_floats(pins, 16, 3),
+        pinned_floats(pins, 16, 2),
         pinned_floats(pins, 17, 3),
-        pinned_floats(pins, 18, 2),
+        pinned_floats(pins, 18, 3),
         pinned_floats(pins, 19, 2),
-        pinned_floats(pins, 20, 3),
-        pinned_floats(pins, 21, 2),
-        pinned_floats(pins, 22, 3),
+        pinned_floats(pins, 20, 2),
+        pinned_floats(pins, 21, 3),
+        pinned_floats(pins, 22, 2),
         pinned_floats(pins, 23, 3),
-        pinned_floats(pins, 24, 1),
-        pinned_integers(pins, 25, 1),
+        pinned_floats(pins, 24, 3),
+        pinned_floats(pins, 25, 1),
         pinned_integers(pins, 26, 1),
+        pinned_integers(pins, 27, 1),
     )
     return chain, designs, laws, loads, starts, results

@@ -10,7 +10,9 @@ from rollingjoint._numba.borrowed import as_rows, carve, numbers
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.planar.arrays import State, carve_state, state_size
 from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.planar.loads import N_DEAD, fill_dead_loads
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
+from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 # Columns of Block.search: energy, its magnitude and |r| where the line search began, part of the step that is tried,
@@ -25,7 +27,7 @@ class Block(NamedTuple):
 
     state: State
     law: TendonLaw
-    loads: np.ndarray  # (rows, 6): link, body point x, y, force x, y, moment
+    loads: np.ndarray  # (rows, N_DEAD): columns in loads.py
     limits: np.ndarray  # (J, 2): smallest and largest angle
     holes: np.ndarray  # (J, m, 4)
     channels: np.ndarray  # (m,)
@@ -40,7 +42,7 @@ class Block(NamedTuple):
 @part(inline=True)
 def block_size(n_joints, n_tendons, n_loads):
     """How many Lanes a Block takes."""
-    inputs = 5 * n_tendons + 6 * n_loads + n_joints * (2 + 4 * n_tendons)
+    inputs = 5 * n_tendons + N_DEAD * n_loads + n_joints * (2 + 4 * n_tendons)
     return state_size(n_joints, n_tendons, 4) + inputs + n_joints * (n_joints + 6 + 4 + n_tendons) + 8 + 8
 
 
@@ -49,7 +51,7 @@ def carve_block(memory, n_joints, n_tendons, n_loads):
     """A Block in memory of Lanes."""
     law = state_size(n_joints, n_tendons, 4)
     loads = law + 4 * n_tendons
-    limits = loads + 6 * n_loads
+    limits = loads + N_DEAD * n_loads
     holes = limits + 2 * n_joints
     channels = holes + 4 * n_joints * n_tendons
     L = channels + n_tendons
@@ -66,7 +68,7 @@ def carve_block(memory, n_joints, n_tendons, n_loads):
             carve(memory, law + 2 * n_tendons, (n_tendons,)),
             carve(memory, law + 3 * n_tendons, (n_tendons,)),
         ),
-        carve(memory, loads, (n_loads, 6)),
+        carve(memory, loads, (n_loads, N_DEAD)),
         carve(memory, limits, (n_joints, 2)),
         carve(memory, holes, (n_joints, n_tendons, 4)),
         carve(memory, channels, (n_tendons,)),
@@ -93,12 +95,7 @@ def fill_design(chain, block, lane, design):
 
 
 @part(inline=True)
-def _usual(value):
-    return abs(value) <= LARGEST_INPUT
-
-
-@part(inline=True)
-def fill_inputs(laws, loads, starts, block, lane, source):
+def fill_inputs(laws, standing, loads, starts, block, lane, source):
     """Copy one lane's inputs into the block; False where they need the solver for all cases."""
     law, table, limits, angle = block.law, numbers(block.loads), numbers(block.limits), numbers(block.state.angle)
     commands, stiffnesses, lows, highs = (
@@ -115,19 +112,12 @@ def fill_inputs(laws, loads, starts, block, lane, source):
             laws.low[source, j],
             laws.high[source, j],
         )
-        usual = usual and _usual(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
+        usual = usual and resolvable(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
         commands[j, lane], stiffnesses[j, lane], lows[j, lane], highs[j, lane] = command, k, low, high
-    for row in range(table.shape[0]):
-        for k in range(5):
-            table[row, k, lane] = loads[source, row, k]
-        table[row, 5, lane] = loads[source, row, 7]
-        for k in range(8):
-            usual = usual and _usual(loads[source, row, k])
-        usual = usual and loads[source, row, 5] == 0.0 and loads[source, row, 6] == 0.0 and loads[source, row, 8] == 0.0
-        usual = usual and _usual(loads[source, row, 9]) and _usual(loads[source, row, 10])
+    usual = usual and fill_dead_loads(standing, loads[source], table, lane)
     for i in range(limits.shape[0]):
         phi = starts[source, i]
-        usual = usual and _usual(phi)
+        usual = usual and resolvable(phi)
         angle[i, lane] = min(max(phi, limits[i, 0, lane]), limits[i, 1, lane])
     return usual
 
