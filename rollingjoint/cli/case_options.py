@@ -7,19 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
+from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.statics.families import Mechanism, Start
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
-_IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
-_LOADS = {
-    "force": ("F", "force of fixed direction FX FY, on an arm FX FY FZ [N]"),
-    "body_force": ("F", "force that turns with the link, as above"),
-    "moment": ("M", "moment, on an arm MX MY MZ [N·mm]"),
-    "spring": ("K", "spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]"),
-}
+_IDLE = (*(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits")
 
 
 def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
@@ -33,9 +27,10 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
         "--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help="range a motor holds [N], for --lengths"
     )
     loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
-    for name, (number, text) in _LOADS.items():
+    for option in OPTIONS:
+        names, text = ("LINK", option.metavar), option.help
         loads.add_argument(
-            _option(name), nargs="+", type=float, metavar=("LINK", number), action="append", default=[], help=text
+            _option(option.name), nargs="+", type=float, metavar=names, action="append", default=[], help=text
         )
     text = "weight of all links, or of each [N]; of an arm no number: beads have weights of their own"
     loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
@@ -80,17 +75,12 @@ def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
 
 
 def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
-    n_links = mechanism.n_links
-    if isinstance(mechanism, HingeChain):
-        force: tuple[str, ...] = ("FX", "FY", "FZ")
-        moment, spring = ("MX", "MY", "MZ"), ["K", "AX", "AY", "AZ"]
-        loads: list[Load] = [WorldForce(link, (0.0, 0.0, 0.0), m) for link, m in _each(args, "moment", moment, n_links)]
-    else:
-        force, spring = ("FX", "FY"), ["K", "AX", "AY"]
-        loads = [WorldForce(link, (0.0, 0.0), m[0]) for link, m in _each(args, "moment", ("M",), n_links)]
-    loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
-    loads += [WorldForce(link, f) for link, f in _each(args, "force", force, n_links)]
-    loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", force, n_links)]
+    arm = isinstance(mechanism, HingeChain)
+    loads = [
+        option.make(link, numbers)
+        for option in OPTIONS
+        for link, numbers in _each(args, option, option.spatial if arm else option.numbers, mechanism.n_links)
+    ]
     return loads + _gravity(args, mechanism)
 
 
@@ -114,17 +104,27 @@ def _direction(numbers: list[float], count: int) -> Any:
     return tuple(_counted("--gravity-direction", numbers, count))
 
 
-def _each(args: argparse.Namespace, name: str, numbers: Sequence[str], n_links: int) -> list[tuple[int, Any]]:
+def _each(
+    args: argparse.Namespace, option: Option, numbers: Sequence[str], n_links: int
+) -> list[tuple[int, tuple[float, ...]]]:
     """Link and numbers of every load of one option."""
-    option, found = _option(name), []
-    for link, *values in getattr(args, name):
-        if len(values) != len(numbers):
-            raise InvalidInput(option, [link, *values], f"LINK {' '.join(numbers)} for this mechanism")
+    name, found = _option(option.name), []
+    for link, *values in getattr(args, option.name):
+        if not numbers:
+            raise InvalidInput(name, [link, *values], "a planar chain", "Arms take no such load.")
+        if not len(numbers) - option.optional <= len(values) <= len(numbers):
+            raise InvalidInput(name, [link, *values], f"LINK {_spelled(numbers, option.optional)} for this mechanism")
         if link not in range(-n_links, n_links):
             allowed = f"a link, 0 (base) to {n_links - 1}, or -1 (tip) to {-n_links}"
-            raise InvalidInput(f"{option} LINK", link, allowed)
+            raise InvalidInput(f"{name} LINK", link, allowed)
         found.append((int(link), tuple(values)))
     return found
+
+
+def _spelled(numbers: Sequence[str], optional: int) -> str:
+    """The numbers as usage lines have them: K [REST [OTHER]]."""
+    needed, left = numbers[: len(numbers) - optional], numbers[len(numbers) - optional :]
+    return " ".join(needed) + "".join(f" [{number}" for number in left) + "]" * optional
 
 
 def _option(name: str) -> str:

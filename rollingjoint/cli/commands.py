@@ -19,6 +19,7 @@ from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.presets import PRESETS, five_link, small_arm
@@ -135,7 +136,7 @@ def _draw(what: Mechanism | Equilibrium | HingeEquilibrium, path: str) -> None:
     figure = Figure(figsize=(6.4, 6.4))
     if isinstance(what, HingeChain | HingeEquilibrium):
         ax = plot_arm(what, figure.add_subplot(projection="3d"))
-        if isinstance(what, HingeEquilibrium) and what.loads[:, 6].sum() > 0:
+        if isinstance(what, HingeEquilibrium) and what.loads[:, SPATIAL_LOAD_COLUMNS.index("fz")].sum() > 0:
             ax.invert_zaxis()  # it hangs
     else:
         ax = plot_mechanism(what, figure.subplots())

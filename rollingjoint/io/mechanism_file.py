@@ -23,7 +23,7 @@ from rollingjoint.statics.families import Mechanism
 
 _ROLLING_HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
 _HINGE_HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
-_KEYS = ("name", "model", "defaults", "links", "beads", "tendons")
+_KEYS = ("name", "model", "defaults", "links", "beads", "tendons", "springs")
 
 _KINDS: dict[type, tuple[str, Iterable[str]]] = {
     RollingChain: ("a planar chain of rolling links", ROLLING_CHAINS),

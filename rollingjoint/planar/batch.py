@@ -55,8 +55,15 @@ def stack(mechanisms: Sequence[RollingChain]) -> Chain:
                 "mechanism", mechanism, "as many links and tendons, crossing as many joints, as the first"
             )
     before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
+    rows = max(part.standing.shape[1] for part in parts)
+    parts = [part._replace(standing=_with_rows(part.standing, rows)) for part in parts]
     joined = Chain(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
     return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
+
+
+def _with_rows(tables: Array, count: int) -> Array:
+    """Load tables (D, rows, columns) with rows of zeros, which do nothing, up to a count."""
+    return np.pad(tables, ((0, 0), (0, count - tables.shape[1]), (0, 0)))
 
 
 def distinct(mechanisms: Sequence[_T]) -> tuple[_T, ...]:
@@ -86,7 +93,7 @@ class Problem(NamedTuple):
         chain: from `stack`.
         designs: which of the stacked mechanisms each lane has, (B,).
         laws: tendon laws, (B, m) each.
-        loads: load tables, (B, rows, 11).
+        loads: load tables, (B, rows, columns).
         starts: joint angles to start from, (B, J) [rad].
         results: from `new_results(B, J, m)`.
     """

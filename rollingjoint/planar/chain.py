@@ -15,7 +15,7 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
-from rollingjoint.kernels.planar.loads import LOAD_COLUMNS
+from rollingjoint.load import Load, load_table, standing
 from rollingjoint.planar import joint_table
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
@@ -44,14 +44,17 @@ class RollingChain:
         links: at least two; link 0 is fixed at the identity.
         tendons: at least one.
         name: for tables and pictures.
+        springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
     Raises:
-        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts.
+        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts,
+            springs on links that do not exist.
     Source: rolling-contact paper, sec. III.
     """
 
     links: Sequence[Link]
     tendons: Sequence[Tendon]
     name: str = ""
+    springs: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", _members("links", self.links, Link))
@@ -63,6 +66,7 @@ class RollingChain:
         for i, (proximal, distal) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
             joint_table.check_rolling(i, proximal.child, distal.parent)
         self._check_holes()
+        object.__setattr__(self, "springs", self._checked_springs())
 
     def __repr__(self) -> str:
         return f"<RollingChain {self.name!r}: {self.n_links} links, {self.n_tendons} tendons, {self.length:g} mm>"
@@ -127,11 +131,9 @@ class RollingChain:
             crossed[j] = len(points) - 1
             holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
             channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
-        standing = np.zeros((0, len(LOAD_COLUMNS)))
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
-        return Chain(
-            joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed, standing[None]
-        )
+        per_design = holes[None], channels[None], crossed, load_table(self.springs, self.n_links)[None]
+        return Chain(joints[None], buckets[None], cells, coefficients, arcs, *per_design)
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:
@@ -149,7 +151,7 @@ class RollingChain:
         )
 
     def replace(self, **changes: object) -> RollingChain:
-        """A copy with other links, tendons or name, checked anew."""
+        """A copy with other links, tendons, name or springs, checked anew."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
     def joint_angles(self, arc_lengths: ArrayLike) -> Array:
@@ -205,6 +207,12 @@ class RollingChain:
         if array.ndim == 0 or array.shape[-1] != self.n_joints:
             raise InvalidInput(what, values, allowed)
         return array
+
+    def _checked_springs(self) -> tuple[Load, ...]:
+        try:
+            return standing(self.springs, self.n_links)
+        except InvalidInput as error:
+            raise MechanismError(error.what, error.value, error.allowed) from None
 
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""

@@ -27,7 +27,7 @@ class Equilibrium(Solution):
 
     Attributes:
         mechanism: the chain that was solved, or a tuple of them, one per lane.
-        loads: load table, (rows, 11), columns load.LOAD_COLUMNS.
+        loads: load table, (rows, columns), columns load.LOAD_COLUMNS; the mechanism's springs are not in it.
         joint_angles: (n - 1,) relative angle of every joint [rad].
         poses: (n, 3) x, y, angle of every link in the base frame [mm, rad].
         contact_points, contact_tangents: (n - 1, 2) contact and unit tangent there, base frame [mm].
@@ -127,7 +127,7 @@ def solve_lane(mechanism: RollingChain, law: TendonLaw, table: Array, start: Arr
     Args:
         mechanism: the chain.
         law: tendon law, (m,) each.
-        table: load table, (rows, 11).
+        table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     """
     results = new_results(1, len(start), len(law.command))

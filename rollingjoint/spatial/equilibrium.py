@@ -28,7 +28,7 @@ class HingeEquilibrium(Solution):
 
     Attributes:
         mechanism: the chain that was solved, or a tuple of them, one per lane.
-        loads: load table, (rows, 20), columns load.SPATIAL_LOAD_COLUMNS.
+        loads: load table, (rows, columns), columns load.SPATIAL_LOAD_COLUMNS.
         joint_angles: (n - 1,) angle of every hinge [rad].
         poses: (n, 4, 4) link frames in the base frame [mm].
         tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].

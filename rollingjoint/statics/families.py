@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, Load, load_table, spatial_load_table
+from rollingjoint.load import (
+    LOAD_COLUMNS,
+    SPATIAL_LOAD_COLUMNS,
+    Load,
+    filled_up,
+    load_table,
+    spatial_load_table,
+    wrong_links,
+)
 from rollingjoint.planar.batch import Chain, Problem, TendonLaw, designs_of, distinct, new_results, solve_range
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium, pack, solve_lane
@@ -102,11 +110,12 @@ class Batch:
         n_lanes, n_links, columns = len(self.inputs), self.chains[0].n_links, self.family.load_columns
         if not isinstance(loads, np.ndarray):
             return every_lane(self.family.load_table(loads, n_links), n_lanes)
-        if loads.ndim != 3 or loads.shape[0] != n_lanes or loads.shape[2] != len(columns):
+        tables = filled_up(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == n_lanes else None
+        if tables is None:
             raise InvalidInput("shape of the load table", loads.shape, f"({n_lanes}, rows, {len(columns)})")
-        tables = as_floats("load table", loads, "numbers")
-        links = tables[..., 0]
-        if not np.all((links >= 0) & (links < n_links) & (links == np.floor(links))):
+        tables = as_floats("load table", tables, "numbers")
+        links = wrong_links(tables, columns, n_links)
+        if links is not None:
             raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {n_links - 1}")
         return tables
 
@@ -118,6 +127,10 @@ class Batch:
         if len(phi) != len(self.inputs):
             raise InvalidInput("number of starts", len(phi), f"{len(self.inputs)}, one per lane")
         return phi
+
+
+def _with_zeros(tables: Array, missing: int) -> Array:
+    return np.pad(tables, ((0, 0), (0, 0), (0, missing)))
 
 
 def _mechanisms(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ...]:

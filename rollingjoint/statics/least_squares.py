@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.load import acts
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium, Status, solve_lane
 from rollingjoint.statics.sensitivity import joint_response
@@ -34,7 +35,7 @@ def solve_least_squares(
         mechanism: the chain.
         desired: (m,) [mm].
         low, high: (m,) [N]; above 1000 N a limit is 1000 N.
-        table: load table, (rows, 11).
+        table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     Returns:
         Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
@@ -82,7 +83,7 @@ def _first_tensions(elastic: Equilibrium, low: Array, high: Array) -> Array:
     tensions, largest = elastic.tensions, elastic.tensions.max()
     if largest < _SMALLEST_TENSION:
         tensions = np.ones_like(tensions)
-    elif not np.any(elastic.loads[:, 3:9]):
+    elif not (elastic.chain.springs or acts(elastic.loads)):
         tensions = tensions / largest
     return np.clip(tensions, low, high)
 

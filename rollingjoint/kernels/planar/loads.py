@@ -34,7 +34,9 @@ LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR = map(
     LOAD_COLUMNS.index, ("link", "px", "fx", "bx", "moment", "k", "ax")
 )
 N_COLUMNS = len(LOAD_COLUMNS)
-STIFFNESSES = (SPRING,)  # columns that must not be negative
+LINK_COLUMNS = ("link",)  # those that name a link
+STIFFNESSES = (SPRING,)  # those that must not be negative
+ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING)  # a row in which all these are zero does nothing
 
 # Columns of the table of dead loads of SIMD lanes: those of a load table up to the force, and the moment
 DEAD_MOMENT, N_DEAD = BODY, BODY + 1
