@@ -1,39 +1,88 @@
-"""External loads, and the table of rows that the kernels read.
+"""External loads, and the tables of rows that the kernels read.
 
-One row acts on one body point x of one link and is the sum of everything a row can hold:
-world force + body force turned with the link + spring k (anchor - x), and a moment.
+A kind of load is one dataclass here: its fields, its rows of a table, and how `rj` spells it; mechanism files take the
+names of the fields. One row acts on one body point x of one link and is the sum of everything a row can hold: world
+force + body force turned with the link + spring k (anchor - x), and a moment.
 Planar chains take pairs (x, y) and a moment; spatial ones triples (x, y, z) throughout.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer, as_number
 from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.planar.loads import ACTING, LINK_COLUMNS, LOAD_COLUMNS
+from rollingjoint.kernels.spatial.arrays import SPATIAL_LOAD_COLUMNS
 
-LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
-"""Columns of a load table: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor."""
+__all__ = [
+    "LOADS",
+    "LOAD_COLUMNS",
+    "OPTIONS",
+    "SPATIAL_LOAD_COLUMNS",
+    "SPRINGS",
+    "BodyWrench",
+    "Gravity",
+    "Load",
+    "Option",
+    "Spring",
+    "WorldForce",
+    "acts",
+    "filled_up",
+    "link_index",
+    "load_table",
+    "pair_columns",
+    "spatial_load_table",
+    "standing",
+    "wrong_links",
+]
 
-SPATIAL_LOAD_COLUMNS = (
-    "link",
-    *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"),
-    *("k", "ax", "ay", "az"),
-)
-"""Columns of a spatial table: link, body point [mm], world force, world moment, body force, body moment [N, N·mm],
-spring [N/mm], anchor [mm]."""
+# LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm].
+# SPATIAL_LOAD_COLUMNS: link, body point [mm], world force, world moment, body force, body moment [N, N·mm], spring
+# [N/mm], anchor [mm].
+
+_FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; columns that it lacks are zero
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
+Row = Mapping[str, float]
+
+
+class Option(NamedTuple):
+    """How `rj` takes a load at the origin of a link: --name LINK NUMBERS."""
+
+    name: str
+    metavar: str
+    help: str
+    numbers: tuple[str, ...]  # on a planar chain
+    spatial: tuple[str, ...]  # on an arm; none: it takes no such load
+    make: Callable[[int, Any], Load]
+    optional: int = 0  # how many of the last numbers may be left out
+
+    def names(self, dimension: int) -> tuple[str, ...]:
+        """The numbers that follow LINK, on a mechanism in 2 or 3 dimensions."""
+        return self.spatial if dimension == 3 else self.numbers
+
+
+class Load:
+    """What every kind of load has. A row names the columns that are not zero."""
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        raise NotImplementedError
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        raise InvalidInput("load", self, f"a load that acts on arms: {_names(*_SPATIAL_LOADS)}")
 
 
 @dataclass(frozen=True)
-class WorldForce:
+class WorldForce(Load):
     """A force of fixed direction (a dead load) at a body point, and a moment [N, N·mm, mm]."""
 
     link: int
@@ -41,9 +90,18 @@ class WorldForce:
     moment: float | Triple = 0.0
     point: Pair | Triple = (0.0, 0.0)
 
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        moment, (fx, fy) = _number("load moment", self.moment), _pair("load force", self.force)
+        return [{**_at(self, n_links), "fx": fx, "fy": fy, "moment": moment}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return [{**_at_spatial(self, n_links), **_wrench("f", "m", self)}]
+
 
 @dataclass(frozen=True)
-class BodyWrench:
+class BodyWrench(Load):
     """A force that turns with the link (a follower load) at a body point, and a moment [N, N·mm, mm]."""
 
     link: int
@@ -51,9 +109,18 @@ class BodyWrench:
     moment: float | Triple = 0.0
     point: Pair | Triple = (0.0, 0.0)
 
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        moment, (bx, by) = _number("load moment", self.moment), _pair("load force", self.force)
+        return [{**_at(self, n_links), "bx": bx, "by": by, "moment": moment}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return [{**_at_spatial(self, n_links), **_wrench("b", "n", self)}]
+
 
 @dataclass(frozen=True)
-class Spring:
+class Spring(Load):
     """A linear spring of zero rest length from a body point to a world point [N/mm, mm]."""
 
     link: int
@@ -61,124 +128,220 @@ class Spring:
     anchor: Pair | Triple
     point: Pair | Triple = (0.0, 0.0)
 
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        ax, ay = _pair("spring anchor", self.anchor)
+        return [{**_at(self, n_links), "k": _number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        at, k = _at_spatial(self, n_links), _number("spring stiffness", self.stiffness)
+        return [{**at, "k": k, **_along("a", _triple("spring anchor", self.anchor))}]
+
 
 @dataclass(frozen=True)
-class Gravity:
+class Gravity(Load):
     """The weight of every link [N], base first, acting along `direction` at body points (default: link origins)."""
 
     weights: Sequence[float]
     direction: Pair | Triple = (0.0, -1.0)
     points: Sequence[Pair | Triple] | None = None
 
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        weights, points = self._weights([(0.0, 0.0)] * n_links if self.points is None else self.points, n_links)
+        dx, dy = _pair("Gravity direction", self.direction)
+        norm = float(np.hypot(dx, dy))
+        if norm == 0:
+            raise InvalidInput("Gravity direction", self.direction, "a direction other than (0, 0)")
+        acting = enumerate(zip(weights.tolist(), points, strict=True))
+        forces = [WorldForce(link, (w * dx / norm, w * dy / norm), point=point) for link, (w, point) in acting]
+        return [row for force in forces for row in force.rows(n_links)]
 
-Load = WorldForce | BodyWrench | Spring | Gravity
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        weights, at = self._weights(np.zeros((n_links, 3)) if self.points is None else self.points, n_links)
+        centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
+        direction = np.array(_triple("Gravity direction", self.direction))
+        norm = float(np.linalg.norm(direction))
+        if norm == 0 or centres.shape != (n_links, 3):
+            raise InvalidInput("Gravity", self, "a direction other than (0, 0, 0), and points (x, y, z)")
+        forces = weights[:, None] * direction / norm
+        return [{"link": i, **_along("p", centres[i]), **_along("f", forces[i])} for i in range(n_links)]
+
+    def _weights(
+        self, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
+    ) -> tuple[NDArray[np.float64], list[Any]]:
+        """Weights and points of all links, as many as there are links."""
+        allowed = f"{n_links} weights [N] (and points), one per link, the base included"
+        weights, at = as_floats("Gravity weights", self.weights, allowed), list(points)
+        if weights.shape != (n_links,) or len(at) != n_links:
+            raise InvalidInput("Gravity weights", self.weights, allowed)
+        return weights, at
+
+
+_NO_FORCE: dict[int, Any] = {1: (0.0, 0.0), 3: (0.0, 0.0, 0.0)}  # by the numbers of a moment
+
+OPTIONS = (
+    Option(
+        name="moment",
+        metavar="M",
+        help="moment, on an arm MX MY MZ [N·mm]",
+        numbers=("M",),
+        spatial=("MX", "MY", "MZ"),
+        make=lambda link, m: WorldForce(link, _NO_FORCE[len(m)], m if len(m) > 1 else m[0]),
+    ),
+    Option(
+        name="spring",
+        metavar="K",
+        help="spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]",
+        numbers=("K", "AX", "AY"),
+        spatial=("K", "AX", "AY", "AZ"),
+        make=lambda link, numbers: Spring(link, numbers[0], numbers[1:]),
+    ),
+    Option(
+        name="force",
+        metavar="F",
+        help="force of fixed direction FX FY, on an arm FX FY FZ [N]",
+        numbers=("FX", "FY"),
+        spatial=("FX", "FY", "FZ"),
+        make=WorldForce,
+    ),
+    Option(
+        name="body_force",
+        metavar="F",
+        help="force that turns with the link, as above",
+        numbers=("FX", "FY"),
+        spatial=("FX", "FY", "FZ"),
+        make=BodyWrench,
+    ),
+)
+"""The loads that `rj` takes by link, in the order in which it adds them; gravity has options of its own."""
+
+LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, Gravity)
+_SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
+SPRINGS: tuple[type[Any], ...] = (Spring,)
+"""The kinds that can belong to a planar mechanism."""
 
 
 def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
-    """Rows of LOAD_COLUMNS for the loads, (rows, 11).
+    """Rows of LOAD_COLUMNS for the loads, (rows, columns).
 
     Raises:
         InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
-    return _table(loads, n_links, _rows, len(LOAD_COLUMNS))
+    return _table(loads, LOAD_COLUMNS, lambda load: load.rows(n_links))
 
 
 def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
-    """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, 20).
+    """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, columns).
 
     Raises:
-        InvalidInput: as load_table.
+        InvalidInput: as load_table, and a load that acts on planar chains only.
     """
-    return _table(loads, n_links, _spatial_rows, len(SPATIAL_LOAD_COLUMNS))
+    return _table(loads, SPATIAL_LOAD_COLUMNS, lambda load: load.spatial_rows(n_links))
 
 
-def _table(
-    loads: Sequence[Load], n_links: int, rows_of: Callable[[Load, int], list[list[float]]], n_columns: int
-) -> NDArray[np.float64]:
+def standing(springs: object, n_links: int) -> tuple[Load, ...]:
+    """The springs that belong to a planar mechanism, checked, their fields plain numbers.
+
+    Raises:
+        InvalidInput: another kind of load, a link that does not exist, a number that is negative or not finite.
+    """
+    kinds = _names(*SPRINGS)
+    if not isinstance(springs, Iterable):
+        raise InvalidInput("springs", springs, f"a list of {kinds}")
+    checked = []
+    for i, spring in enumerate(springs):
+        if not isinstance(spring, SPRINGS):
+            raise InvalidInput(f"springs[{i}]", spring, kinds)
+        as_number(f"springs[{i}] stiffness", spring.stiffness, 0.0)
+        for row in spring.rows(n_links):
+            for column, value in row.items():
+                as_number(f"springs[{i}] {column}", value)
+        checked.append(
+            replace(spring, **{each.name: _plain(each.type, getattr(spring, each.name)) for each in fields(spring)})
+        )
+    return tuple(checked)
+
+
+def pair_columns(*letters: str) -> list[slice]:
+    """Where a planar load table has the pairs x, y of these letters, such as "p" for px, py."""
+    firsts = [LOAD_COLUMNS.index(f"{letter}x") for letter in letters]
+    return [slice(first, first + 2) for first in firsts]
+
+
+def acts(table: NDArray[np.float64]) -> bool:
+    """Whether a planar load table does anything."""
+    return bool(np.any(table[..., list(ACTING)]))
+
+
+def filled_up(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any]) -> Any:
+    """Load tables (..., rows, columns) with the trailing columns that they may lack; None where the width is wrong.
+
+    pad: appends that many columns of zeros.
+    """
+    missing = len(columns) - tables.shape[-1]
+    if missing == 0:
+        return tables
+    return pad(tables, missing) if missing > 0 and tables.shape[-1] >= _FIRST_COLUMNS else None
+
+
+def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:
+    """The first column of load tables (..., rows, columns) that names a link that does not exist, or None."""
+    for name in LINK_COLUMNS:
+        if name in columns:
+            links = tables[..., columns.index(name)]
+            if not bool(((links >= 0) & (links < n_links) & (links % 1 == 0)).all()):
+                return links
+    return None
+
+
+def _table(loads: Sequence[Load], columns: Sequence[str], rows_of: Callable[[Load], list[Row]]) -> NDArray[np.float64]:
     if not isinstance(loads, list | tuple) and (isinstance(loads, Load) or not isinstance(loads, Iterable)):
         raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
-    rows = [row for load in loads for row in rows_of(load, n_links)]
-    return np.array(rows, dtype=float).reshape(len(rows), n_columns)
+    rows = []
+    for load in loads:
+        if not isinstance(load, Load):
+            raise InvalidInput("load", load, _names(*LOADS))
+        rows += [[row.get(column, 0.0) for column in columns] for row in rows_of(load)]
+    return np.array(rows, dtype=float).reshape(len(rows), len(columns))
 
 
-def _spatial_rows(load: Load, n_links: int) -> list[list[float]]:
-    match load:
-        case WorldForce() | BodyWrench() | Spring():
-            point = _triple("load point", load.point, unset=(0.0, 0.0))
-            return [[link_index(load.link, n_links), *point, *_acting(load)]]
-        case Gravity():
-            weights, at = _weights(load, np.zeros((n_links, 3)) if load.points is None else load.points, n_links)
-            centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
-            direction = np.array(_triple("Gravity direction", load.direction))
-            norm = float(np.linalg.norm(direction))
-            if norm == 0 or centres.shape != (n_links, 3):
-                raise InvalidInput("Gravity", load, "a direction other than (0, 0, 0), and points (x, y, z)")
-            rows = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
-            rows[:, 0], rows[:, 1:4], rows[:, 4:7] = np.arange(n_links), centres, weights[:, None] * direction / norm
-            return rows.tolist()
-    raise InvalidInput("load", load, "WorldForce, BodyWrench, Spring or Gravity")
+def _names(*kinds: type) -> str:
+    """The names of the kinds in words."""
+    *first, last = (kind.__name__ for kind in kinds)
+    return f"{', '.join(first)} or {last}" if first else last
 
 
-def _acting(load: WorldForce | BodyWrench | Spring) -> list[float]:
-    """World wrench, body wrench and spring of a load, (16,)."""
-    if isinstance(load, Spring):
-        return [*[0.0] * 12, _number("spring stiffness", load.stiffness), *_triple("spring anchor", load.anchor)]
-    wrench = [*_triple("load force", load.force), *_triple("load moment", load.moment, unset=0.0)]
-    return [*wrench, *[0.0] * 10] if isinstance(load, WorldForce) else [*[0.0] * 6, *wrench, *[0.0] * 4]
+def _plain(kind: object, value: Any) -> Any:
+    """The value of a field that is annotated so."""
+    if kind == "int":
+        return int(value)
+    return float(value) if kind == "float" else tuple(float(each) for each in value)
 
 
-def _rows(load: Load, n_links: int) -> list[list[float]]:
-    match load:
-        case WorldForce():
-            moment = _number("load moment", load.moment)
-            return [_row(load, n_links, world=_pair("load force", load.force), moment=moment)]
-        case BodyWrench():
-            moment = _number("load moment", load.moment)
-            return [_row(load, n_links, body=_pair("load force", load.force), moment=moment)]
-        case Spring():
-            return [_row(load, n_links, spring=load.stiffness, anchor=_pair("spring anchor", load.anchor))]
-        case Gravity():
-            return _gravity_rows(load, n_links)
-    raise InvalidInput("load", load, "WorldForce, BodyWrench, Spring or Gravity")
+def _at(load: Any, n_links: int) -> Row:
+    """Where a load acts on a planar chain."""
+    px, py = _pair("load point", load.point)
+    return {"link": link_index(load.link, n_links), "px": px, "py": py}
 
 
-def _gravity_rows(load: Gravity, n_links: int) -> list[list[float]]:
-    weights, points = _weights(load, [(0.0, 0.0)] * n_links if load.points is None else load.points, n_links)
-    dx, dy = _pair("Gravity direction", load.direction)
-    norm = float(np.hypot(dx, dy))
-    if norm == 0:
-        raise InvalidInput("Gravity direction", load.direction, "a direction other than (0, 0)")
-    forces = [(weight * dx / norm, weight * dy / norm) for weight in weights]
-    acting = zip(forces, points, strict=True)
-    return [
-        _row(WorldForce(link, force, point=point), n_links, world=force) for link, (force, point) in enumerate(acting)
-    ]
+def _at_spatial(load: Any, n_links: int) -> Row:
+    """Where a load acts on an arm."""
+    point = _triple("load point", load.point, unset=(0.0, 0.0))
+    return {"link": link_index(load.link, n_links), **_along("p", point)}
 
 
-def _weights(
-    load: Gravity, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
-) -> tuple[NDArray[np.float64], list[Any]]:
-    """Weights and points of all links, as many as there are links."""
-    allowed = f"{n_links} weights [N] (and points), one per link, the base included"
-    weights, at = as_floats("Gravity weights", load.weights, allowed), list(points)
-    if weights.shape != (n_links,) or len(at) != n_links:
-        raise InvalidInput("Gravity weights", load.weights, allowed)
-    return weights, at
+def _wrench(force: str, moment: str, load: WorldForce | BodyWrench) -> Row:
+    """Force and moment of a load on an arm, in columns of these letters."""
+    forces, moments = _triple("load force", load.force), _triple("load moment", load.moment, unset=0.0)
+    return {**_along(force, forces), **_along(moment, moments)}
 
 
-def _row(
-    load: WorldForce | BodyWrench | Spring,
-    n_links: int,
-    *,
-    world: Pair = (0.0, 0.0),
-    body: Pair = (0.0, 0.0),
-    moment: float = 0.0,
-    spring: float = 0.0,
-    anchor: Pair = (0.0, 0.0),
-) -> list[float]:
-    point = _pair("load point", load.point)
-    numbers = moment, _number("spring stiffness", spring)
-    return [link_index(load.link, n_links), *point, *world, *body, *numbers, *anchor]
+def _along(letter: str, values: Iterable[float]) -> Row:
+    """Three values in the columns of x, y and z."""
+    return dict(zip((letter + axis for axis in "xyz"), values, strict=True))
 
 
 def link_index(link: int, n_links: int) -> int:

@@ -8,19 +8,13 @@ from typing import Any
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
-from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
+from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.batch import Start
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
-_IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
-_LOADS = {
-    "force": ("F", "force of fixed direction FX FY, on an arm FX FY FZ [N]"),
-    "body_force": ("F", "force that turns with the link, as above"),
-    "moment": ("M", "moment, on an arm MX MY MZ [N·mm]"),
-    "spring": ("K", "spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]"),
-}
+_IDLE = (*(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits")
 
 
 def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
@@ -34,9 +28,10 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
         "--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help="range a motor holds [N], for --lengths"
     )
     loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
-    for name, (number, text) in _LOADS.items():
+    for option in OPTIONS:
+        names, text = ("LINK", option.metavar), option.help
         loads.add_argument(
-            _option(name), nargs="+", type=float, metavar=("LINK", number), action="append", default=[], help=text
+            _option(option.name), nargs="+", type=float, metavar=names, action="append", default=[], help=text
         )
     text = "weight of all links, or of each [N]; of an arm no number: beads have weights of their own"
     loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
@@ -81,23 +76,15 @@ def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
 
 
 def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
-    family, n_links = family_of(mechanism), mechanism.n_links
-    forces, moments, spring = _numbers(family)
-    none: Any = (0.0,) * family.dimension
-    loads: list[Load] = [
-        WorldForce(link, none, moment=m if len(m) > 1 else m[0]) for link, m in _each(args, "moment", moments, n_links)
+    family = family_of(mechanism)
+    loads = [
+        option.make(link, numbers)
+        for option in OPTIONS
+        for link, numbers in _each(
+            args, option, option.spatial if family.dimension == 3 else option.numbers, mechanism.n_links
+        )
     ]
-    loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
-    loads += [WorldForce(link, f) for link, f in _each(args, "force", forces, n_links)]
-    loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", forces, n_links)]
     return loads + _gravity(args, mechanism, family)
-
-
-def _numbers(family: Family) -> tuple[list[str], list[str], list[str]]:
-    """The numbers of a force, a moment and a spring, by name."""
-    axes = "XYZ"[: family.dimension]
-    forces, moments, anchor = ([letter + axis for axis in axes] for letter in "FMA")
-    return forces, moments if family.dimension == 3 else ["M"], ["K", *anchor]
 
 
 def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) -> list[Load]:
@@ -118,17 +105,27 @@ def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) 
     return [Gravity(weights, direction)]
 
 
-def _each(args: argparse.Namespace, name: str, numbers: Sequence[str], n_links: int) -> list[tuple[int, Any]]:
+def _each(
+    args: argparse.Namespace, option: Option, numbers: Sequence[str], n_links: int
+) -> list[tuple[int, tuple[float, ...]]]:
     """Link and numbers of every load of one option."""
-    option, found = _option(name), []
-    for link, *values in getattr(args, name):
-        if len(values) != len(numbers):
-            raise InvalidInput(option, [link, *values], f"LINK {' '.join(numbers)} for this mechanism")
+    name, found = _option(option.name), []
+    for link, *values in getattr(args, option.name):
+        if not numbers:
+            raise InvalidInput(name, [link, *values], "a planar chain", "Arms take no such load.")
+        if not len(numbers) - option.optional <= len(values) <= len(numbers):
+            raise InvalidInput(name, [link, *values], f"LINK {_spelled(numbers, option.optional)} for this mechanism")
         if link not in range(-n_links, n_links):
             allowed = f"a link, 0 (base) to {n_links - 1}, or -1 (tip) to {-n_links}"
-            raise InvalidInput(f"{option} LINK", link, allowed)
+            raise InvalidInput(f"{name} LINK", link, allowed)
         found.append((int(link), tuple(values)))
     return found
+
+
+def _spelled(numbers: Sequence[str], optional: int) -> str:
+    """The numbers as usage lines have them: K [REST [OTHER]]."""
+    needed, left = numbers[: len(numbers) - optional], numbers[len(numbers) - optional :]
+    return " ".join(needed) + "".join(f" [{number}" for number in left) + "]" * optional
 
 
 def _option(name: str) -> str:

@@ -24,7 +24,7 @@ def solve_compiled(
     Args:
         design: with leading axes that broadcast to those of the lanes.
         law: tendon law, (..., m) each.
-        loads: load tables, (..., rows, 11).
+        loads: load tables, (..., rows, columns).
         starts: joint angles, (..., J) [rad].
         lanes: which lanes to solve, (...).
     Returns:

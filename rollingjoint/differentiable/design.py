@@ -13,6 +13,8 @@ from torch import Tensor
 
 from rollingjoint.differentiable.surface import Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.load import Load
 from rollingjoint.planar.chain import Link, RollingChain, planar
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
@@ -28,7 +30,6 @@ PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (pare
 }
 _OF_SURFACES = ("breaks", "coefficients", "starts", "angles")
 _MOST_TURN = 50.0  # rad; a piece that may turn by more is no surface
-_LARGEST = 1e12
 _SAMPLES = 9  # of the relative curvature in every piece
 
 
@@ -50,6 +51,7 @@ class DifferentiableChain:
         stiffnesses: of the tendons, (..., m) [N/mm].
         on_surface: which holes lie on a surface, (m, n, 2).
         crossed: how many joints each tendon crosses, (m,).
+        springs: loads that belong to every mechanism, constant.
     Raises:
         InvalidInput: shapes that disagree.
     """
@@ -63,6 +65,7 @@ class DifferentiableChain:
     stiffnesses: Tensor
     on_surface: Tensor
     crossed: Tensor
+    springs: tuple[Load, ...] = ()
 
     def __post_init__(self) -> None:
         m, n = self.on_surface.shape[:2]
@@ -102,6 +105,9 @@ class DifferentiableChain:
             same = all(np.array_equal(row[name], rows[0][name]) for name in ("on_surface", "crossed"))
             if row["starts"].shape != rows[0]["starts"].shape or not same:
                 raise InvalidInput("mechanism", mechanism, "mechanisms with as many links and tendons and alike holes")
+        springs = chains[0].springs
+        if any(chain.springs != springs for chain in chains):
+            raise InvalidInput("mechanism", mechanism, "mechanisms with the same springs")
         stacked = {name: np.stack([row[name] for row in rows]) for name in PARAMETERS}
         if isinstance(mechanism, RollingChain):
             stacked = {name: array[0] for name, array in stacked.items()}
@@ -111,7 +117,7 @@ class DifferentiableChain:
             if name not in PARAMETERS:
                 raise InvalidInput("requires_grad", name, f"names out of {', '.join(PARAMETERS)}")
             tensors[name].requires_grad_()
-        return cls(**tensors)
+        return cls(**tensors, springs=tuple(springs))
 
     @functools.cached_property
     def batch(self) -> torch.Size:
@@ -193,7 +199,7 @@ class DifferentiableChain:
         """Whether the numbers can be those of a mechanism at all, (batch)."""
         good = torch.ones(self.batch, dtype=torch.bool, device=self.device)
         for name, axes in PARAMETERS.items():
-            good = good & (getattr(self, name).abs() <= _LARGEST).flatten(-len(axes)).all(-1)
+            good = good & (getattr(self, name).abs() <= LARGEST_INPUT).flatten(-len(axes)).all(-1)
         lengths = self.breaks.diff(dim=-1)
         calm = turning_bound(turning_coefficients(self.coefficients), lengths) <= _MOST_TURN
         ordered = (lengths >= 0).all(-1) & (lengths[..., 0] > 0)
@@ -221,7 +227,7 @@ class DifferentiableChain:
         one = self[np.unravel_index(int(place), self.batch)] if self.batch else self
         numbers = [getattr(one, name).detach().cpu().numpy() for name in PARAMETERS]
         structure = self.on_surface.cpu().numpy().tobytes(), tuple(self.crossed.tolist())
-        return _mechanism(*structure, tuple(a.shape for a in numbers), *(a.tobytes() for a in numbers))
+        return _mechanism(self.springs, *structure, tuple(a.shape for a in numbers), *(a.tobytes() for a in numbers))
 
     def _each(self, change: Callable[[Tensor, int], Tensor]) -> DifferentiableChain:
         changed = {name: change(getattr(self, name), len(axes)) for name, axes in PARAMETERS.items()}
@@ -287,7 +293,11 @@ def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.nda
 
 @functools.lru_cache(maxsize=256)
 def _mechanism(
-    on_surface: bytes, crossed: tuple[int, ...], shapes: tuple[tuple[int, ...], ...], *raw: bytes
+    springs: tuple[Load, ...],
+    on_surface: bytes,
+    crossed: tuple[int, ...],
+    shapes: tuple[tuple[int, ...], ...],
+    *raw: bytes,
 ) -> RollingChain:
     """The mechanism with these numbers."""
     arrays = (np.frombuffer(row).reshape(shape) for row, shape in zip(raw, shapes, strict=True))
@@ -310,4 +320,4 @@ def _mechanism(
         Tendon([(hole(j, i, 0), hole(j, i, 1)) for i in range(end + 1)], end, stiffnesses[j])
         for j, end in enumerate(crossed)
     ]
-    return RollingChain(links, tendons, "design")
+    return RollingChain(links, tendons, "design", springs)

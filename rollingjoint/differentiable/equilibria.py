@@ -114,7 +114,7 @@ class Equilibria:
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
         masked = freed(H, held) + torch.diag_embed(held * far[..., None])
-        if bool((self._state.loads.body == 0).all()):
+        if self._state.loads.symmetric:
             smallest = torch.linalg.eigvalsh(masked)[..., 0]
         else:
             smallest = torch.linalg.eigvals(masked).real.amin(-1)

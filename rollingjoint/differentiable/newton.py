@@ -13,15 +13,21 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Geometry
-from rollingjoint.differentiable.statics import Law, Loads, State
+from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.statics import Law, State
+from rollingjoint.kernels.shared.tolerances import (
+    MAX_STEP,
+    NEGLIGIBLE,
+    RELATIVE_GOAL,
+    RESIDUAL_FLOOR,
+    RESIDUAL_GOAL,
+    ROUNDING,
+    SMALLEST_PIVOT,
+)
 
 _MOST_STEPS = 60
 _SMALLEST_STEP = 1.0 / 256
-_MAX_STEP = 0.5  # rad in any joint
 _ARMIJO = 1e-4
-_ROUNDING = 1e-14  # of the magnitude of the energy terms
-_NEGLIGIBLE = 1e-8  # N·mm/rad
-_SMALLEST_PIVOT = 1e-10  # of the largest entry
 _WORTH = 64  # lanes; as many more than half must have arrived before the others go on alone
 
 
@@ -35,7 +41,7 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
     problem = _Problem(geometry, law, loads, _Bounds(geometry, s))
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
     current = _Lanes.at(geometry, law, loads, s)
-    follow = (loads.body != 0).any(-1).expand(current.energy.shape)  # such forces have no energy
+    follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
     current, stuck = _descended(problem, current, torch.ones_like(current.energy), follow, _MOST_STEPS)
     held = problem.bounds.held(current.phi, current.residual)
     arrived = (current.worst(held) <= current.goal) & ~stuck
@@ -90,8 +96,8 @@ class _Lanes(NamedTuple):
         state = State(geometry, law, loads, phi, contact)
         energy, magnitude = state.energy
         H = state.stiffness.expand(*phi.shape, phi.shape[-1])
-        goal = (1e-11 * state.force_scale).clamp(1e-12, 1e-9)
-        return cls(s, phi, contact.kappa, state.residual, H, energy, _ROUNDING * magnitude, goal)
+        goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+        return cls(s, phi, contact.kappa, state.residual, H, energy, ROUNDING * magnitude, goal)
 
     def worst(self, held: Tensor) -> Tensor:
         """Largest residual of a free joint."""
@@ -181,7 +187,7 @@ def _step(lanes: _Lanes, bounds: _Bounds, held: Tensor) -> Tensor:
     outwards = held | bounds.held(lanes.phi, -step)
     if bool((outwards != held).any()):
         step = _newton(lanes.H, lanes.residual, outwards)
-    return step * (_MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=_MAX_STEP))
+    return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
 
 
 def _newton(H: Tensor, residual: Tensor, held: Tensor) -> Tensor:
@@ -209,5 +215,5 @@ def _definite(H: Tensor, held: Tensor) -> Tensor:
     largest = torch.where(held[..., :, None] | held[..., None, :], 0.0, H.abs()).flatten(-2).amax(-1)
     factor, failed = torch.linalg.cholesky_ex(freed(H, held))
     pivots = factor.diagonal(dim1=-2, dim2=-1).square()
-    firm = torch.where(held, torch.inf, pivots).amin(-1) > _SMALLEST_PIVOT * largest
-    return (failed == 0) & firm & (largest >= _NEGLIGIBLE) | held.all(-1)
+    firm = torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * largest
+    return (failed == 0) & firm & (largest >= NEGLIGIBLE) | held.all(-1)

@@ -13,18 +13,21 @@ import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
+from torch.nn.functional import pad
 
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.geometry import Geometry
+from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
-from rollingjoint.differentiable.statics import Law, Loads, State
+from rollingjoint.differentiable.statics import Law, State
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import LOAD_COLUMNS, Load, load_table
+from rollingjoint.kernels.planar.loads import STIFFNESSES
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.load import LOAD_COLUMNS, Load, filled_up, load_table, wrong_links
 from rollingjoint.solution import Status
 
-_LARGEST = 1e12
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
 
 
@@ -41,7 +44,7 @@ def solve_tensions(
         design: mechanisms with any leading axes; they broadcast with those of the other arguments: `design[:, None]`
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
-        loads: loads of all lanes, or load tables (..., rows, 11), columns load.LOAD_COLUMNS.
+        loads: loads of all lanes, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
         starts: joint angles to start from, (..., n - 1) [rad]; default s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for one mechanism that is solved again and again.
@@ -110,7 +113,7 @@ def _solve(
     geometry = Geometry.of(wide)
     with torch.no_grad():
         s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver)
-    return _tied(geometry, law, table, s, held, status)
+    return _tied(geometry, law, _acting(wide, table), s, held, status)
 
 
 def _search(
@@ -130,7 +133,7 @@ def _search(
     s, held = begin, torch.zeros_like(begin, dtype=torch.bool)
     left = good
     if solver == "torch":
-        acting = Loads(loads, begin.shape[-1])
+        acting = _acting(design, loads)
         s, held, arrived = minimise(geometry, law, acting, begin)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
@@ -145,13 +148,21 @@ def _search(
     return s, held, status
 
 
-def _tied(geometry: Geometry, law: Law, loads: Tensor, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+def _acting(design: DifferentiableChain, table: Tensor) -> Loads:
+    """The loads of a table and the springs of the mechanisms."""
+    if design.springs:
+        springs = torch.as_tensor(load_table(design.springs, design.n_links)).to(table)
+        table = torch.cat([springs.expand(*table.shape[:-2], *springs.shape), table], -2)
+    return Loads(table, design.n_links - 1)
+
+
+def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
     """The equilibria at contacts s as functions of everything that the geometry, the law and the loads depend on."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
-    near, acting = torch.where(held, angle, angle.detach()), Loads(loads, s.shape[-1])
+    near = torch.where(held, angle, angle.detach())
     before = State(geometry, law, acting, near, contact.moved((near - angle) / kappa))
     residual = before.residual
     with torch.no_grad():
@@ -190,10 +201,10 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
 def _usable(law: Law, table: Tensor) -> Tensor:
     """Whether the numbers of a lane can be solved with: finite, not huge, no pushing tendon, no negative spring."""
     command, stiffness, low, high = law.each(Tensor.detach).rows
-    numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= _LARGEST
+    numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
-    rows = (table.detach().abs() <= _LARGEST).flatten(-2).all(-1) & (table[..., 8] >= 0).all(-1)
-    return numbers & limits & rows
+    known, pushing = table.detach().abs() <= LARGEST_INPUT, table[..., list(STIFFNESSES)] < 0
+    return numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
@@ -205,15 +216,16 @@ def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
 
 
 def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tensor:
-    """Load tables, (..., rows, 11)."""
+    """Load tables, (..., rows, columns)."""
     if not isinstance(loads, Tensor):
         return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
-    if loads.ndim < 2 or loads.shape[-1] != len(LOAD_COLUMNS):
+    table = filled_up(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
+    if table is None:
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
-    links = loads.detach()[..., 0]
-    if not bool(((links >= 0) & (links < design.n_links) & (links == links.floor())).all()):
+    links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links)
+    if links is not None:
         raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {design.n_links - 1}")
-    return loads.to(design.device, torch.float64)
+    return torch.as_tensor(table).to(design.device, torch.float64)
 
 
 def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
+from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 
@@ -50,28 +51,6 @@ class Law:
         pull = self.stiffness * (lengths - self.command)
         tensions = torch.where(pull <= self.low, self.low, torch.where(pull >= self.high, self.high, pull))
         return tensions, torch.where((pull > self.low) & (pull < self.high), self.stiffness, 0.0)
-
-
-class Loads:
-    """Load tables, (..., rows, 11), by columns; complex where they are points or forces."""
-
-    def __init__(self, table: Tensor, n_joints: int) -> None:
-        self.table = table
-        self.links = table[..., 0].detach().long()
-        self.beyond = (self.links[..., None] > torch.arange(n_joints, device=table.device)).to(table.dtype)
-        self.points, self.dead = (
-            torch.complex(table[..., 1], table[..., 2]),
-            torch.complex(table[..., 3], table[..., 4]),
-        )
-        self.body, self.moments = torch.complex(table[..., 5], table[..., 6]), table[..., 7]
-        self.springs, self.anchors = table[..., 8], torch.complex(table[..., 9], table[..., 10])
-        self.any = table.shape[-2] > 0
-        self.follow = bool((table.detach()[..., 5:7] != 0).any()) or table[..., 5:7].requires_grad
-        self.pull = bool((table.detach()[..., 8] != 0).any()) or table[..., 8].requires_grad
-
-    def of_links(self, values: Tensor) -> Tensor:
-        """What the loaded links have, (..., rows), of values (..., n)."""
-        return values.gather(-1, self.links.expand(*values.shape[:-1], -1))
 
 
 @dataclass(frozen=True)
@@ -149,7 +128,7 @@ class State:
     def crossing(self) -> Tensor:
         """Lowest height of a gap over the contact's tangent, (...) [mm]: negative where holes have changed places."""
         length, direction, _, _ = self._gaps
-        height = length * _dot((1j * self.contact.tangents)[..., None, :], direction)
+        height = length * dot((1j * self.contact.tangents)[..., None, :], direction)
         return torch.where(self.geometry.crosses > 0, height, 0.0).flatten(-2).amin(-1)
 
     @cached_property
@@ -161,7 +140,7 @@ class State:
     def rates(self) -> Tensor:
         """d length / d joint angle, (..., m, J) [mm/rad]."""
         _, direction, moves, _ = self._gaps
-        return _dot(direction, moves) * self.geometry.crosses
+        return dot(direction, moves) * self.geometry.crosses
 
     @cached_property
     def _law(self) -> tuple[Tensor, Tensor]:
@@ -178,28 +157,13 @@ class State:
         return self._law[1]
 
     @cached_property
-    def _acting(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Of every row of the load table where it acts, its force, the part that turns with the link; (..., rows)."""
-        loads, turn = self.loads, self.loads.of_links(self.rotations)
-        x, follower = loads.of_links(self.positions) + turn * loads.points, turn * loads.body
-        force = loads.dead + follower if loads.follow else loads.dead.expand_as(x)
-        return x, force + loads.springs * (loads.anchors - x) if loads.pull else force, follower
+    def _acting(self) -> LoadsAtPose:
+        return LoadsAtPose(self.loads, self.positions, self.rotations, self.link_angles, self.contacts)
 
-    def _beyond(self, values: Tensor) -> Tensor:
-        """Sum of values (..., rows) over the loads beyond every joint, (..., J)."""
-        return (values[..., None] * self.loads.beyond).sum(-2)
-
-    @cached_property
-    def _forces(self) -> tuple[Tensor, Tensor]:
-        """Sums of the forces beyond every joint, complex, and of their moments about the base; (..., J)."""
-        x, force, _ = self._acting
-        return self._beyond(force), self._beyond(_cross(x, force) + self.loads.moments)
-
-    @cached_property
+    @property
     def moments(self) -> Tensor:
         """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
-        force, moment = self._forces
-        return moment - _cross(self.contacts, force)
+        return self._acting.moments
 
     @cached_property
     def residual(self) -> Tensor:
@@ -212,54 +176,36 @@ class State:
         H = torch.diag_embed(self._own_stiffness)
         if not self.law.prescribed:
             H = H + (self.rates.mT * self.elastic[..., None, :]) @ self.rates
-        return H + self._load_stiffness() if self.loads.any else H
+        return H + self._acting.stiffness() if self.loads.any else H
 
     @cached_property
     def _own_stiffness(self) -> Tensor:
         """What gaps and the moving pole add at every joint, (..., J)."""
         length, direction, moves, is_open = self._gaps
-        along = _dot(direction, moves)
+        along = dot(direction, moves)
         turn = (moves.abs().square() - along.square()) / torch.where(is_open, length, 1.0)
         rate = (self.contact.tangents / self.contact.kappa)[..., None, :]  # e / kappa
-        second = torch.where(is_open, turn, 0.0) + _dot(direction, 1j * (moves - rate))
+        second = torch.where(is_open, turn, 0.0) + dot(direction, 1j * (moves - rate))
         gaps = (self.tensions[..., None] * self.geometry.crosses * second).sum(-2)
-        return gaps + _cross(self.tangents, self._forces[0]) / self.contact.kappa
-
-    def _load_stiffness(self) -> Tensor:
-        (x, f, follower), c = self._acting, self.contacts
-        joints = torch.arange(c.shape[-1], device=c.device)
-        later = torch.maximum(joints[:, None], joints)
-        ci, cm = c[..., :, None], c[..., None, :]
-        H = (self._beyond(_dot(x, f)) - _dot(c, self._forces[0]))[..., later]
-        if self.loads.follow:
-            H = H - self._beyond(_dot(x, follower))[..., later] + _dot(ci, self._beyond(follower)[..., later])
-        if self.loads.pull:
-            k = self.loads.springs
-            zeroth, first, second = (self._beyond(k * v)[..., later] for v in (torch.ones_like(k), x, _dot(x, x)))
-            H = H + second - _dot(first, ci + cm) + zeroth * _dot(ci, cm)
-        return H
+        return gaps + cross(self.tangents, self._acting.forces) / self.contact.kappa
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
         pull = (self.tensions[..., None] * self.geometry.crosses * self._gaps[1]).sum(-2)
-        force = self.rotations[..., :-1] * pull - self._forces[0]
-        return torch.stack([_dot(self.tangents, force), _cross(self.tangents, force)], -1)
+        force = self.rotations[..., :-1] * pull - self._acting.forces
+        return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property
     def energy(self) -> tuple[Tensor, Tensor]:
         """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces have none."""
-        loads, tension = self.loads, self.tensions
+        tension = self.tensions
         stretch = self.lengths - self.law.command
         pulled = tension * stretch - 0.5 * tension.square() / self.law.stiffness
         magnitude = (pulled.abs() + (tension * self.lengths).abs()).sum(-1)
-        if not loads.any:
+        if not self.loads.any:
             return pulled.sum(-1), magnitude
-        x = self._acting[0]
-        work = -_dot(loads.dead, x) - loads.moments * loads.of_links(self.link_angles)
-        if loads.pull:
-            away = loads.anchors - x
-            work = work + 0.5 * loads.springs * _dot(away, away)
+        work = self._acting.energies()
         return pulled.sum(-1) + work.sum(-1), magnitude + work.abs().sum(-1)
 
     @cached_property
@@ -267,11 +213,3 @@ class State:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
         levers = self.rates.abs().clamp(min=1.0) * self.geometry.crosses
         return ((self.tensions[..., None].abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
-
-
-def _dot(a: Tensor, b: Tensor) -> Tensor:
-    return a.real * b.real + a.imag * b.imag
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return a.real * b.imag - a.imag * b.real

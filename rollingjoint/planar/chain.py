@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
+from rollingjoint.load import Load, load_table, standing
 from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.planar import joint_table
 from rollingjoint.profile import Profile, Surface
@@ -47,14 +48,17 @@ class RollingChain(Mechanism["Equilibrium"]):
         links: at least two; link 0 is fixed at the identity.
         tendons: at least one.
         name: for tables and pictures.
+        springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
     Raises:
-        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts.
+        MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts,
+            springs on links that do not exist.
     Source: rolling-contact paper, sec. III.
     """
 
     links: Sequence[Link]
     tendons: Sequence[Tendon]
     name: str = ""
+    springs: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", members("links", self.links, Link, 2, ", the fixed base included"))
@@ -62,6 +66,7 @@ class RollingChain(Mechanism["Equilibrium"]):
         for i, (proximal, distal) in enumerate(itertools.pairwise(self.links)):
             joint_table.check_rolling(i, proximal.child, distal.parent)
         self._check_holes()
+        object.__setattr__(self, "springs", self._checked_springs())
 
     @property
     def n_links(self) -> int:
@@ -109,7 +114,8 @@ class RollingChain(Mechanism["Equilibrium"]):
             holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
             channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
-        return Chain(joints[None], buckets[None], cells, coefficients, arcs, holes[None], channels[None], crossed)
+        per_design = holes[None], channels[None], crossed, load_table(self.springs, self.n_links)[None]
+        return Chain(joints[None], buckets[None], cells, coefficients, arcs, *per_design)
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:
@@ -129,6 +135,8 @@ class RollingChain(Mechanism["Equilibrium"]):
     @staticmethod
     def join(parts: Sequence[Chain]) -> Chain:
         """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
+        rows = max(part.standing.shape[1] for part in parts)
+        parts = [part._replace(standing=_with_rows(part.standing, rows)) for part in parts]
         before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
         joined = Chain(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
         return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
@@ -180,6 +188,12 @@ class RollingChain(Mechanism["Equilibrium"]):
             for h in self.hole_points
         ]
 
+    def _checked_springs(self) -> tuple[Load, ...]:
+        try:
+            return standing(self.springs, self.n_links)
+        except InvalidInput as error:
+            raise MechanismError(error.what, error.value, error.allowed) from None
+
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""
         for i, (below, above) in enumerate(itertools.pairwise(self.links)):
@@ -216,3 +230,8 @@ def _locate(hole: Hole, surface: Surface) -> Array:
 def _on_curve(profile: Profile, s: float) -> Array:
     """The point of the profile's curve, (2,) [mm]; kept, since mechanisms of one kind share their profiles."""
     return profile.curve(s)
+
+
+def _with_rows(tables: Array, count: int) -> Array:
+    """Load tables (D, rows, columns) with rows of zeros, which do nothing, up to a count."""
+    return np.pad(tables, ((0, 0), (0, count - tables.shape[1]), (0, 0)))

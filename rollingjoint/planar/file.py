@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from typing import Any
 
 from rollingjoint.checked_yaml import (
@@ -17,13 +18,14 @@ from rollingjoint.checked_yaml import (
     whole_number,
 )
 from rollingjoint.errors import ConfigError
+from rollingjoint.load import SPRINGS, Load
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
 HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
 PARTS = "links"
-KEYS = ("name", "defaults", PARTS, "tendons")
+KEYS = ("name", "defaults", PARTS, "tendons", "springs")
 _SURFACE_KEYS = ("curvature", "start", "angle", "limits")
 _TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
 _TABLES = {
@@ -42,14 +44,17 @@ def from_dict(content: object, source: str, name: str) -> RollingChain:
     links = [_link(place, item, defaults, source) for place, item in numbered(f"{source}: links", top["links"])]
     tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
     tendons = [_tendon(place, item, tendon_default) for place, item in numbered(f"{source}: tendons", top["tendons"])]
+    listed = numbered(f"{source}: springs", top["springs"]) if "springs" in top else ()
+    springs = [_spring(place, item) for place, item in listed]
     with located(source):
-        return RollingChain(links, tendons, name=text(f"{source}: name", top.get("name", name)))
+        return RollingChain(links, tendons, text(f"{source}: name", top.get("name", name)), springs)
 
 
 def to_dict(chain: RollingChain) -> dict[str, Any]:
     """The content that makes the same chain exactly."""
     links = [{side: _surface_dict(getattr(link, side)) for side in ("parent", "child")} for link in chain.links]
-    return {"name": chain.name, "links": links, "tendons": [_tendon_dict(t) for t in chain.tendons]}
+    tendons, springs = [_tendon_dict(t) for t in chain.tendons], [_spring_dict(each) for each in chain.springs]
+    return {"name": chain.name, "links": links, "tendons": tendons, **({"springs": springs} if springs else {})}
 
 
 def _link(where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
@@ -120,6 +125,26 @@ def _hole(where: str, hole: object) -> Hole:
     if isinstance(hole, Mapping):
         return OnSurface(number(where, mapping(where, hole, ("on_surface",), ("on_surface",))["on_surface"]))
     return point(where, hole)
+
+
+def _spring(where: str, item: object) -> Load:
+    """A spring of the kind whose fields without a default are all there."""
+    keys = mapping(where, item, list(dict.fromkeys(each.name for kind in SPRINGS for each in fields(kind))))
+    kind = next((kind for kind in SPRINGS if _needed(kind) <= set(keys)), SPRINGS[0])
+    own = mapping(where, item, [each.name for each in fields(kind)], sorted(_needed(kind)))
+    readers = {"int": whole_number, "float": number}
+    kinds = {each.name: readers.get(str(each.type), point) for each in fields(kind)}
+    with located(where):
+        return kind(**{key: kinds[key](f"{where}.{key}", value) for key, value in own.items()})
+
+
+def _needed(kind: type[Any]) -> set[str]:
+    return {each.name for each in fields(kind) if each.default is MISSING}
+
+
+def _spring_dict(spring: Any) -> dict[str, Any]:
+    values = {each.name: getattr(spring, each.name) for each in fields(spring)}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
 
 
 def _surface_dict(surface: Surface) -> dict[str, Any]:

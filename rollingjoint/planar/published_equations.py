@@ -12,12 +12,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.load import Load, load_table
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import LOAD_COLUMNS, Load, load_table, pair_columns
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.se2 import adjoint, dual_adjoint, dual_bracket, inverse, skew, transform, turned
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
+
+_LINK, _MOMENT, _SPRING = (LOAD_COLUMNS.index(name) for name in ("link", "moment", "k"))
+_POINT, _FORCE, _BODY, _ANCHOR = pair_columns("p", "f", "b", "a")
+_KNOWN = np.r_[_LINK, _POINT, _FORCE, _BODY, _MOMENT, _SPRING, _ANCHOR]  # columns of a load table
 
 
 class PublishedChain:
@@ -30,8 +35,10 @@ class PublishedChain:
         self.p = [holes[:, 0] for holes in mechanism.hole_points]
         self.c = [holes[:, 1] for holes in mechanism.hole_points]
         self.channels = np.array([np.linalg.norm(c - p, axis=1).sum() for p, c in zip(self.p, self.c, strict=True)])
-        table = load_table(loads, self.n)
-        self.load_rows = [table[table[:, 0] == i] for i in range(self.n)]
+        table = load_table([*mechanism.springs, *loads], self.n)
+        if np.any(np.delete(table, _KNOWN, axis=1)):
+            raise InvalidInput("loads", loads, "loads that act on one link", "The published algorithms have no other.")
+        self.load_rows = [table[table[:, _LINK] == i] for i in range(self.n)]
 
     def passes(self, i: int) -> list[int]:
         """Tendons that cross joint i."""
@@ -164,10 +171,10 @@ def body_load(rows: Array, T: Array) -> tuple[Array, Array]:
     """
     R, t = T[:2, :2], T[:2, 2]
     F, C = np.zeros(3), np.zeros((3, 3))
-    for _, px, py, fx, fy, bx, by, moment, k, ax, ay in rows:
-        q, f, away = np.array([px, py]), np.array([fx, fy]), t - np.array([ax, ay])
-        force = R.T @ f + np.array([bx, by]) - k * (R.T @ away + q)
+    for row in rows:
+        q, f, away, k = row[_POINT], row[_FORCE], t - row[_ANCHOR], row[_SPRING]
+        force = R.T @ f + row[_BODY] - k * (R.T @ away + q)
         dforce = np.column_stack([R.T @ turned(f) - k * (R.T @ turned(away)), -k * np.eye(2)])
-        F += np.array([moment - turned(q) @ force, *force])
+        F += np.array([row[_MOMENT] - turned(q) @ force, *force])
         C += np.vstack([-turned(q) @ dforce, dforce])
     return F, C

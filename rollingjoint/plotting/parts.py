@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.load import LOAD_COLUMNS, pair_columns
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.planar.outline import link_outline, right_side, rotation, to_world
@@ -38,6 +39,8 @@ _SLACK = 1e-9  # N
 ORDER = {"link": 2, "tendon": 3, "contact": 5, "load": 6}
 _CONTACT_ARROW = _ArrowStyle(CONTACT_COLOR, 1.1, ORDER["contact"])
 _LOAD_ARROW = _ArrowStyle(LOAD_COLOR, 2.0, ORDER["load"])
+_LINK, _MOMENT, _SPRING = (LOAD_COLUMNS.index(name) for name in ("link", "moment", "k"))
+_POINT, _FORCE, _BODY, _ANCHOR = pair_columns("p", "f", "b", "a")
 
 
 def draw_links(ax: Axes, chain: RollingChain, poses: Array, color: str, label: str | None, base: bool = True) -> None:
@@ -103,21 +106,21 @@ def draw_loads(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
     """Every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
     scale = arrow_scale([eq]) if scale is None else scale
     size, label = 0.06 * eq.chain.length, f"external force ({_scale_text(scale)})"
-    for link, px, py, fx, fy, bx, by, moment, stiffness, ax_, ay_ in eq.loads:
-        pose = eq.poses[int(link)]
-        point = to_world(pose, np.array([px, py]))
-        force = np.array([fx, fy]) + rotation(pose[2]) @ np.array([bx, by])
+    for row in eq.loads:
+        pose, moment, stiffness = eq.poses[int(row[_LINK])], row[_MOMENT], row[_SPRING]
+        point = to_world(pose, row[_POINT])
+        force = row[_FORCE] + rotation(pose[2]) @ row[_BODY]
         _arrow(ax, point, scale * force, eq.chain.length, _LOAD_ARROW, label)
         if moment:
             _moment(ax, point, np.sign(moment) * size, f"external moment {moment:.3g} N·mm")
         if stiffness:
-            _spring(ax, point, np.array([ax_, ay_]), size, f"spring {stiffness:.3g} N/mm")
+            _spring(ax, point, row[_ANCHOR], size, f"spring {stiffness:.3g} N/mm")
 
 
 def arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
     """mm of arrow per N for the largest force in any load table."""
     rows = np.concatenate([eq.loads for eq in equilibria])
-    forces = np.linalg.norm(rows[:, 3:5], axis=1) + np.linalg.norm(rows[:, 5:7], axis=1)
+    forces = np.linalg.norm(rows[:, _FORCE], axis=1) + np.linalg.norm(rows[:, _BODY], axis=1)
     return _nice_scale(forces, max(eq.chain.length for eq in equilibria))
 
 

@@ -13,7 +13,7 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.load import Load
+from rollingjoint.load import Load, filled_up, wrong_links
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
 from rollingjoint.solution import Solution
 from rollingjoint.statics.families import FAMILIES, KINDS, family_of
@@ -61,12 +61,13 @@ class Batch:
         count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.family.load_columns
         if not isinstance(loads, np.ndarray):
             return self.repeated(self.family.load_table(loads, n_links))
-        if loads.ndim != 3 or loads.shape[0] != count or loads.shape[2] != len(columns):
+        tables = filled_up(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == count else None
+        if tables is None:
             raise InvalidInput("shape of the load table", loads.shape, f"({count}, rows, {len(columns)})")
-        tables = as_floats("load table", loads, "numbers")
-        links = tables[..., 0]
-        if not np.all((links >= 0) & (links < n_links) & (links == np.floor(links))):
-            raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {n_links - 1}")
+        tables = as_floats("load table", tables, "numbers")
+        links = wrong_links(tables, columns, n_links)
+        if links is not None:
+            raise InvalidInput("links of the load table", links, f"integers from 0 to {n_links - 1}")
         return tables
 
     def _starts(self, starts: Start) -> Array:
@@ -82,6 +83,10 @@ class Batch:
 def prescribed(tensions: Array) -> TendonLaw:
     """The law of tendons under given tensions, (..., m) [N]."""
     return TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions)
+
+
+def _with_zeros(tables: Array, missing: int) -> Array:
+    return np.pad(tables, ((0, 0), (0, 0), (0, missing)))
 
 
 def _mechanisms(mechanisms: Iterable[AnyMechanism]) -> tuple[AnyMechanism, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.load import acts
 from rollingjoint.solution import Solution, Status
 from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.sensitivity import joint_response
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _Solve = Callable[[TendonLaw, Array], Any]  # of a tendon law and the joint angles to start from
 
-_PLACES = ("link", "px", "py", "pz", "ax", "ay", "az")  # columns of load tables that say where, not how much
 _LARGEST_TENSION = 1000.0  # N, where none is given
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
 _MAX_ITERATIONS = 300
@@ -34,13 +33,13 @@ _ROUNDING = 1e-15  # of the lengths
 
 
 def solve_least_squares(
-    family: Family, mechanism: AnyMechanism, desired: Array, low: Array, high: Array, table: Array, start: Array
+    family: Family, mechanism: Any, desired: Array, low: Array, high: Array, table: Array, start: Array
 ) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
         family: of the mechanism.
-        mechanism: what is solved.
+        mechanism: a planar chain.
         desired: (m,) [mm].
         low, high: (m,) [N]; above 1000 N a limit is 1000 N.
         table: load table, (rows, columns).
@@ -56,7 +55,7 @@ def solve_least_squares(
     elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:
         return elastic
-    tensions = _first_tensions(elastic, _is_loaded(family, table), low, high)
+    tensions = _first_tensions(elastic, bool(mechanism.springs) or acts(table), low, high)
     best = _Trial.at(solve, tensions, desired, low, high, elastic.joint_angles)
     damping, iterations = 1e-6, int(best.equilibrium.iterations)
     for _ in range(_MAX_ITERATIONS):
@@ -125,11 +124,6 @@ def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) ->
     elif not loaded:
         tensions = tensions / largest
     return np.clip(tensions, low, high)
-
-
-def _is_loaded(family: Family, table: Array) -> bool:
-    """Whether a load table has a force, a moment or a spring."""
-    return bool(np.any(table[:, [name not in _PLACES for name in family.load_columns]]))
 
 
 def _length_rates(equilibrium: Solution) -> Array | None:

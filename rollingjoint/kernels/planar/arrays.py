@@ -45,6 +45,7 @@ class Chain(NamedTuple):
     holes: Annotated[Floats, "D", "J", "m", 4]  # x, y of the hole on the proximal link, x, y on the distal link
     channels: Annotated[Floats, "D", "m"]  # constant length inside the links
     tendon_joints: Annotated[Integers, "m"]  # number of joints a tendon crosses
+    standing: Annotated[Floats, "D", "standing", "columns"]  # load table of the springs that belong to the mechanism
 
 
 class State(NamedTuple):
@@ -85,7 +86,7 @@ class BatchArrays(NamedTuple):
     chain: Chain  # a stack
     designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
     laws: Annotated[TendonLaw, "B"]
-    loads: Annotated[Floats, "B", "rows", 11]
+    loads: Annotated[Floats, "B", "rows", "columns"]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
     results: Results
 
@@ -155,4 +156,5 @@ def design(chain, which):
         chain.holes[which],
         chain.channels[which],
         chain.tendon_joints,
+        chain.standing[which],
     )

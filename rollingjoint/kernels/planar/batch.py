@@ -11,12 +11,11 @@ from rollingjoint.kernels.planar.arrays import (
     new_state,
 )
 from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.planar.loads import N_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.planar.solve import solve
 from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw
 from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
-
-_STIFFNESSES = (8,)  # columns of a load table
 
 
 @part
@@ -26,7 +25,7 @@ def solve_invalid(chain, start, state):
         lowest, highest = chain.joints[i, 0], chain.joints[i, 1]
         known = abs(start[i]) <= LARGEST_INPUT
         state.angle[i] = min(max(start[i], lowest), highest) if known else 0.5 * (lowest + highest)
-    evaluate_unloaded(chain, 11, state)
+    evaluate_unloaded(chain, N_COLUMNS, state)
     return INVALID_INPUT, 0, np.inf
 
 
@@ -68,7 +67,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
         lane = lanes[place]
         one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        if valid(law, loads[lane], starts[lane], _STIFFNESSES):
+        if valid(law, loads[lane], starts[lane], STIFFNESSES):
             outcome = solve(one, law, loads[lane], starts[lane], state)
         else:
             outcome = solve_invalid(one, starts[lane], state)

@@ -11,7 +11,9 @@ from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.views import numbers
 from rollingjoint.kernels.planar.arrays import State
 from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.planar.loads import N_DEAD, fill_dead_loads
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
+from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 # Columns of Block.search: energy, its magnitude and |r| where the line search began, part of the step that is tried,
@@ -26,7 +28,7 @@ class Block(NamedTuple):
 
     state: State
     law: TendonLaw
-    loads: Annotated[Floats, "rows", 6]  # link, body point x, y, force x, y, moment
+    loads: Annotated[Floats, "rows", N_DEAD]  # columns in loads.py
     limits: Annotated[Floats, "J", 2]  # smallest and largest angle
     holes: Annotated[Floats, "J", "m", 4]
     channels: Annotated[Floats, "m"]
@@ -68,12 +70,7 @@ def fill_design(chain, block, lane, design):
 
 
 @part(inline=True)
-def _usual(value):
-    return abs(value) <= LARGEST_INPUT
-
-
-@part(inline=True)
-def fill_inputs(laws, loads, starts, block, lane, source):
+def fill_inputs(laws, standing, loads, starts, block, lane, source):
     """Copy one lane's inputs into the block; False where they need the solver for all cases."""
     law, table, limits, angle = block.law, numbers(block.loads), numbers(block.limits), numbers(block.state.angle)
     commands, stiffnesses, lows, highs = (
@@ -90,19 +87,12 @@ def fill_inputs(laws, loads, starts, block, lane, source):
             laws.low[source, j],
             laws.high[source, j],
         )
-        usual = usual and _usual(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
+        usual = usual and resolvable(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
         commands[j, lane], stiffnesses[j, lane], lows[j, lane], highs[j, lane] = command, k, low, high
-    for row in range(table.shape[0]):
-        for k in range(5):
-            table[row, k, lane] = loads[source, row, k]
-        table[row, 5, lane] = loads[source, row, 7]
-        for k in range(8):
-            usual = usual and _usual(loads[source, row, k])
-        usual = usual and loads[source, row, 5] == 0.0 and loads[source, row, 6] == 0.0 and loads[source, row, 8] == 0.0
-        usual = usual and _usual(loads[source, row, 9]) and _usual(loads[source, row, 10])
+    usual = usual and fill_dead_loads(standing, loads[source], table, lane)
     for i in range(limits.shape[0]):
         phi = starts[source, i]
-        usual = usual and _usual(phi)
+        usual = usual and resolvable(phi)
         angle[i, lane] = min(max(phi, limits[i, 0, lane]), limits[i, 1, lane])
     return usual
 

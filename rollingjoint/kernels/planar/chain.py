@@ -12,8 +12,6 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import where
 from rollingjoint.kernels.planar.arrays import (
-    BX,
-    BY,
     COS,
     CX,
     CY,
@@ -21,24 +19,19 @@ from rollingjoint.kernels.planar.arrays import (
     FY,
     GX,
     GY,
-    K_XX,
-    KX,
-    KY,
     PX,
     PY,
     SIN,
     THETA,
     TURN,
-    X_DOT_B,
-    X_DOT_F,
     C,
     Chain,
-    K,
     S,
     X,
     Y,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
+from rollingjoint.kernels.planar.loads import evaluate_loads, fill_load_generators, fill_load_stiffness
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
@@ -54,7 +47,7 @@ def evaluate(chain, law, loads, state):
     evaluate_joints(chain, state)
     evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(law, state)
-    load_energy, load_magnitude = _evaluate_loads(loads, state)
+    load_energy, load_magnitude = evaluate_loads(chain.standing, loads, state)
     scale = evaluate_residual(chain.tendon_joints, state)
     return energy + load_energy, magnitude + load_magnitude, scale
 
@@ -85,49 +78,6 @@ def evaluate_poses(holes, channels, tendon_joints, state):
 
 
 @part(inline=True)
-def _evaluate_loads(loads, state):
-    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
-    sums = state.sums
-    energy = magnitude = 0.0
-    for i in range(sums.shape[0]):
-        for column in range(sums.shape[1]):
-            sums[i, column] = 0.0
-    for row in range(loads.shape[0]):
-        link = int(loads[row, 0])
-        cos, sin = state.pose[link, C], state.pose[link, S]
-        px, py = loads[row, 1], loads[row, 2]
-        x = state.pose[link, X] + cos * px - sin * py
-        y = state.pose[link, Y] + sin * px + cos * py
-        fx, fy, moment, k = loads[row, 3], loads[row, 4], loads[row, 7], loads[row, 8]
-        term = -(fx * x + fy * y) - moment * state.pose[link, THETA]
-        dx, dy = loads[row, 9] - x, loads[row, 10] - y
-        term += 0.5 * k * (dx * dx + dy * dy)
-        energy += term
-        magnitude += abs(term)
-        if link == 0:
-            continue
-        bx = cos * loads[row, 5] - sin * loads[row, 6]
-        by = sin * loads[row, 5] + cos * loads[row, 6]
-        fx, fy = fx + bx + k * dx, fy + by + k * dy
-        i = link - 1
-        sums[i, FX] += fx
-        sums[i, FY] += fy
-        sums[i, TURN] += x * fy - y * fx + moment
-        sums[i, X_DOT_F] += x * fx + y * fy
-        sums[i, BX] += bx
-        sums[i, BY] += by
-        sums[i, X_DOT_B] += x * bx + y * by
-        sums[i, K] += k
-        sums[i, KX] += k * x
-        sums[i, KY] += k * y
-        sums[i, K_XX] += k * (x * x + y * y)
-    for i in range(sums.shape[0] - 2, -1, -1):
-        for column in range(sums.shape[1]):
-            sums[i, column] += sums[i + 1, column]
-    return energy, magnitude
-
-
-@part(inline=True)
 def evaluate_residual(tendon_joints, state):
     """Fill r = sum of tension g' minus the moment of the loads about the contact.
 
@@ -152,21 +102,16 @@ def evaluate_residual(tendon_joints, state):
 @formula(formulas.stiffness, Chain)
 def stiffness(chain, loads, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    state, H, tendon_joints = borrow(state), borrow(H), borrow(chain.tendon_joints)
+    standing, loads, tendon_joints = borrow(chain.standing), borrow(loads), borrow(chain.tendon_joints)
+    state, H = borrow(state), borrow(H)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
     gap, elastic, tension = state.gap, state.elastic, state.tension
+    fill_load_stiffness(standing, loads, state, H)
     for i in range(n_joints):
         for m in range(n_joints):
-            b = max(i, m)
-            ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
-            value = sums[b, X_DOT_F] - (contact[b, 0] * sums[b, FX] + contact[b, 1] * sums[b, FY])
-            value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
-            value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
-            value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
             for j in range(elastic.size):
-                if b < tendon_joints[j]:
-                    value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
-            H[i, m] = value
+                if max(i, m) < tendon_joints[j]:
+                    H[i, m] += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
         H[i, i] += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         for j in range(elastic.size):
             if i < tendon_joints[j]:
@@ -176,21 +121,11 @@ def stiffness(chain, loads, state, H):
 @formula(formulas.fill_generators, Chain)
 def fill_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep (long_chain.py) from the state; prox is added to the diagonal."""
-    n_joints, q = sweep.U.shape
+    fill_load_generators(borrow(chain.standing), borrow(loads), state, prox, sweep)
     n_tendons = chain.tendon_joints.size
-    first = q - n_tendons
-    sums, contact = state.sums, state.contact
-    for i in range(n_joints):
-        cx, cy = contact[i, 0], contact[i, 1]
-        lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
-        lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
-        sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
-        diagonal = lever + prox
-        if first == 3:
-            sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
-            sweep.V[i, 1], sweep.V[i, 2] = cx, cy
-            diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
-        diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
+    first = sweep.U.shape[1] - n_tendons
+    for i in range(state.angle.size):
+        diagonal = sweep.diagonal[i]
         for j in range(n_tendons):
             rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
             sweep.U[i, first + j], sweep.V[i, first + j] = state.elastic[j] * rate, rate

@@ -28,14 +28,7 @@ from rollingjoint.kernels.planar.arrays import (
     PX,
     PY,
     SIN,
-    THETA,
-    TURN,
-    X_DOT_F,
     BatchArrays,
-    C,
-    S,
-    X,
-    Y,
 )
 from rollingjoint.kernels.planar.block import (
     ARRIVED,
@@ -60,6 +53,7 @@ from rollingjoint.kernels.planar.block import (
 )
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate, table_row
+from rollingjoint.kernels.planar.loads import evaluate_dead_loads, fill_dead_stiffness, n_rows
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
@@ -97,48 +91,13 @@ def _evaluate_joints(chain, designs, state, rows):
 
 
 @part(inline=True)
-def _evaluate_loads(loads, state):
-    """Fill the sums of dead forces and moments beyond each joint; returns (energy, magnitude of its terms)."""
-    sums, pose, n_joints = state.sums, state.pose, state.angle.size
-    zero = 0.0 * state.angle[0]
-    energy, magnitude = zero, zero
-    for i in range(n_joints):
-        sums[i, FX], sums[i, FY], sums[i, TURN], sums[i, X_DOT_F] = zero, zero, zero, zero
-    for row in range(loads.shape[0]):
-        link, px, py, fx, fy, moment = (
-            loads[row, 0],
-            loads[row, 1],
-            loads[row, 2],
-            loads[row, 3],
-            loads[row, 4],
-            loads[row, 5],
-        )
-        x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
-        for k in range(1, n_joints + 1):
-            here = link == float(k)
-            x, y, theta = where(here, pose[k, X], x), where(here, pose[k, Y], y), where(here, pose[k, THETA], theta)
-            cos, sin = where(here, pose[k, C], cos), where(here, pose[k, S], sin)
-        x, y = x + cos * px - sin * py, y + sin * px + cos * py
-        term = -(fx * x + fy * y) - moment * theta
-        energy, magnitude = energy + term, magnitude + abs(term)
-        turn, dot = x * fy - y * fx + moment, x * fx + y * fy
-        for i in range(n_joints):
-            beyond = link > float(i)
-            sums[i, FX] += where(beyond, fx, 0.0)
-            sums[i, FY] += where(beyond, fy, 0.0)
-            sums[i, TURN] += where(beyond, turn, 0.0)
-            sums[i, X_DOT_F] += where(beyond, dot, 0.0)
-    return energy, magnitude
-
-
-@part(inline=True)
 def _evaluate(chain, designs, block):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state = block.state
     _evaluate_joints(chain, designs, state, as_rows(block.rows))
     evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(block.law, state)
-    load_energy, load_magnitude = _evaluate_loads(block.loads, state)
+    load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
     return energy + load_energy, magnitude + load_magnitude, evaluate_residual(chain.tendon_joints, state)
 
 
@@ -158,17 +117,14 @@ def _hold_ends(block):
 
 
 @part(inline=True)
-def _factor_stiffness(tendon_joints, state, free, H, per_pivot):
+def _factor_stiffness(tendon_joints, loads, state, free, H, per_pivot):
     """Fill H with the factor L of dr/dphi = L D Lᵀ on the free joints; returns (smallest, largest diagonal entry)."""
     sums, contact, gap, elastic, tension = state.sums, state.contact, state.gap, state.elastic, state.tension
     n_joints = per_pivot.size
     smallest, largest = 0.0 * state.angle[0] + np.inf, 0.0 * state.angle[0]
     for i in range(n_joints):
-        fx, fy = sums[i, FX], sums[i, FY]
-        lever = sums[i, X_DOT_F] - (contact[i, 0] * fx + contact[i, 1] * fy)
-        pivot = lever + contact[i, 2] * fy - contact[i, 3] * fx
-        for m in range(i):
-            H[i, m] = lever
+        pivot = fill_dead_stiffness(loads, state, i, H)
+        pivot = pivot + contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         for j in range(tension.size):
             if i < tendon_joints[j]:
                 rate = gap[i, j, 1]
@@ -239,7 +195,7 @@ def _advance(chain, designs, block):
     goal = RELATIVE_GOAL * scale
     goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
-    smallest, largest = _factor_stiffness(chain.tendon_joints, block.state, free, block.L, per_pivot)
+    smallest, largest = _factor_stiffness(chain.tendon_joints, block.loads, block.state, free, block.L, per_pivot)
     stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
     search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
     search[ENERGY] = where(accepted, energy, search[ENERGY])
@@ -273,7 +229,7 @@ def _advance(chain, designs, block):
 @kernel(nogil=True)
 def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; returns how many are PENDING."""
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
     return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
 
@@ -282,7 +238,7 @@ def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last
 def solve_pinned(pins, first, last):
     """solve_side_by_side on a pinned BatchArrays."""
     chain, designs, laws, loads, starts, results = unpin(pins, BatchArrays)
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
     return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
 
@@ -318,7 +274,7 @@ def _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first
                 if chosen[lane] != designs[row]:
                     chosen[lane] = designs[row]
                     fill_design(chain, block, lane, designs[row])
-                if fill_inputs(laws, loads, starts, block, lane, row):
+                if fill_inputs(laws, chain.standing[designs[row]], loads, starts, block, lane, row):
                     rows[lane] = row
                     running += 1
                     begin_lane(block, lane)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.planar.loads import generator_columns, has_potential
 from rollingjoint.kernels.shared.arrays import INDETERMINATE, UNSTABLE
 from rollingjoint.kernels.shared.bounds import begin, moved
 from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, new_sweep
@@ -22,13 +23,10 @@ def solve(chain, law, loads, start, state):
     Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
     falls to 0: it ends at the admissible pose nearest the start.
     """
-    conservative, springs = True, False
-    for row in range(loads.shape[0]):
-        conservative = conservative and loads[row, 5] == 0.0 and loads[row, 6] == 0.0
-        springs = springs or loads[row, 8] != 0.0
+    conservative = has_potential(chain.standing, loads)
     last = len(_PROXIMAL_PATH) - 1
     n = start.size if conservative and start.size > DENSE_JOINTS else 0
-    sweep = new_sweep(n, law.low.size + (3 if springs else 1))
+    sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
     count, phase, size = 0, 0, 0.0
     begin(chain, start, state.angle)

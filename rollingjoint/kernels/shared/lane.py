@@ -10,10 +10,16 @@ from rollingjoint.kernels.shared.formulas import evaluate, stiffness
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 
+@part(inline=True)
+def resolvable(value):
+    """False for NaN and for what is too large to be solved with."""
+    return abs(value) <= LARGEST_INPUT
+
+
 @part
-def _resolvable(values):
+def _all_resolvable(values):
     for i in range(values.size):
-        if not abs(values[i]) <= LARGEST_INPUT:
+        if not resolvable(values[i]):
             return False
     return True
 
@@ -24,10 +30,10 @@ def valid(law, loads, start, stiffnesses):
 
     stiffnesses: the columns of the load table that must not be negative.
     """
-    if not (_resolvable(law.command) and _resolvable(start)):
+    if not (_all_resolvable(law.command) and _all_resolvable(start)):
         return False
     for row in range(loads.shape[0]):
-        if not _resolvable(loads[row]):
+        if not _all_resolvable(loads[row]):
             return False
         for column in stiffnesses:
             if loads[row, column] < 0.0:

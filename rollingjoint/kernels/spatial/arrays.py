@@ -15,8 +15,16 @@ EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
 # Columns of HingeState.pose: rotation matrix row by row, then the origin
 PX, PY, PZ = 9, 10, 11
-# Columns of a load table, three each: body point, world force, world moment, body force, body moment, spring's anchor
-LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR, N_COLUMNS = 0, 1, 4, 7, 10, 13, 16, 17, 20
+# Columns of a load table: body point, world force, world moment, body force, body moment, spring's stiffness and anchor
+SPATIAL_LOAD_COLUMNS = (
+    "link",
+    *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"),
+    *("k", "ax", "ay", "az"),
+)
+LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR = map(
+    SPATIAL_LOAD_COLUMNS.index, ("link", "px", "fx", "mx", "bx", "nx", "k", "ax")
+)
+N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
 # follower force B, moment of follower loads about the origin
 F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21

@@ -9,7 +9,7 @@ from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
 from rollingjoint.kernels.shared import long_chain
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.load import load_table
+from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.planar.random_chain import random_chain, random_loads
 
 new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
@@ -31,7 +31,7 @@ def test_the_sweep_solves_what_the_dense_matrix_says():
         state.angle[:] = chain.joint_angles(rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
         evaluate(one, law, loads, state)
         stiffness(one, loads, state, H)
-        sweep = new_sweep(n, m + (3 if np.any(loads[:, 8] != 0) else 1))
+        sweep = new_sweep(n, m + (3 if np.any(loads[:, LOAD_COLUMNS.index("k")] != 0) else 1))
         fill_generators(one, loads, state, 0.3, sweep)
         free = rng.random(n) < 0.8
         dense = (H + 0.3 * np.eye(n))[np.ix_(free, free)]

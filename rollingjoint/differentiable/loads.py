@@ -1,0 +1,133 @@
+"""Loads on the differentiable chain: the columns of load tables, and their energy, forces and stiffness at a pose.
+
+The plane is the complex plane: x + iy. Everything has leading axes and is differentiable by everything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from rollingjoint.load import LOAD_COLUMNS
+
+_COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}
+
+
+class Loads:
+    """Load tables, (..., rows, columns), by columns; complex where they are points or forces."""
+
+    def __init__(self, table: Tensor, n_joints: int) -> None:
+        self.table = table
+        self.joints = torch.arange(n_joints, device=table.device)
+        self.links, self.beyond = self._link("link")
+        self.points, self.dead, self.body, self.anchors = map(self._pair, ("p", "f", "b", "a"))
+        self.moments, self.springs = map(self._number, ("moment", "k"))
+        self.any = table.shape[-2] > 0
+        self.follow, self.pull = self._acts("bx", "by"), self._acts("k")
+
+    def of_links(self, values: Tensor) -> Tensor:
+        """What the loaded links have, (..., rows), of values (..., n)."""
+        return values.gather(-1, self.links.expand(*values.shape[:-1], -1))
+
+    def sums(self, values: Tensor) -> Tensor:
+        """Sum of values (..., rows) over the loads beyond every joint, (..., J)."""
+        return (values[..., None] * self.beyond).sum(-2)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the stiffness is symmetric: no force turns with its link."""
+        return bool((self.body == 0).all())
+
+    def without_potential(self) -> Tensor:
+        """Where a force turns with its link, (...)."""
+        return (self.body != 0).any(-1)
+
+    def _number(self, name: str) -> Tensor:
+        return self.table[..., _COLUMN[name]]
+
+    def _pair(self, letter: str) -> Tensor:
+        return torch.complex(self._number(f"{letter}x"), self._number(f"{letter}y"))
+
+    def _link(self, name: str) -> tuple[Tensor, Tensor]:
+        """Links of a column, (..., rows), and whether they lie beyond every joint, (..., rows, J) of 0 and 1."""
+        links = self._number(name).detach().long()
+        return links, (links[..., None] > self.joints).to(self.table.dtype)
+
+    def _acts(self, *names: str) -> bool:
+        """Whether a column is not zero, or may be differentiated by."""
+        columns = self.table[..., [_COLUMN[name] for name in names]]
+        return bool((columns.detach() != 0).any()) or columns.requires_grad
+
+
+@dataclass(frozen=True)
+class LoadsAtPose:
+    """Loads on a chain at one pose.
+
+    Args:
+        loads: what acts.
+        positions, rotations: origin of every link, and exp(i angle), complex (..., n).
+        link_angles: (..., n) [rad].
+        contacts: contact points, complex (..., J) [mm].
+    """
+
+    loads: Loads
+    positions: Tensor
+    rotations: Tensor
+    link_angles: Tensor
+    contacts: Tensor
+
+    @cached_property
+    def _acting(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Of every row of the load table where it acts, its force, the part that turns with the link; (..., rows)."""
+        loads, turn = self.loads, self.loads.of_links(self.rotations)
+        x, follower = loads.of_links(self.positions) + turn * loads.points, turn * loads.body
+        force = loads.dead + follower if loads.follow else loads.dead.expand_as(x)
+        return x, force + loads.springs * (loads.anchors - x) if loads.pull else force, follower
+
+    @cached_property
+    def forces(self) -> Tensor:
+        """Sums of the forces beyond every joint, complex (..., J)."""
+        return self.loads.sums(self._acting[1])
+
+    @cached_property
+    def moments(self) -> Tensor:
+        """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
+        x, force, _ = self._acting
+        about_base = self.loads.sums(cross(x, force) + self.loads.moments)
+        return about_base - cross(self.contacts, self.forces)
+
+    def stiffness(self) -> Tensor:
+        """What the loads add to H, (..., J, J), the moving contact of each joint itself left out."""
+        (x, f, follower), c, loads = self._acting, self.contacts, self.loads
+        later = torch.maximum(loads.joints[:, None], loads.joints)
+        ci, cm = c[..., :, None], c[..., None, :]
+        H = (loads.sums(dot(x, f)) - dot(c, self.forces))[..., later]
+        if loads.follow:
+            H = H - loads.sums(dot(x, follower))[..., later] + dot(ci, loads.sums(follower)[..., later])
+        if loads.pull:
+            k = loads.springs
+            zeroth, first, second = (loads.sums(k * v)[..., later] for v in (torch.ones_like(k), x, dot(x, x)))
+            H = H + second - dot(first, ci + cm) + zeroth * dot(ci, cm)
+        return H
+
+    def energies(self) -> Tensor:
+        """Potential energy of every row, (..., rows) [N·mm]; follower forces have none."""
+        loads, x = self.loads, self._acting[0]
+        work = -dot(loads.dead, x) - loads.moments * loads.of_links(self.link_angles)
+        if loads.pull:
+            away = loads.anchors - x
+            work = work + 0.5 * loads.springs * dot(away, away)
+        return work
+
+
+def dot(a: Tensor, b: Tensor) -> Tensor:
+    """Scalar product of vectors in the complex plane."""
+    return a.real * b.real + a.imag * b.imag
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """Cross product of vectors in the complex plane."""
+    return a.real * b.imag - a.imag * b.real
