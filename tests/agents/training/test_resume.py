@@ -21,6 +21,8 @@ from agents.training import checkpoint
 from agents.training.callbacks import Evaluation
 from agents.training.log import _Events
 
+pytestmark = pytest.mark.xdist_group("resume")  # one worker: runs are trained once
+
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
 PPO = ["--config", "configs/train/demo.yaml", "--set", "total_timesteps=160"]

@@ -17,7 +17,6 @@ from agents import train, tune
 from agents.runs.config import load_config
 from agents.runs.file_lock import file_lock
 from agents.training.callbacks import Evaluation
-from agents.tuning import report as study_report
 from agents.tuning.journal import journal_storage
 from agents.tuning.study import StudyConfig, load_study
 from rollingjoint.errors import ConfigError
@@ -49,13 +48,6 @@ def config(tmp_path) -> Path:
     path = tmp_path / "study.yaml"
     path.write_text(STUDY.format(configs=Path("configs").resolve()))
     return path
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Pictures take longer than these trials."""
-    for name in ("history", "parameters"):
-        monkeypatch.setattr(study_report, name, lambda *anything: b"")
 
 
 def run(*arguments: object) -> int:
