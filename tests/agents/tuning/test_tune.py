@@ -20,6 +20,7 @@ from agents.training.callbacks import Evaluation
 from agents.tuning.journal import journal_storage
 from agents.tuning.study import StudyConfig, load_study
 from rollingjoint.errors import ConfigError
+from tests.agents.forked import Forked
 
 STUDY = """
 config: {configs}/train/demo.yaml
@@ -158,10 +159,11 @@ tune.main(sys.argv[1:])
 """
 
 
+@pytest.mark.xdist_group("processes")
 def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     command = [sys.executable, "-c", KILLED_IN_THE_SECOND_TRIAL, "--config", str(config), "--study", str(folder)]
-    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == -signal.SIGKILL
+    assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert [trial.state for trial in trials(folder)] == [TrialState.COMPLETE, TrialState.RUNNING]
     with (folder / "journal.log").open("a") as journal:
         journal.write('{"half": ')  # as a full disk would leave it
