@@ -27,6 +27,15 @@ def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error 
         raise error(what, values, allowed) from None
 
 
+def as_vector(what: str, values: ArrayLike | object, size: int, meaning: str) -> NDArray[np.float64]:
+    """So many numbers as floats, (size,); InvalidInput for anything else."""
+    allowed = f"{size} numbers, {meaning}"
+    array = as_floats(what, values, allowed)
+    if array.shape != (size,):
+        raise InvalidInput(what, values, allowed)
+    return array
+
+
 def as_number(
     what: str,
     value: object,
@@ -41,6 +50,11 @@ def as_number(
     if not number or not math.isfinite(value) or not low <= value <= high:  # type: ignore[arg-type, operator]
         raise error(what, value, allowed or f"a finite number{_between(low, high)}")
     return float(value)  # type: ignore[arg-type]
+
+
+def as_positive(what: str, value: object, allowed: str, error: Error = InvalidInput) -> float:
+    """The value as a float; `error` unless it is a finite number above 0."""
+    return as_number(what, value, math.ulp(0.0), allowed=allowed, error=error)
 
 
 def as_integer(
@@ -83,7 +97,7 @@ def as_range(
     error: Error = InvalidInput,
 ) -> tuple[float, float]:
     """Two numbers in order from `low` to `high`; `error` for anything else."""
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.shape(value) != (2,):
         raise error(what, value, f"two numbers (low, high) [{unit}]" if unit else "two numbers (low, high)")
     first, second = (as_number(what, number, low, high, error=error) for number in value)
     if first > second:

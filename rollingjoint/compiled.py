@@ -19,11 +19,11 @@ Arrays that stay where they are:
     Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
 Solvers:
-    Problem: equilibria to be solved and where they go; PinnedRange solves ranges of its lanes.
-    call_range: in a kernel, call_range(entry, pins, Problem, first, last) with those of a PinnedRange; how many lanes
-        are left to its solve_the_rest, -1 where it had no memory.
+    BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its lanes.
+    call_range: in a kernel, call_range(entry, pins, BatchArrays, first, last) with those of a PinnedRange; how many
+        rows are left to its solve_the_rest, -1 where it had no memory.
     PENDING: the status of such a lane.
-    run_lanes: work on ranges of lanes, on the threads of this process.
+    run_in_threads: work on ranges of lanes, on the threads of this process.
 
 ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
 """
@@ -33,16 +33,16 @@ from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, s
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
 from rollingjoint._numba.views import carve
-from rollingjoint.planar.batch import PENDING, PinnedRange, Problem
-from rollingjoint.threads import run_lanes
+from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
+from rollingjoint.threads import run_in_threads
 
 __all__ = [
     "PENDING",
+    "BatchArrays",
     "Floats",
     "Integers",
     "Pinned",
     "PinnedRange",
-    "Problem",
     "Singles",
     "WrongLayout",
     "borrow",
@@ -53,7 +53,7 @@ __all__ = [
     "machine_code",
     "next_uniform",
     "part",
-    "run_lanes",
+    "run_in_threads",
     "standalone",
     "unpin",
 ]

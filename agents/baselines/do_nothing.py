@@ -11,9 +11,9 @@ from rj_gym.core.task import Task
 class DoNothing:
     """Leaves the tendons as they are."""
 
-    def begin(self, task: Task, lanes: int) -> None:
+    def begin(self, task: Task, episodes: int) -> None:
         """Remember how many episodes and tendons there are."""
-        self.shape = lanes, task.mechanism.n_tendons
+        self.shape = episodes, task.mechanism.n_tendons
 
     def act(self, seen: Seen) -> Array:
         """No increments, (B, m)."""

@@ -28,12 +28,12 @@ class JacobianFeedback:
     MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
-    def begin(self, task: Task, lanes: int) -> None:
+    def begin(self, task: Task, episodes: int) -> None:
         """Nothing is known of the target's motion yet."""
         low, high = task.config.tension_range
         margin = self.MARGIN * (high - low)
         self.task, self.tension_range = task, (low + margin, high - margin)
-        self.measured = measured_by(task, lanes)
+        self.measured = measured_by(task, episodes)
         self.target: Array | None = None
 
     def act(self, seen: Seen) -> Array:

@@ -1,13 +1,15 @@
-"""What a model makes of what is seen: an equilibrium there, and the load that it tells of; one way per family."""
+"""The model of a mechanism where it was measured, with or without an estimate of the load; one class per family."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.task import Task
+from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 
@@ -30,9 +32,12 @@ class Measured(Protocol):
         """The model under the loads that the measurements tell of, and these, (B, rows, columns)."""
 
 
-def measured_by(task: Task, lanes: int) -> Measured:
+MODELS: dict[type, Callable[[Task, int], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+
+
+def measured_by(task: Task, episodes: int) -> Measured:
     """The model of a task's mechanism, for episodes that begin."""
-    return MeasuredArm(task, lanes) if isinstance(task.mechanism, HingeChain) else MeasuredChain(task.mechanism)
+    return MODELS[type(task.mechanism)](task, episodes)
 
 
 def unstretched(equilibria: Solution) -> Array:

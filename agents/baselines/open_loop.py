@@ -17,12 +17,12 @@ class OpenLoop:
     It knows the mechanism, the target and its own commands, and looks neither at the pose nor at the load.
     """
 
-    def begin(self, task: Task, lanes: int) -> None:
+    def begin(self, task: Task, episodes: int) -> None:
         """Nothing is planned yet."""
         self.task = task
-        self.loads = measured_by(task, lanes).nominal_loads
-        self.target = np.full((lanes, task.dimension), np.nan)
-        self.rest = self.tensions = np.full((lanes, task.mechanism.n_tendons), task.config.start_tension)
+        self.loads = measured_by(task, episodes).nominal_loads
+        self.target = np.full((episodes, task.dimension), np.nan)
+        self.rest = self.tensions = np.full((episodes, task.mechanism.n_tendons), task.config.start_tension)
 
     def act(self, seen: Seen) -> Array:
         """One step on the straight way to the commanded lengths, (B, m)."""

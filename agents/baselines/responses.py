@@ -28,7 +28,7 @@ def length_responses(equilibria: Solution) -> tuple[Array, Array]:
     tips = np.zeros((*equilibria.tip.shape, len(stiffnesses)))
     tensions = np.repeat(-np.diag(stiffnesses)[None], len(usable), axis=0)
     if usable.any():
-        tips[usable], tensions[usable] = tip_and_tensions_dlengths(lanes_of(equilibria, usable))
+        tips[usable], tensions[usable] = tip_and_tensions_dlengths(rows_of(equilibria, usable))
     return tips, tensions
 
 
@@ -37,7 +37,7 @@ def tension_response(equilibria: Solution) -> Array:
     usable = np.asarray(equilibria.ok)
     tips = np.zeros((*equilibria.tip.shape, equilibria.tensions.shape[1]))
     if usable.any():
-        tips[usable] = dtip_dtensions(lanes_of(equilibria, usable))
+        tips[usable] = dtip_dtensions(rows_of(equilibria, usable))
     return tips
 
 
@@ -65,7 +65,7 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     return step
 
 
-def lanes_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
+def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
     """Some of the equilibria of one mechanism."""
     return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 

@@ -1,4 +1,4 @@
-"""The Controller protocol, and what a controller sees: many episodes side by side."""
+"""The Controller protocol, and what a controller sees of many episodes at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rj_gym.core.task import Task
 from rollingjoint.errors import InvalidInput
-from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.statics.solve import solve_lengths_batch
 
 Array = NDArray[np.float64]
@@ -22,11 +21,11 @@ HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 class Controller(Protocol):
     """Anything that turns what it sees into actions, for B episodes side by side.
 
-    An episode must not depend on those beside it. Lanes whose episode has ended are still asked for actions, which
-    nothing reads.
+    An episode must not depend on those beside it. Actions are asked for episodes that have ended, too; nothing reads
+    them.
     """
 
-    def begin(self, task: Task, lanes: int) -> None:
+    def begin(self, task: Task, episodes: int) -> None:
         """So many episodes begin together; the task is None where the environment is not one of rj_gym."""
 
     def act(self, seen: Seen) -> NDArray[Any]:
@@ -98,7 +97,7 @@ class Seen:
         if config.observe_tensions:
             tendons = range(mechanism.n_tendons)
             return config.tension_range[1] * self._entries(*(f"tendon {j} tension" for j in tendons))
-        if isinstance(mechanism, HingeChain):
+        if self._shows_tip_alone:
             hanging = [mechanism.gravity(HANGING)]
             return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
         stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
@@ -109,9 +108,14 @@ class Seen:
         return "xyz"[: self._task.dimension]
 
     @property
+    def _shows_tip_alone(self) -> bool:
+        """Whether the tip is measured and nothing else of the pose, as of an arm."""
+        return "tip x" in self._places
+
+    @property
     def _tip_name(self) -> str:
-        """What the observation calls the tip: of a planar chain it is the last of all links."""
-        return "tip" if "tip x" in self._places else f"link {self._task.mechanism.n_links - 1}"
+        """What the observation calls the tip: of a planar chain it is the last link."""
+        return "tip" if self._shows_tip_alone else f"link {self._task.mechanism.n_links - 1}"
 
     @property
     def _task(self) -> Task:

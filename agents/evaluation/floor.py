@@ -23,12 +23,11 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from agents.evaluation.rollout import is_tracking
-from agents.runs.config import EnvConfig
+from agents.runs.environment import EnvConfig
 from rj_gym.core.task import task_of
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.planar.equilibrium import Status
-from rollingjoint.statics.families import Mechanism
+from rollingjoint.mechanism import AnyMechanism, Mechanism
+from rollingjoint.solution import Status
 from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
 from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
@@ -85,7 +84,7 @@ def episode_floor(
         ConfigError: another environment.
         InvalidInput: a step that does not exist.
     """
-    if not is_tracking(env):
+    if not env.is_tracking:
         raise ConfigError("env.id", env.id, "a tracking environment of rj_gym", "Only these have a floor.")
     config = env.arguments()["config"]
     moments = [config.episode_steps] if steps is None else list(steps)
@@ -110,7 +109,7 @@ def episode_floor(
 
 
 def floor(
-    mechanism: Mechanism | Sequence[Mechanism],
+    mechanism: AnyMechanism | Sequence[AnyMechanism],
     targets: Array,
     loads: Array,
     tension_range: tuple[float, float],
@@ -136,7 +135,7 @@ def floor(
     """
     chains = [mechanism] * len(targets) if isinstance(mechanism, Mechanism) else list(mechanism)
     base = loads[:, :0] if base_loads is None else base_loads
-    every = _Lanes(np.array(chains, dtype=object), targets, loads, base, tension_range)
+    every = _FloorBatch(np.array(chains, dtype=object), targets, loads, base, tension_range)
     parts, together = [], max(1, JOINTS_AT_A_TIME // (chains[0].n_joints * starts * candidates))
     for first in range(0, len(targets), together):
         parts.append(_search(every[first : first + together], starts, candidates))
@@ -148,8 +147,8 @@ def _joined(parts: Sequence[Floor], join: Callable[..., Any]) -> Floor:
 
 
 @dataclass(frozen=True)
-class _Lanes:
-    """Problems, one per lane: mechanisms (B,), targets (B, d), load tables (B, rows, columns), those at the start."""
+class _FloorBatch:
+    """What is searched together: mechanisms (B,), targets (B, d), load tables (B, rows, columns), at the start too."""
 
     chains: NDArray[np.object_]
     targets: Array
@@ -157,7 +156,7 @@ class _Lanes:
     base_loads: Array
     tension_range: tuple[float, float]
 
-    def __getitem__(self, rows: NDArray[np.int64] | slice) -> _Lanes:
+    def __getitem__(self, rows: NDArray[np.int64] | slice) -> _FloorBatch:
         names = ("chains", "targets", "loads", "base_loads")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
@@ -174,7 +173,7 @@ class _Lanes:
 
 
 class _Points(NamedTuple):
-    """Where lanes are. Limits of tension are not applied here: tendons are elastic."""
+    """Where the searches are. Limits of tension are not applied here: tendons are elastic."""
 
     commands: Array  # (B, m) mm
     angles: Array  # (B, J) rad
@@ -188,14 +187,14 @@ class _Points(NamedTuple):
     status: NDArray[np.int64]  # (B,)
 
     def take(self, rows: NDArray[np.int64]) -> _Points:
-        """The points of these lanes."""
+        """The points of these batch."""
         return _Points._make(values[rows] for values in self)
 
 
-def _search(lanes: _Lanes, starts: int, candidates: int) -> Floor:
+def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
     """The best of the local minima that are found from the starts."""
-    episodes, commands, angles = _starts(lanes, starts, candidates)
-    many = lanes[episodes]
+    episodes, commands, angles = _starts(batch, starts, candidates)
+    many = batch[episodes]
     points, ended = _descend(many, _visit(many, commands, angles, commands))
     allowed = np.abs(points.inside).max(axis=1) <= _TENSION_TOLERANCE
     errors = np.where(allowed, np.linalg.norm(points.misses, axis=1), np.inf)
@@ -206,14 +205,14 @@ def _search(lanes: _Lanes, starts: int, candidates: int) -> Floor:
     return Floor(errors[best], chosen.tips, chosen.tensions, chosen.commands, chosen.angles, status[best])
 
 
-def _starts(lanes: _Lanes, starts: int, candidates: int) -> tuple[NDArray[np.int64], Array, Array]:
+def _starts(batch: _FloorBatch, starts: int, candidates: int) -> tuple[NDArray[np.int64], Array, Array]:
     """Episodes (B,), commands (B, m) and joint angles (B, J) of the starts.
 
     As an episode begins: tendons are locked at an equilibrium under the loads of the start, then all loads are applied.
     """
-    count, drawn = len(lanes.targets), starts * candidates
-    tensions = np.tile(_levels(lanes.tension_range, starts, candidates, lanes.stiffnesses.shape[1]), (count, 1))
-    many = lanes[np.repeat(np.arange(count), drawn)]
+    count, drawn = len(batch.targets), starts * candidates
+    tensions = np.tile(_levels(batch.tension_range, starts, candidates, batch.stiffnesses.shape[1]), (count, 1))
+    many = batch[np.repeat(np.arange(count), drawn)]
     unloaded = solve_tensions_batch(many.mechanism, tensions, many.base_loads)
     locked = unloaded.lengths - tensions / many.stiffnesses
     loaded = solve_lengths_batch(many.mechanism, locked, many.loads, unloaded, many.tension_range)
@@ -240,21 +239,21 @@ def _levels(tension_range: tuple[float, float], starts: int, candidates: int, m:
     return tensions
 
 
-def _visit(lanes: _Lanes, commands: Array, angles: Array, fallback: Array) -> _Points:
+def _visit(batch: _FloorBatch, commands: Array, angles: Array, fallback: Array) -> _Points:
     """The equilibria under these commands, found from these joint angles; where there is none, under the fallback."""
-    found = solve_lengths_batch(lanes.mechanism, commands, lanes.loads, angles)
+    found = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
     if not np.all(found.ok):
         commands = np.where(np.asarray(found.ok)[:, None], commands, fallback)
-        found = solve_lengths_batch(lanes.mechanism, commands, lanes.loads, angles)
-    k, m = lanes.stiffnesses, commands.shape[1]
+        found = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
+    k, m = batch.stiffnesses, commands.shape[1]
     elastic = replace(found, tendon_stiffness=k)  # at the edge of slack too
     tips, rates = tip_and_tensions_dlengths(elastic)
     rates = rates / k[:, :1, None]
     regular = rates @ np.swapaxes(rates, 1, 2) + 1e-8 * np.eye(m)  # tensions turn back at folds
     command_rates = np.swapaxes(rates, 1, 2) @ np.linalg.inv(regular) / k[:, :1, None]
     tip_rates = tips @ command_rates
-    misses = found.tip - lanes.targets
-    inside = np.clip(found.tensions, *lanes.tension_range) - found.tensions
+    misses = found.tip - batch.targets
+    inside = np.clip(found.tensions, *batch.tension_range) - found.tensions
     back = _times(tip_rates, inside)
     values = np.linalg.norm(misses + back, axis=1) + np.linalg.norm(back, axis=1) + _OUTSIDE * np.abs(inside).sum(1)
     taut = found.lengths - found.tensions / k
@@ -262,7 +261,7 @@ def _visit(lanes: _Lanes, commands: Array, angles: Array, fallback: Array) -> _P
     return _Points(*where, misses, tip_rates, command_rates, inside, values, np.asarray(found.status))
 
 
-def _descend(lanes: _Lanes, points: _Points) -> tuple[_Points, NDArray[np.bool_]]:
+def _descend(batch: _FloorBatch, points: _Points) -> tuple[_Points, NDArray[np.bool_]]:
     """The local minima below these points, and whether each was reached, (B,)."""
     points = points.take(np.arange(len(points.values)))  # a copy, to be changed below
     damping, ended = np.full(len(points.values), 1e-3), np.zeros(len(points.values), bool)
@@ -271,10 +270,10 @@ def _descend(lanes: _Lanes, points: _Points) -> tuple[_Points, NDArray[np.bool_]
         if len(rows) == 0:
             break
         here = points.take(rows)
-        change = _bounded_change(here, lanes.tension_range, damping[rows])
+        change = _bounded_change(here, batch.tension_range, damping[rows])
         gain = here.values - np.linalg.norm(here.misses + _times(here.tip_rates, change), axis=1)
         trial = here.commands + _times(here.command_rates, change)
-        there = _visit(lanes[rows], trial, here.angles, here.commands)
+        there = _visit(batch[rows], trial, here.angles, here.commands)
         better = there.values < here.values
         for kept, new in zip(points, there, strict=True):
             kept[rows[better]] = new[better]
@@ -309,5 +308,5 @@ def _bounded_change(points: _Points, tension_range: tuple[float, float], damping
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    """Matrix times vector, lane by lane."""
+    """Matrix times vector, row by row."""
     return (matrices @ vectors[..., None])[..., 0]

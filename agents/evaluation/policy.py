@@ -1,14 +1,17 @@
-"""A trained policy as a Controller."""
+"""The policy of a run folder as a controller."""
 
 from __future__ import annotations
 
+import pickle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
 from agents.evaluation.controller import Seen
-from agents.runs.folder import RunFolder, RunFolderError
-from agents.training.build import algorithm_class, load_normaliser
+from agents.runs.algorithms import algorithm_class, schedules
+from agents.runs.files import RunFolderError
+from agents.runs.folder import RunFolder
 from rj_gym.core.task import Task
 
 if TYPE_CHECKING:
@@ -23,7 +26,7 @@ class Policy:
 
     @classmethod
     def load(cls, run: RunFolder, which: str = "best") -> Policy:
-        """The policy saved in a run folder; raises RunFolderError if it is not there."""
+        """The policy saved in a run folder; raises RunFolderError if it is not there or cannot be read."""
         import torch
 
         config = run.config()
@@ -31,9 +34,15 @@ class Policy:
         policy, normaliser = run.policy_files(which)
         if not policy.is_file():
             raise RunFolderError("policy", str(policy), "a saved policy", "Has the training run got that far?")
-        return cls(algorithm_class(config.algorithm).load(policy, device="cpu"), load_normaliser(normaliser))
+        objects = {"lr_schedule": None, **schedules(config.parameters)}  # whose classes may have moved since
+        try:
+            model = algorithm_class(config.algorithm).load(policy, device="cpu", custom_objects=objects)
+            return cls(model, _load_normaliser(normaliser))
+        except Exception as error:  # whatever SB3, torch and pickle make of a damaged file
+            allowed = "a zip that Stable-Baselines3 can load, with its normaliser"
+            raise RunFolderError("policy", str(policy), allowed, repr(error)) from error
 
-    def begin(self, task: Task | None, lanes: int) -> None:
+    def begin(self, task: Task | None, episodes: int) -> None:
         """Nothing to prepare: the policy has no memory."""
 
     def act(self, seen: Seen) -> NDArray[Any]:
@@ -42,3 +51,13 @@ class Policy:
         if self.normaliser is not None:
             observation = self.normaliser.normalize_obs(observation)
         return self.model.predict(observation, deterministic=True)[0]
+
+
+def _load_normaliser(path: Path) -> Any:
+    """The VecNormalize saved at `path`, frozen, without environments; None if the run does not normalise."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as stream:
+        normaliser = pickle.load(stream)
+    normaliser.training = False
+    return normaliser

@@ -2,52 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
-from agents.evaluation.rollout import Episodes
+from agents.evaluation.controller import Array, Controller
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import Episodes, run_episodes
+from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.runs.environment import EnvConfig
+from rj_gym.core.task import task_of
+from rollingjoint.tables import markdown_table, text_table
 
-CLOSE_MM = 1.0
-HELD_STEPS = 10
-FLOOR = "floor"
-
-
-@dataclass(frozen=True)
-class Score:
-    """How one controller did: tip error at the end of the episodes [mm], shares from 0 to 1.
-
-    `within_1_mm` is the share of episodes that end within 1 mm of the target, `held_1_mm` the share that are within
-    1 mm during all of the last 10 steps, `ended_early` the number of episodes that the environment ended. `regret_mm`
-    is the mean of final error minus floor of the same episode, None where there are no floors.
-    """
-
-    mean_mm: float
-    median_mm: float
-    p95_mm: float
-    within_1_mm: float
-    held_1_mm: float
-    mean_reward: float
-    ended_early: int
-    regret_mm: float | None = None
-
-    @classmethod
-    def of(cls, episodes: Episodes, floors: Array | None = None) -> Score:
-        """The score of one controller's episodes; floors (E,) [mm], one that is not finite does not count."""
-        final = episodes.final_errors
-        return cls(
-            mean_mm=float(final.mean()),
-            median_mm=float(np.median(final)),
-            p95_mm=float(np.percentile(final, 95)),
-            within_1_mm=float(np.mean(final <= CLOSE_MM)),
-            held_1_mm=float(np.mean(np.all(episodes.errors[:, -HELD_STEPS:] <= CLOSE_MM, axis=1))),
-            mean_reward=float(episodes.rewards.mean()),
-            ended_early=int(episodes.terminated.sum()),
-            regret_mm=None if floors is None else _mean_of_finite(final - floors),
-        )
+POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers
 
 
 @dataclass(frozen=True)
@@ -83,7 +52,7 @@ class Report:
         return [int(seed) for seed in next(iter(self.episodes.values())).seeds]
 
     def table(self) -> list[list[str]]:
-        """Header and rows of the table, as text."""
+        """Head and rows of the table, as text."""
         head = ["controller", "mean", "median", "95 % below", "within 1 mm", f"held {HELD_STEPS} steps", "regret"]
         rows = [
             [
@@ -98,10 +67,8 @@ class Report:
 
     def text(self) -> str:
         """The table for a terminal."""
-        rows = self.table()
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
-        return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+        head, *rows = self.table()
+        return text_table(head, rows, ruled=True)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for report.json."""
@@ -122,14 +89,13 @@ class Report:
             notes: what each controller is, by name.
             pictures: caption by file name.
         """
-        head, *rows = (" | ".join(row) for row in self.table())
-        aligned = "|".join([":--", *["--:"] * (len(self.table()[0]) - 1)])
+        head, *rows = self.table()
         early = [f"{name}: {score.ended_early}" for name, score in self.scores.items() if score.ended_early]
         parts = [
             "# Evaluation",
             "\n".join(f"- {key}: {value}" for key, value in self.about.items()),
             self._explanation(),
-            "\n".join([f"| {head} |", f"|{aligned}|", *(f"| {row} |" for row in rows)]),
+            markdown_table(head, rows),
             "\n".join(f"- **{name}**: {note}" for name, note in notes.items()),
             f"Episodes that the environment ended early: {', '.join(early) or 'none'}.",
             *(f"![{caption}]({file})\n\n{caption}" for file, caption in pictures.items()),
@@ -151,9 +117,18 @@ class Report:
         )
 
 
-def _mean_of_finite(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else None
+def evaluate_controllers(
+    env: EnvConfig, controllers: Mapping[str, Controller], seeds: Sequence[int], with_floor: bool = True
+) -> Report:
+    """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
+
+    Environments with another task than tracking have no floor.
+    """
+    episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
+    if not env.is_tracking:
+        return Report(episodes)
+    floors = episode_floor(env, seeds).errors if with_floor else None
+    return Report(episodes, task_of(env.arguments()["config"]).length, floors)
 
 
 def _floor_row(floors: Array) -> list[str]:

@@ -1,21 +1,18 @@
-"""Episodes of an environment under a controller, many side by side, from fixed seeds."""
+"""Episodes of an environment under a controller, many at a time, from fixed seeds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, cast
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import SyncVectorEnv, VectorEnv
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from agents.evaluation.controller import Array, Controller, Seen
-from agents.runs.config import EnvConfig
+from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
 from rj_gym.core.task import Task
-from rollingjoint.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -47,22 +44,15 @@ class Episodes:
         return self.errors[:, -1]
 
 
-def is_tracking(env: EnvConfig) -> bool:
-    """Whether its task is one of tracking, planar or of an arm, for which there are baselines and floors."""
-    from rj_gym import IDS
+def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], batch: int = 256) -> Episodes:
+    """One episode per seed, `batch` of them at a time.
 
-    return env.id in IDS
-
-
-def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], lanes: int = 256) -> Episodes:
-    """One episode per seed, `lanes` of them at a time.
-
-    Each is the episode of the scalar environment after reset(seed=seed), whatever `lanes`.
+    Each is the episode of the scalar environment after reset(seed=seed), whatever `batch`.
 
     Raises:
         ConfigError: an environment that cannot be made, or does not report info["error_mm"].
     """
-    blocks = [seeds[first : first + lanes] for first in range(0, len(seeds), lanes)]
+    blocks = [seeds[first : first + batch] for first in range(0, len(seeds), batch)]
     return _joined([_side_by_side(env, controller, block) for block in blocks])
 
 
@@ -78,36 +68,25 @@ def film(env: EnvConfig, controller: Controller, seed: int) -> list[NDArray[np.u
     return frames
 
 
-def tip_error(info: dict[str, Any]) -> float:
-    """Tip error in an info [mm]; raises ConfigError for an environment that does not report one."""
-    return float(_tip_errors(info))
-
-
-def _tip_errors(info: dict[str, Any]) -> Any:
-    if "error_mm" not in info:
-        raise ConfigError("info", sorted(info), 'an environment that reports info["error_mm"], the tip error in mm')
-    return info["error_mm"]
-
-
 def _side_by_side(
     env: EnvConfig,
     controller: Controller,
     seeds: Sequence[int],
     watch: Callable[[VectorEnv[Any, Any, Any]], None] | None = None,
 ) -> Episodes:
-    """One episode per seed, all at a time; `watch` is called at every state. Lanes that have ended are not read."""
-    envs = _vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
-    task = getattr(envs, "task", None) if is_tracking(env) else None
+    """One episode per seed, all at a time, each to its end; `watch` is called at every state."""
+    envs = make_vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
+    task = getattr(envs, "task", None) if env.is_tracking else None
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
     controller.begin(cast(Task, task), len(seeds))
     drawn = info.get("sampled", {}) if task else {}
-    errors, rewards = [np.array(_tip_errors(info), float)], np.zeros(len(seeds))
+    errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
     while running.any():
         if watch:
             watch(envs)
         observation, reward, terminated, truncated, info = envs.step(controller.act(Seen(observation, task)))
-        errors.append(np.where(running, _tip_errors(info), errors[-1]))
+        errors.append(np.where(running, tip_errors(info), errors[-1]))
         rewards += np.where(running, reward, 0.0)
         early |= running & terminated
         running &= ~(terminated | truncated)
@@ -116,20 +95,6 @@ def _side_by_side(
     envs.close()
     series = [drawn.get(name) for name in ("forces", "link", "targets")]
     return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, *series)
-
-
-def _vector_env(env: EnvConfig, lanes: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """The native vector environment of rj_gym; else scalar environments one after the other."""
-    from agents.training.build import make_env
-
-    if not env.id.startswith("rj_gym/"):
-        return SyncVectorEnv([partial(make_env, env, **arguments)] * lanes)
-    import rj_gym  # noqa: F401  (registers its ids)
-
-    try:
-        return gymnasium.make_vec(env.id, lanes, "vector_entry_point", **env.arguments(), **arguments)
-    except gymnasium.error.Error as error:
-        raise ConfigError("env", env.id, "an environment that Gymnasium can make", str(error)) from error
 
 
 def _joined(blocks: Sequence[Episodes]) -> Episodes:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from agents.runs.schedules import check_integer, check_number
+from agents.evaluation.score import Score
+from agents.runs.checks import check_fields, integer, number
 from rollingjoint.checked_yaml import mapping
-
-if TYPE_CHECKING:
-    from agents.evaluation.report import Score
 
 ERRORS, SHARES = ("mean_mm", "median_mm", "p95_mm"), ("within_1_mm", "held_1_mm")
 RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands: docs/policies.md says why
@@ -21,7 +18,7 @@ class RecordedScore:
     """What a policy scored on the episodes with the seeds first_seed, first_seed + 1, ...
 
     Args:
-        values: by the names ERRORS [mm] and SHARES, which mean what they mean in agents.evaluation.report.Score.
+        values: by the names ERRORS [mm] and SHARES, which mean what they mean in agents.evaluation.score.Score.
         tolerances: by the same names, how far a score of the same episodes may lie from the value.
     Raises:
         ConfigError: a missing name, or a number out of range.
@@ -33,12 +30,11 @@ class RecordedScore:
     tolerances: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        check_integer("score.first_seed", self.first_seed, 0, 2**31)
-        check_integer("score.episodes", self.episodes, 1, 10**6)
+        check_fields(self, "score.", first_seed=integer(0, 2**31), episodes=integer(1, 10**6))
         for part in ("values", "tolerances"):
             numbers = mapping(f"score.{part}", getattr(self, part), ERRORS + SHARES, ERRORS + SHARES)
             for name, value in numbers.items():
-                check_number(f"score.{part}.{name}", value, 0.0, 1e6)
+                number(0.0, 1e6)(f"score.{part}.{name}", value)
 
     @classmethod
     def of(cls, score: Score, seeds: range) -> RecordedScore:

@@ -1,88 +1,98 @@
-"""Hyper-parameters a configuration may set, by algorithm: names of the Stable-Baselines3 constructors.
+"""Learning algorithms: their classes, and the hyper-parameters that a configuration may set.
 
-Arguments that are Python objects (buffers, noise) or that other keys of the configuration fill (env, policy,
-seed, device, logging) are left out. Parameters that a configuration does not set keep Stable-Baselines3's default.
+Hyper-parameters have the names of the Stable-Baselines3 constructors; one that is not set keeps the default there.
+Left out are arguments that are Python objects (buffers, noise) or that other keys of the configuration fill (env,
+policy, seed, device, logging).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
-from agents.runs.schedules import check_boolean, check_integer, check_number, check_schedule, schedule
+from agents.runs.checks import Check, boolean, integer, number, optional
+from agents.runs.schedules import built, schedule
 from rollingjoint.checked_yaml import mapping
 from rollingjoint.errors import ConfigError
 
-Check = Callable[[str, Any], None]
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 
-def _optional(check: Check) -> Check:
-    return lambda what, value: None if value is None else check(what, value)
-
-
-def _entropy(what: str, value: Any) -> None:
+def _entropy(what: str, value: Any) -> Any:
     """Accept a number, or "auto" or "auto_0.1" (learned, with that first value)."""
-    if isinstance(value, str):
-        first = value.removeprefix("auto").removeprefix("_") or "1"
-        if not value.startswith("auto") or not first.replace(".", "", 1).isdigit() or float(first) == 0:
-            raise ConfigError(what, value, "a number, auto, or auto_X with X > 0")
-    else:
-        check_number(what, value)
+    if not isinstance(value, str):
+        return number()(what, value)
+    first = value.removeprefix("auto").removeprefix("_") or "1"
+    if not value.startswith("auto") or not first.replace(".", "", 1).isdigit() or float(first) == 0:
+        raise ConfigError(what, value, "a number, auto, or auto_X with X > 0")
+    return value
 
 
-_count = partial(check_integer, low=1)
-_from_zero = partial(check_number, low=0.0)
-_share = partial(check_number, low=0.0, high=1.0)
+_count, _positive, _share = integer(1), number(0.0), number(0.0, 1.0)
 
 _COMMON: dict[str, Check] = {
-    "learning_rate": check_schedule,
-    "batch_size": partial(check_integer, low=2),
+    "learning_rate": schedule(),
+    "batch_size": integer(2),
     "gamma": _share,
-    "use_sde": check_boolean,
-    "sde_sample_freq": partial(check_integer, low=-1),
+    "use_sde": boolean,
+    "sde_sample_freq": integer(-1),
     "stats_window_size": _count,
 }
 _OFF_POLICY: dict[str, Check] = _COMMON | {
     "buffer_size": _count,
-    "learning_starts": partial(check_integer, low=0),
+    "learning_starts": integer(0),
     "train_freq": _count,
-    "gradient_steps": partial(check_integer, low=-1),
+    "gradient_steps": integer(-1),
     "n_steps": _count,
     "ent_coef": _entropy,
     "target_entropy": _entropy,
-    "use_sde_at_warmup": check_boolean,
+    "use_sde_at_warmup": boolean,
 }
 _TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
 PARAMETERS: dict[str, dict[str, Check]] = {
     "ppo": _COMMON
     | {
-        "n_steps": partial(check_integer, low=2),
+        "n_steps": integer(2),
         "n_epochs": _count,
         "gae_lambda": _share,
-        "clip_range": check_schedule,
-        "clip_range_vf": _optional(check_schedule),
-        "normalize_advantage": check_boolean,
-        "ent_coef": _from_zero,
-        "vf_coef": _from_zero,
-        "max_grad_norm": _from_zero,
-        "target_kl": _optional(_from_zero),
+        "clip_range": schedule(),
+        "clip_range_vf": optional(schedule()),
+        "normalize_advantage": boolean,
+        "ent_coef": _positive,
+        "vf_coef": _positive,
+        "max_grad_norm": _positive,
+        "target_kl": optional(_positive),
     },
     "sac": _OFF_POLICY | _TARGETS,
-    "tqc": _OFF_POLICY | _TARGETS | {"top_quantiles_to_drop_per_net": partial(check_integer, low=0, high=24)},
+    "tqc": _OFF_POLICY | _TARGETS | {"top_quantiles_to_drop_per_net": integer(0, 24)},
     "crossq": _OFF_POLICY | {"policy_delay": _count},
 }
 HINDSIGHT = ("sac", "tqc")
 _SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
 
 
-def check_parameters(algorithm: str, parameters: Any, n_envs: int) -> None:
-    """Accept hyper-parameters that Stable-Baselines3's `algorithm` takes, each in its range."""
+def algorithm_class(name: str) -> type[BaseAlgorithm]:
+    """The class of "ppo" or "sac" in Stable-Baselines3, of "tqc" or "crossq" in its contributions."""
+    if name in ("tqc", "crossq"):
+        import sb3_contrib
+
+        contributed: dict[str, type[BaseAlgorithm]] = {"tqc": sb3_contrib.TQC, "crossq": sb3_contrib.CrossQ}
+        return contributed[name]
+    import stable_baselines3
+
+    classes: dict[str, type[BaseAlgorithm]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
+    return classes[name]
+
+
+def checked_parameters(algorithm: str, parameters: Any, n_envs: int) -> dict[str, Any]:
+    """The hyper-parameters in their plain form; raises ConfigError for one that `algorithm` does not take."""
     checks = PARAMETERS[algorithm]
-    for name, value in mapping("parameters", parameters, list(checks)).items():
-        checks[name](f"parameters.{name}", value)
+    given = mapping("parameters", parameters, list(checks))
+    checked = {name: checks[name](f"parameters.{name}", value) for name, value in given.items()}
     if algorithm == "ppo":
-        _check_batches(parameters, n_envs)
+        _check_batches(checked, n_envs)
+    return checked
 
 
 def check_hindsight(algorithm: str, parameters: Mapping[str, Any], n_envs: int, episode_steps: int | None) -> None:
@@ -105,7 +115,12 @@ def _check_at_least(parameters: Mapping[str, Any], name: str, default: int, low:
 
 def constructor_arguments(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments for the constructor: checked parameters with schedules built."""
-    return {name: schedule(value) if name in _SCHEDULES else value for name, value in parameters.items()}
+    return dict(parameters) | schedules(parameters)
+
+
+def schedules(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters that may be schedules, built."""
+    return {name: built(parameters[name]) for name in _SCHEDULES if name in parameters}
 
 
 def _check_batches(parameters: Mapping[str, Any], n_envs: int) -> None:

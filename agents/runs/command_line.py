@@ -1,10 +1,10 @@
-"""What the commands share: one clear line for an error, the exit code, and signals that end them in order."""
+"""What the commands share: one line for an error, exit codes, signals, and the command that was typed."""
 
 from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rollingjoint.errors import RollingJointError
@@ -35,3 +35,8 @@ def signals_seen() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:
+    """The command line that starts `module` with these arguments (None: those of this process)."""
+    return ["python", "-m", module, *(sys.argv[1:] if argv is None else argv)]

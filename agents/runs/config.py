@@ -4,63 +4,15 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from agents.runs.schedules import check_boolean, check_choice, check_integer, check_number
-from agents.runs.algorithms import PARAMETERS, check_hindsight, check_parameters
+from agents.runs.algorithms import PARAMETERS, check_hindsight, checked_parameters
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional
+from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
-
-if TYPE_CHECKING:
-    from rj_gym.core.config import TaskConfig
-
-
-@dataclass(frozen=True)
-class EnvConfig:
-    """The environment: Gymnasium id, copies that are stepped together, and settings.
-
-    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
-    """
-
-    id: str = "rj_gym/RollingJoint-v0"
-    n_envs: int = 16
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.id, str) or not self.id:
-            raise ConfigError("env.id", self.id, "the id of a Gymnasium environment")
-        check_integer("env.n_envs", self.n_envs, 1, 1024)
-        if not isinstance(self.settings, Mapping):
-            raise ConfigError("env.settings", self.settings, "a mapping of settings to values")
-        self.arguments()
-
-    def arguments(self) -> dict[str, Any]:
-        """Keyword arguments for gymnasium.make; raises ConfigError for settings the environment does not have."""
-        if not self.id.startswith("rj_gym/"):
-            return dict(self.settings)
-        from rj_gym import settings_of
-
-        kind = settings_of(self.id)
-        try:
-            return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
-        except ConfigError as error:
-            raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.hint) from error
-
-    @property
-    def episode_steps(self) -> int | None:
-        """Steps of an episode; None for an environment that is not one of rj_gym."""
-        config = self.arguments().get("config") if self.id.startswith("rj_gym/") else None
-        return None if config is None else config.episode_steps
-
-
-def plain_settings(config: TaskConfig) -> dict[str, Any]:
-    """All settings of a tracking environment but the mechanism, as plain values."""
-    either_task: Any = config
-    values = asdict(replace(either_task, mechanism=""))
-    del values["mechanism"]
-    return values
 
 
 @dataclass(frozen=True)
@@ -76,20 +28,10 @@ class PolicyConfig:
     log_std_init: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "value_hidden"):
-            widths = getattr(self, name)
-            if widths is not None or name == "hidden":
-                object.__setattr__(self, name, _layer_widths(f"policy.{name}", widths))
-        check_choice("policy.activation", self.activation, ("tanh", "relu", "elu"))
-        check_number("policy.log_std_init", self.log_std_init, -10.0, 3.0)
-
-
-def _layer_widths(what: str, widths: Any) -> tuple[int, ...]:
-    if not isinstance(widths, list | tuple):
-        raise ConfigError(what, widths, "a list of layer widths")
-    for width in widths:
-        check_integer(what, width, 1, 4096)
-    return tuple(widths)
+        widths = integers(1, 4096)
+        activation = choice("tanh", "relu", "elu")
+        check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
+        check_fields(self, "policy.", log_std_init=number(-10.0, 3.0))
 
 
 @dataclass(frozen=True)
@@ -103,8 +45,7 @@ class HerConfig:
     strategy: str = "future"
 
     def __post_init__(self) -> None:
-        check_integer("her.goals", self.goals, 1, 100)
-        check_choice("her.strategy", self.strategy, ("future", "final", "episode"))
+        check_fields(self, "her.", goals=integer(1, 100), strategy=choice("future", "final", "episode"))
 
 
 @dataclass(frozen=True)
@@ -115,8 +56,7 @@ class NormaliseConfig:
     reward: bool = True
 
     def __post_init__(self) -> None:
-        check_boolean("normalise.observation", self.observation)
-        check_boolean("normalise.reward", self.reward)
+        check_fields(self, "normalise.", observation=boolean, reward=boolean)
 
 
 @dataclass(frozen=True)
@@ -128,9 +68,12 @@ class EvaluationConfig:
     seed: int = 1_000_000
 
     def __post_init__(self) -> None:
-        check_integer("evaluation.every", self.every, 1)
-        check_integer("evaluation.episodes", self.episodes, 1)
-        check_integer("evaluation.seed", self.seed, 0, 2**31)
+        check_fields(self, "evaluation.", every=integer(1), episodes=integer(1), seed=integer(0, 2**31))
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of its episodes."""
+        return range(self.seed, self.seed + self.episodes)
 
 
 @dataclass(frozen=True)
@@ -150,14 +93,30 @@ class TrainConfig:
     torch_threads: int = 1
 
     def __post_init__(self) -> None:
-        check_choice("algorithm", self.algorithm, tuple(PARAMETERS))
-        check_integer("total_timesteps", self.total_timesteps, 1)
-        check_integer("seed", self.seed, 0, 2**31)
-        check_integer("checkpoint_every", self.checkpoint_every, 1)
-        check_integer("torch_threads", self.torch_threads, 1, 256)
-        check_parameters(self.algorithm, self.parameters, self.env.n_envs)
+        check_fields(self, algorithm=choice(*PARAMETERS), total_timesteps=integer(1), seed=integer(0, 2**31))
+        check_fields(self, checkpoint_every=integer(1), torch_threads=integer(1, 256))
+        parameters = checked_parameters(self.algorithm, self.parameters, self.env.n_envs)
+        object.__setattr__(self, "parameters", parameters)
         if self.her is not None:
             check_hindsight(self.algorithm, self.parameters, self.env.n_envs, self.env.episode_steps)
+
+    @property
+    def seeds(self) -> dict[str, range]:
+        """The seeds that the run uses."""
+        environments = range(self.seed, self.seed + self.env.n_envs)
+        return {"training_environments": environments, "evaluation_during_training": self.evaluation.seeds}
+
+    def use_of(self, seeds: range) -> str | None:
+        """What the run uses one of these seeds for; None if for nothing."""
+        return next((use for use, used in self.seeds.items() if overlap(used, seeds)), None)
+
+    def check_unused(self, seeds: range) -> None:
+        """Raise ConfigError unless these are seeds, at least one, that training has not used."""
+        integer(1)("--episodes", len(seeds))
+        integer(0)("--seed", seeds.start)
+        if self.use_of(seeds):
+            hint = "The run's seeds.json lists them; give another --seed."
+            raise ConfigError("--seed", seeds.start, "seeds that training has not used", hint)
 
     @classmethod
     def from_dict(cls, values: Any) -> TrainConfig:
@@ -176,6 +135,12 @@ class TrainConfig:
             values["policy"][name] = None if widths is None else list(widths)
         return values
 
+    def content(self) -> dict[str, Any]:
+        """Plain values of all that it means: defaults of the environment written in, a mechanism as its numbers."""
+        values = self.to_dict()
+        values["env"]["settings"] = self.env.complete_settings()
+        return values
+
 
 SECTIONS: dict[str, type] = {
     "env": EnvConfig,
@@ -184,6 +149,11 @@ SECTIONS: dict[str, type] = {
     "her": HerConfig,
     "evaluation": EvaluationConfig,
 }
+
+
+def overlap(one: range, other: range) -> bool:
+    """Whether two ranges of seeds have one in common."""
+    return one.start < other.stop and other.start < one.stop
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:

@@ -26,54 +26,20 @@ import platform
 import re
 import shlex
 import shutil
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.runs.config import TrainConfig, load_config
-from agents.runs.file_lock import file_lock
+from agents.runs.files import RunFolderError, read_rows, write_json, write_text
+from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml, read_yaml
-from rollingjoint.errors import InvalidInput
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
 PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which other work does not stretch
-
-
-class RunFolderError(InvalidInput):
-    """A run folder that cannot be made or read."""
-
-
-def write_file(path: Path, write: Callable[[Any], Any]) -> None:
-    """Call `write` with a binary stream; the file appears whole or not at all (a neighbour that is then renamed)."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with partial.open("wb") as stream:
-            write(stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file of these bytes, whole or not at all."""
-    write_file(path, lambda stream: stream.write(content))
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-    write_bytes(path, text.encode())
-
-
-def write_json(path: Path, values: Any) -> None:
-    """Write plain values as JSON, whole or not at all."""
-    write_text(path, json.dumps(values, indent=2) + "\n")
 
 
 @dataclass(frozen=True)
@@ -95,7 +61,7 @@ class RunFolder:
             write_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
             write_text(partial / "command.txt", shlex.join(command) + "\n")
             write_json(partial / "versions.json", versions())
-            write_json(partial / "seeds.json", seeds(config))
+            write_json(partial / "seeds.json", _seeds(config))
             if force and path.exists():
                 cls(path)._give_way_to(partial)
             else:
@@ -133,12 +99,7 @@ class RunFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run folder alone; raises RunFolderError where another training holds it."""
-        with ExitStack() as held:
-            try:
-                held.enter_context(file_lock(self.path / "lock"))
-            except BlockingIOError:
-                hint = "Wait for its end, or stop it."
-                raise RunFolderError("run folder", str(self.path), "one in which no training runs", hint) from None
+        with alone_in(self.path, "run folder", "one in which no training runs"):
             yield
 
     def begin_anew(self) -> None:
@@ -167,6 +128,26 @@ class RunFolder:
     def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
         """The configuration of the run, with overrides on top."""
         return load_config(self.path / "config.yaml", overrides)
+
+    @property
+    def begun_with(self) -> str:
+        """The version of this project that wrote the folder, in words."""
+        try:
+            found = json.loads((self.path / "versions.json").read_text())["rollingjoint"]
+        except (OSError, ValueError, LookupError, TypeError):
+            return "an unknown version of rollingjoint"
+        return f"rollingjoint {found}"
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all steps are done and saved: the last thing that training writes is a checkpoint."""
+        done = [int(path.name) for path in self.checkpoints.glob("[0-9]*") if path.name.isdigit()]
+        return max(done, default=0) >= self.config().total_timesteps
+
+    @property
+    def training_seconds(self) -> float:
+        """Processor time of the training to the last row of its log [s]; 0 where there is none."""
+        return max((float(row.get(PROCESSOR) or 0) for row in read_rows(self.progress)), default=0.0)
 
     @property
     def logs(self) -> Path:
@@ -209,10 +190,15 @@ def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     return values
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python, the packages and the platform."""
+def _seeds(config: TrainConfig) -> dict[str, Any]:
+    """Plain values for seeds.json: first and last of each range."""
+    return {"training": config.seed} | {use: [used[0], used[-1]] for use, used in config.seeds.items()}
+
+
+def versions(*more: str) -> dict[str, str]:
+    """Versions of Python, of our packages and of `more`, and the platform."""
     found = {"python": platform.python_version()}
-    for name in PACKAGES:
+    for name in (*PACKAGES, *more):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -222,18 +208,3 @@ def versions() -> dict[str, str]:
         "processor": platform.machine(),
         "cores": str(os.cpu_count()),
     }
-
-
-def seeds(config: TrainConfig) -> dict[str, Any]:
-    """Seeds that the run uses: first and last of each range."""
-    evaluation = config.evaluation
-    return {
-        "training": config.seed,
-        "training_environments": [config.seed, config.seed + config.env.n_envs - 1],
-        "evaluation_during_training": [evaluation.seed, evaluation.seed + evaluation.episodes - 1],
-    }
-
-
-def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:
-    """The command line that starts `module` with these arguments (None: those of this process)."""
-    return ["python", "-m", module, *(sys.argv[1:] if argv is None else argv)]

@@ -9,7 +9,6 @@ lock                 held by the process that searches
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import shlex
@@ -23,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.runs.file_lock import file_lock
-from agents.runs.folder import RunFolderError, versions, write_json, write_text
+from agents.runs.files import RunFolderError, write_json, write_text
+from agents.runs.folder import versions
+from agents.runs.locks import alone_in
 from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml
@@ -55,7 +55,7 @@ class SearchRun:
                 hint = "Another --out begins a new search, --force replaces the runs that are there."
                 raise RunFolderError("run", str(path), "a run of the search that the file describes now", hint)
         if not run.is_there:
-            write_json(path / "versions.json", versions() | _versions("cma", "ribs", "optuna"))
+            write_json(path / "versions.json", versions("cma", "ribs", "optuna"))
             write_text(path / "config.yaml", dump_yaml(config.to_dict()))
         run = cls(path)
         if not run.is_finished:
@@ -92,12 +92,8 @@ class SearchRun:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run alone; raises RunFolderError where another process holds it."""
-        try:
-            with file_lock(self.path / "lock"):
-                yield
-        except BlockingIOError:
-            hint = "Wait for its end, or stop it."
-            raise RunFolderError("run", str(self.path), "one in which no other process searches", hint) from None
+        with alone_in(self.path, "run", "one in which no other process searches"):
+            yield
 
     def batches(self) -> list[tuple[Evaluated, float]]:
         """All batches, the processor time after each [s]; raises RunFolderError for a broken journal."""
@@ -130,13 +126,3 @@ class SearchRun:
 def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:
     columns = {name: np.array(values[name], kind) for name, kind in COLUMNS.items() if name in values}
     return Evaluated(**columns), float(values["seconds"])
-
-
-def _versions(*packages: str) -> dict[str, str]:
-    found = {}
-    for name in packages:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from agents.runs.schedules import check_integer
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, integer
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 
 @dataclass
 class LatinHypercube:
     """One Latin hypercube of the whole budget, `batch` designs at a time."""
 
-    task: Task
+    setup: Setup
     batch: int = 50
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_integer("batch", self.batch, 1)
+        check_fields(self, batch=integer(1))
         self.left: Array | None = None
 
     def ask(self, most: int) -> Array:
@@ -27,7 +27,7 @@ class LatinHypercube:
         if self.left is None:
             from scipy.stats.qmc import LatinHypercube as Sampler
 
-            self.left = 2.0 * Sampler(self.task.dimensions, rng=self.task.generator).random(most) - 1.0
+            self.left = 2.0 * Sampler(self.setup.dimensions, rng=self.setup.generator).random(most) - 1.0
         count = min(self.batch, most)
         asked, self.left = self.left[:count], self.left[count:]
         return asked

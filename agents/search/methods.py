@@ -7,7 +7,7 @@ from dataclasses import MISSING, fields
 from importlib import import_module
 from typing import Any
 
-from agents.search.optimiser import Optimiser, Task
+from agents.search.optimiser import Optimiser, Setup
 from rollingjoint.checked_yaml import mapping
 from rollingjoint.errors import ConfigError
 
@@ -22,14 +22,14 @@ METHODS = {
 }
 
 
-def make(name: str, task: Task, settings: Mapping[str, Any]) -> Optimiser:
+def make(name: str, setup: Setup, settings: Mapping[str, Any]) -> Optimiser:
     """The optimiser of that name; raises ConfigError for settings that it does not have, or that it does not take."""
     module, kind = METHODS[name].split(".")
     optimiser = getattr(import_module(f"agents.search.{module}"), kind)
-    own = [field for field in fields(optimiser) if field.name != "task"]
+    own = [field for field in fields(optimiser) if field.name != "setup"]
     needed = [field.name for field in own if field.default is MISSING]
     checked = mapping(f"methods.{name}", settings, [field.name for field in own], needed)
     try:
-        return optimiser(task, **checked)
+        return optimiser(setup, **checked)
     except ConfigError as error:
         raise ConfigError(f"methods.{name}.{error.what}", error.value, error.allowed, error.hint) from error

@@ -1,6 +1,6 @@
 """What an optimiser is: it asks for designs to be evaluated, and is told what was found.
 
-An optimiser is deterministic: the same task, settings and answers make it ask the same. That is how an interrupted
+An optimiser is deterministic: the same setup, settings and answers make it ask the same. That is how an interrupted
 search goes on: a new optimiser is told what the journal holds, and stands where the old one stood.
 """
 
@@ -19,7 +19,7 @@ Derivatives = Literal["", "gradient", "jacobian"]
 
 
 @dataclass(frozen=True)
-class Task:
+class Setup:
     """What an optimiser knows beforehand.
 
     Args:
@@ -45,7 +45,7 @@ class Evaluated:
     Args:
         x: (B, d), in the box.
         cost: (B,), to be minimised; designs that fail or break a limit have a high one.
-        measured: (B, m) physical values, in the order of Task.names; of no meaning where not `ok`.
+        measured: (B, m) physical values, in the order of Setup.names; of no meaning where not `ok`.
         ok: (B,) the design can be built and all its equilibria were found.
         feasible: (B,) it keeps all limits, too.
         worth, constraints: (B,), (B, c) what the cost is without penalty; the constraints, 0 or more where kept.
@@ -81,7 +81,7 @@ class Evaluated:
 
 
 class Optimiser(Protocol):
-    """Searches the box. A dataclass whose first field is `task` and whose others are settings with defaults.
+    """Searches the box. A dataclass whose first field is `setup` and whose others are settings with defaults.
 
     Failed designs, broken limits, equal costs and populations without one valid design raise nothing.
     """

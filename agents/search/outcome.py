@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from agents.runs.folder import RunFolderError
+from agents.runs.files import RunFolderError
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.methods import METHODS

@@ -10,7 +10,7 @@ from typing import Any
 
 from agents.search.config import SearchConfig
 from agents.search.methods import make
-from agents.search.optimiser import Optimiser, Task
+from agents.search.optimiser import Optimiser, Setup
 from rollingjoint.checked_yaml import mapping, number
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
@@ -64,7 +64,7 @@ def check(config: SearchConfig) -> None:
 def optimiser(run: SearchConfig, problem: Problem) -> Optimiser:
     """The optimiser of a run of one method and one seed; raises ConfigError."""
     ((name, settings),) = run.methods.items()
-    return make(name, Task(problem.dimensions, names(problem), run.seeds[0]), settings)
+    return make(name, Setup(problem.dimensions, names(problem), run.seeds[0]), settings)
 
 
 def measured(problem: Problem) -> list[Objective]:

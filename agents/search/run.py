@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.runs.folder import RunFolderError
+from agents.runs.files import RunFolderError
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Evaluated, Optimiser
 

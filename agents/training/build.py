@@ -1,45 +1,28 @@
-"""From a configuration to environments and a Stable-Baselines3 model; torch is loaded here, late."""
+"""The environments and the Stable-Baselines3 model of a configuration."""
 
 from __future__ import annotations
 
-import pickle
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
+import torch
+from stable_baselines3 import HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
-from agents.evaluation.rollout import tip_error
-from agents.runs.algorithms import constructor_arguments
-from agents.runs.config import EnvConfig, TrainConfig
+from agents.runs.algorithms import algorithm_class, constructor_arguments
+from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig, make_env, making, tip_errors
+from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.vec_env import VecEnv
 
-
-def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
-    """One environment of the run; raises ConfigError if Gymnasium cannot make it."""
-    if config.id.startswith("rj_gym/"):
-        import rj_gym  # noqa: F401  (registers its ids)
-    try:
-        return gymnasium.make(config.id, **config.arguments(), **arguments)
-    except (gymnasium.error.Error, TypeError) as error:
-        raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
-
-
-def make_vec_env(config: EnvConfig) -> VecEnv:
-    """The copies that training steps together: lanes of a native vector environment, else one after the other."""
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
-
+def make_training_env(config: EnvConfig) -> VecEnv:
+    """The copies that training steps together: a native vector environment, else scalar ones in turn."""
     envs: VecEnv
-    if config.id.startswith("rj_gym/"):
-        from rj_gym.sb3 import make_sb3_env
-
-        try:
+    if config.is_ours:
+        with making(config):
             envs = make_sb3_env(config.id, config.n_envs, **config.arguments())
-        except gymnasium.error.Error as error:
-            raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
     else:
         _check_reports_error(config)
         envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
@@ -50,7 +33,7 @@ def _check_reports_error(config: EnvConfig) -> None:
     """Raise ConfigError, before training begins, for an environment without info["error_mm"]."""
     env = make_env(config)
     try:
-        tip_error(env.reset()[1])
+        tip_errors(env.reset()[1])
     finally:
         env.close()
 
@@ -60,16 +43,12 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
 
     Raises ConfigError if Stable-Baselines3 refuses the configuration.
     """
-    import torch
-    from gymnasium.spaces import Dict
-    from stable_baselines3.common.vec_env import VecNormalize
-
     torch.set_num_threads(config.torch_threads)
-    env = make_vec_env(config.env)
+    env = make_training_env(config.env)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
-    policy = "MultiInputPolicy" if isinstance(env.observation_space, Dict) else "MlpPolicy"
+    policy = "MultiInputPolicy" if isinstance(env.observation_space, gymnasium.spaces.Dict) else "MlpPolicy"
     arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
         _check_observation(config, env.observation_space)
@@ -84,19 +63,6 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
         raise ConfigError("parameters", dict(config.parameters), "what the algorithm accepts", str(error)) from error
 
 
-def algorithm_class(name: str) -> type[BaseAlgorithm]:
-    """The class of "ppo" or "sac" in Stable-Baselines3, of "tqc" or "crossq" in its contributions."""
-    if name in ("tqc", "crossq"):
-        import sb3_contrib
-
-        contributed: dict[str, type[BaseAlgorithm]] = {"tqc": sb3_contrib.TQC, "crossq": sb3_contrib.CrossQ}
-        return contributed[name]
-    import stable_baselines3
-
-    classes: dict[str, type[BaseAlgorithm]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
-    return classes[name]
-
-
 def close(model: BaseAlgorithm) -> None:
     """Close the model's environments."""
     env = model.get_env()
@@ -104,19 +70,7 @@ def close(model: BaseAlgorithm) -> None:
         env.close()
 
 
-def load_normaliser(path: Path) -> Any:
-    """The VecNormalize saved at `path`, frozen, without environments; None if the run does not normalise."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as stream:
-        normaliser = pickle.load(stream)
-    normaliser.training = False
-    return normaliser
-
-
 def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
-    import torch
-
     activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
     layers: Any = list(config.policy.hidden)
     if config.policy.value_hidden is not None:
@@ -131,8 +85,6 @@ def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
 def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
     if config.her is None:
         return {}
-    from stable_baselines3 import HerReplayBuffer
-
     goals = {"n_sampled_goal": config.her.goals, "goal_selection_strategy": config.her.strategy}
     return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
 

@@ -1,4 +1,4 @@
-"""What happens beside training: saving, evaluation, progress, stopping on a signal."""
+"""Callbacks of training: checkpoints, evaluations, progress, stopping on a signal."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ class Checkpoints(BaseCallback):
         return True
 
 
-class Evaluation(BaseCallback):
-    """Scores the deterministic policy on fixed seeds now and then and at the end, and keeps the best policy.
+class Evaluator(BaseCallback):
+    """Evaluates the deterministic policy on fixed seeds, now and then and at the end, and keeps the best one.
 
     The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...).
 
@@ -107,8 +107,7 @@ class Evaluation(BaseCallback):
     ) -> None:
         super().__init__()
         self.run, self.config, self.show, self.watch = run, config, show, watch
-        first = config.evaluation.seed
-        self.seeds = range(first, first + config.evaluation.episodes)
+        self.seeds = config.evaluation.seeds
 
     def _on_training_start(self) -> None:
         self.next = due_after(self.config.evaluation.every, self.model.num_timesteps)

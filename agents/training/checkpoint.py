@@ -1,4 +1,4 @@
-"""Checkpoints: from the newest one a training run goes on as if it had never been interrupted.
+"""Checkpoints: from the newest one a training run continues as if it had never been interrupted.
 
 A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by a rename, or not at all.
 
@@ -31,7 +31,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.runs.config import TrainConfig
-from agents.runs.folder import RunFolder, RunFolderError, write_bytes, write_file
+from agents.runs.files import RunFolderError, write_bytes, write_file
+from agents.runs.folder import RunFolder
 from agents.training.build import build_model
 
 NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
@@ -130,10 +131,19 @@ def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
         _put_back(model.env, *content["environments"])
         _load_replay_buffer(model, checkpoint / "resume" / "replay_buffer.pkl")
     except UNREADABLE as error:
-        hint = f"{type(error).__name__}: {error}"
-        allowed = "a checkpoint that these versions of the packages can read"
-        raise RunFolderError("checkpoint", str(checkpoint), allowed, hint) from error
+        raise _unreadable(checkpoint, error) from error
     return model, content["moment"]
+
+
+def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
+    """What to say of a checkpoint that was damaged, or that another version of the packages wrote."""
+    run = RunFolder(checkpoint.parents[1])
+    hint = (
+        f"{type(error).__name__}: {error}. The run was begun with {run.begun_with}: a resumed run needs the same code. "
+        f"Its policies can still be evaluated and exported; to train anew: python -m agents.train --config "
+        f"{run.path / 'config.yaml'} --run-dir NEW"
+    )
+    return RunFolderError("checkpoint", str(checkpoint), "a checkpoint that this version can read", hint)
 
 
 def bring_back_files(checkpoint: Path, run: RunFolder) -> None:

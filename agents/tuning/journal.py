@@ -10,7 +10,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.storages.journal._file import BaseJournalFileLock
 
-from agents.runs.file_lock import file_lock
+from agents.runs.locks import file_lock
 
 
 class _Lock(BaseJournalFileLock):

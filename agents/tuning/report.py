@@ -18,9 +18,11 @@ from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
 from agents.evaluation.pictures import png
-from agents.runs.folder import versions, write_bytes, write_text
+from agents.runs.files import write_bytes, write_text
+from agents.runs.folder import versions
 from agents.tuning.study import Choices, StudyConfig, with_values
 from rollingjoint.checked_yaml import dump_yaml
+from rollingjoint.tables import markdown_table
 
 DONE, PRUNED, FAILED, BEST = "#0072b2", "#e69f00", "#7f7f7f", "#d55e00"  # Okabe and Ito
 SHOWN = 10
@@ -163,11 +165,11 @@ STATES = {
 
 def _best(done: Sequence[FrozenTrial], config: StudyConfig) -> str:
     keys = list(config.space)
-    rows = [["trial", config.score, *map(_short, keys)], [":--", *["--:"] * (len(keys) + 1)]]
+    rows = []
     for trial in done[:SHOWN]:
         values = config.values(trial.params)
         rows.append([str(trial.number), f"{trial.value:.3f}", *(_text(values[key]) for key in keys)])
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    table = markdown_table(["trial", config.score, *map(_short, keys)], rows)
     note = "The best of many scores is a little too good: score best.yaml anew on seeds of its own."
     picture = "![Score of every trial](history.png)"
     return f"## The best {min(SHOWN, len(done))} trials\n\n{table}\n\n{note}\n\n{picture}"

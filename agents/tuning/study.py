@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.config import TrainConfig, load_config
-from agents.runs.schedules import check_boolean, check_choice, check_integer, check_number
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number
+from agents.runs.config import TrainConfig, load_config, overlap
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
 
@@ -112,15 +112,10 @@ class StudyConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_choice("score", self.score, SCORES)
-        check_choice("pruner", self.pruner, PRUNERS)
-        check_integer("episodes", self.episodes, 1)
-        check_integer("first_seed", self.first_seed, 0, 2**31)
-        for name in ("startup", "trials", "seed"):
-            check_integer(name, getattr(self, name), 0)
-        object.__setattr__(self, "training_seeds", tuple(entries("training_seeds", self.training_seeds)))
-        for seed in self.training_seeds:
-            check_integer("training_seeds", seed, 0, 2**31)
+        check_fields(self, score=choice(*SCORES), pruner=choice(*PRUNERS), episodes=integer(1))
+        check_fields(self, first_seed=integer(0, 2**31), startup=integer(0), trials=integer(0), seed=integer(0))
+        entries("training_seeds", self.training_seeds)
+        check_fields(self, training_seeds=integers(0, 2**31))
         self._check_seeds()
         for key, values in self.space.items():
             for example in values.examples:
@@ -128,10 +123,10 @@ class StudyConfig:
 
     def _check_seeds(self) -> None:
         """Raise ConfigError for evaluation seeds that something else uses."""
-        lanes = self.train.env.n_envs
-        used = RESERVED | {f"training with seed {seed}": range(seed, seed + lanes) for seed in self.training_seeds}
+        count, ours = self.train.env.n_envs, range(self.first_seed, self.first_seed + self.episodes)
+        used = RESERVED | {f"training with seed {seed}": range(seed, seed + count) for seed in self.training_seeds}
         for who, seeds in used.items():
-            if self.first_seed < seeds.stop and seeds.start < self.first_seed + self.episodes:
+            if overlap(ours, seeds):
                 raise ConfigError("first_seed", self.first_seed, f"seeds that {who} does not use: {seeds}")
 
     def _check_fits(self, key: str, value: Any) -> None:
@@ -205,9 +200,8 @@ def _range(where: str, value: Any) -> Interval | Choices:
         return Choices(tuple(entries(f"{where}.choices", mapping(where, value, ["choices"])["choices"])))
     value = mapping(where, value, ["low", "high", "log"], required=["low", "high"])
     low, high, log = value["low"], value["high"], value.get("log", False)
-    check_boolean(f"{where}.log", log)
-    check_number(f"{where}.low", low)
-    check_number(f"{where}.high", high, low=low)
+    boolean(f"{where}.log", log)
+    number(number()(f"{where}.low", low))(f"{where}.high", high)
     if log and low <= 0:
         raise ConfigError(f"{where}.low", low, "a number above zero, since the range is logarithmic")
     return Interval(low, high, log)

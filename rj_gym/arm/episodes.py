@@ -15,8 +15,9 @@ from rj_gym.core.episodes import FLAT, LaneByLane, Observation, TaskLanes
 from rj_gym.planar.kernels import TENSIONS
 from rollingjoint.compiled import machine_code
 from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import stack
+from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
 from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeRange, hinge_designs_of
 
 if TYPE_CHECKING:
     from rj_gym.arm.render import ArmScene
@@ -58,7 +59,7 @@ class ArmLanes(TaskLanes):
             np.zeros((capacity, TENSIONS + 2 * m + OWN)),
         )
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
-        self._results = HingeRange.new_results(capacity, n - 1, m)
+        self._results = new_results(capacity, n - 1, m)
 
     def _enter_loads(self, episodes: Episodes) -> None:
         count, own = len(episodes), TENSIONS + 2 * self._actions.shape[1]
@@ -87,9 +88,8 @@ class ArmLanes(TaskLanes):
     def _bound_solve(self) -> Any:
         arrays = self._laws, self._loads, self._starts, self._results
         try:
-            stacked, which = hinge_designs_of(self.mechanisms, len(self.mechanisms))
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *arrays))
         except InvalidInput:  # tendons that end on different links
             alone = np.zeros_like(self.designs)
-            return LaneByLane([HingeRange(arm.arrays, alone, *arrays) for arm in self.mechanisms], self.designs)
-        assert np.array_equal(which, np.arange(len(self.mechanisms)))
-        return HingeRange(stacked, self.designs, *arrays)
+            solvers = [PinnedRange(BatchArrays(arm.arrays, alone, *arrays)) for arm in self.mechanisms]
+            return LaneByLane(solvers, self.designs)

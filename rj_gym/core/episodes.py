@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.core.generators import Generators
 from rj_gym.planar.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, all_finite
 from rollingjoint.checks import as_floats
-from rollingjoint.compiled import Floats, Singles, machine_code, run_lanes
+from rollingjoint.compiled import Floats, Singles, machine_code, run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.batch import TendonLaw
 
@@ -194,7 +194,7 @@ class TaskLanes(ABC):
             if self._step(observation, first, last):
                 self._complete(observation, first, last)
 
-        run_lanes(work, count, self.state.angles.shape[1])
+        run_in_threads(work, count, self.state.angles.shape[1])
         return observation
 
     def _complete(self, observation: Observation, first: int, last: int) -> None:
@@ -255,7 +255,7 @@ class TaskLanes(ABC):
         if count == 1:
             self._solve(0, 1)
         else:
-            run_lanes(self._solve, count, self.state.angles.shape[1])
+            run_in_threads(self._solve, count, self.state.angles.shape[1])
 
     def _widen(self, targets: Array, forces: Array) -> None:
         """Make room for series over time where constants were enough so far."""

@@ -22,7 +22,7 @@ from rj_gym.planar.kernels import (
     TIP,
     TRACKING,
 )
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from rj_gym.design.observation import observe
 from rj_gym.design.task import DesignTask, Episodes, Fixed, Judged
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

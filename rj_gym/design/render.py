@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rj_gym.design.episodes import Lanes
 from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.solution import Status
 
 if TYPE_CHECKING:
     import pygame

@@ -14,7 +14,7 @@ from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 

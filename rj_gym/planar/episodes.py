@@ -13,10 +13,11 @@ from rj_gym.planar import kernels
 from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State, TaskArrays
 from rj_gym.planar.render import Scene
 from rj_gym.planar.sampling import Episodes
-from rollingjoint.compiled import Pinned, PinnedRange, Problem, machine_code
+from rollingjoint.compiled import BatchArrays, Pinned, PinnedRange, machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.batch import new_results, solve_range, stack
+from rollingjoint.mechanism import stack
+from rollingjoint.planar.batch import new_results, solve_range
 from rollingjoint.planar.chain import RollingChain
 
 if TYPE_CHECKING:
@@ -98,8 +99,8 @@ class Lanes(TaskLanes):
     def _bound_solve(self) -> PinnedRange | LaneByLane:
         problem = (self._laws, self._loads, self._starts, self._results)
         try:
-            return PinnedRange(Problem(stack(self.mechanisms), self.designs, *problem))
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *problem))
         except InvalidInput:  # tendons that end on different links
             alone = np.zeros_like(self.designs)
-            problems = [Problem(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
+            problems = [BatchArrays(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
             return LaneByLane([partial(solve_range, each) for each in problems], self.designs)

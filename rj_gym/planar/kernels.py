@@ -13,9 +13,9 @@ import numpy as np
 
 from rollingjoint.compiled import (
     PENDING,
+    BatchArrays,
     Floats,
     Integers,
-    Problem,
     Singles,
     borrow,
     call_range,
@@ -25,7 +25,7 @@ from rollingjoint.compiled import (
     unpin,
 )
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")
@@ -149,7 +149,7 @@ def step(pins, solver, problem, observation, first, last):
     if not finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, inputs, first, last)
-    left = last - first if solver == 0 else call_range(solver, problem, Problem, first, last)
+    left = last - first if solver == 0 else call_range(solver, problem, BatchArrays, first, last)
     if left < 0:  # no memory: the solver for all cases has what it needs, or raises
         left = last - first
         for lane in range(first, last):

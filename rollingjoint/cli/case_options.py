@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
 from rollingjoint.load import BodyWrench, Gravity, Load, Spring, WorldForce
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.statics.families import Mechanism, Start
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.statics.batch import Start
+from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 _IDLE = ("force", "body_force", "moment", "spring", "gravity", "gravity_direction", "start", "method", "tension_limits")
@@ -59,7 +60,7 @@ def actuated(args: argparse.Namespace) -> bool:
     return False
 
 
-def equilibrium(args: argparse.Namespace, mechanism: Mechanism) -> Any:
+def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
     """The Equilibrium or HingeEquilibrium that the options ask for."""
     loads, start = _loads(args, mechanism), _start(args, mechanism)
     if args.tensions is not None:
@@ -72,46 +73,49 @@ def equilibrium(args: argparse.Namespace, mechanism: Mechanism) -> Any:
     return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
 
 
-def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
+def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
     if args.start is None:
         return None
     values = _counted("--start", args.start, mechanism.n_joints)
-    return mechanism.joint_angles(values) if isinstance(mechanism, RollingChain) else values
+    return family_of(mechanism).start_angles(mechanism, values)
 
 
-def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
-    n_links = mechanism.n_links
-    if isinstance(mechanism, HingeChain):
-        force: tuple[str, ...] = ("FX", "FY", "FZ")
-        moment, spring = ("MX", "MY", "MZ"), ["K", "AX", "AY", "AZ"]
-        loads: list[Load] = [WorldForce(link, (0.0, 0.0, 0.0), m) for link, m in _each(args, "moment", moment, n_links)]
-    else:
-        force, spring = ("FX", "FY"), ["K", "AX", "AY"]
-        loads = [WorldForce(link, (0.0, 0.0), m[0]) for link, m in _each(args, "moment", ("M",), n_links)]
+def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
+    family, n_links = family_of(mechanism), mechanism.n_links
+    forces, moments, spring = _numbers(family)
+    none: Any = (0.0,) * family.dimension
+    loads: list[Load] = [
+        WorldForce(link, none, moment=m if len(m) > 1 else m[0]) for link, m in _each(args, "moment", moments, n_links)
+    ]
     loads += [Spring(link, k, anchor) for link, (k, *anchor) in _each(args, "spring", spring, n_links)]
-    loads += [WorldForce(link, f) for link, f in _each(args, "force", force, n_links)]
-    loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", force, n_links)]
-    return loads + _gravity(args, mechanism)
+    loads += [WorldForce(link, f) for link, f in _each(args, "force", forces, n_links)]
+    loads += [BodyWrench(link, f) for link, f in _each(args, "body_force", forces, n_links)]
+    return loads + _gravity(args, mechanism, family)
 
 
-def _gravity(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
-    weights, direction, n_links = args.gravity, args.gravity_direction, mechanism.n_links
+def _numbers(family: Family) -> tuple[list[str], list[str], list[str]]:
+    """The numbers of a force, a moment and a spring, by name."""
+    axes = "XYZ"[: family.dimension]
+    forces, moments, anchor = ([letter + axis for axis in axes] for letter in "FMA")
+    return forces, moments if family.dimension == 3 else ["M"], ["K", *anchor]
+
+
+def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) -> list[Load]:
+    weights, n_links = args.gravity, mechanism.n_links
     if weights is None:
-        if direction:
-            raise InvalidInput("--gravity-direction", direction, "--gravity beside it")
+        if args.gravity_direction:
+            raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
         return []
-    if isinstance(mechanism, HingeChain):
+    down = [0.0] * (family.dimension - 1) + [-1.0]
+    direction: Any = tuple(_counted("--gravity-direction", args.gravity_direction or down, family.dimension))
+    if family.own_weight is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
-        return [mechanism.gravity(_direction(direction or [0.0, 0.0, -1.0], 3))]
+        return [family.own_weight(mechanism, direction)]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
-    return [Gravity(weights, _direction(direction or [0.0, -1.0], 2))]
-
-
-def _direction(numbers: list[float], count: int) -> Any:
-    return tuple(_counted("--gravity-direction", numbers, count))
+    return [Gravity(weights, direction)]
 
 
 def _each(args: argparse.Namespace, name: str, numbers: Sequence[str], n_links: int) -> list[tuple[int, Any]]:

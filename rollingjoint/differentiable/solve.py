@@ -22,7 +22,7 @@ from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import Law, Loads, State
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 _LARGEST = 1e12
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places

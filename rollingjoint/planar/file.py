@@ -21,6 +21,9 @@ from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
+HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
+PARTS = "links"
+KEYS = ("name", "defaults", PARTS, "tendons")
 _SURFACE_KEYS = ("curvature", "start", "angle", "limits")
 _TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
 _TABLES = {
@@ -32,9 +35,9 @@ _TABLES = {
 _CURVATURES = ("constant", "polynomial", *_TABLES)
 
 
-def rolling_chain_from_dict(content: object, source: str, name: str) -> RollingChain:
+def from_dict(content: object, source: str, name: str) -> RollingChain:
     """The chain that the content of a mechanism file describes; raises ConfigError."""
-    top = mapping(source, content, ("name", "defaults", "links", "tendons"), required=("links", "tendons"))
+    top = mapping(source, content, KEYS, required=("links", "tendons"))
     defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("parent", "child", "tendon"))
     links = [_link(place, item, defaults, source) for place, item in numbered(f"{source}: links", top["links"])]
     tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
@@ -43,7 +46,7 @@ def rolling_chain_from_dict(content: object, source: str, name: str) -> RollingC
         return RollingChain(links, tendons, name=text(f"{source}: name", top.get("name", name)))
 
 
-def rolling_chain_to_dict(chain: RollingChain) -> dict[str, Any]:
+def to_dict(chain: RollingChain) -> dict[str, Any]:
     """The content that makes the same chain exactly."""
     links = [{side: _surface_dict(getattr(link, side)) for side in ("parent", "child")} for link in chain.links]
     return {"name": chain.name, "links": links, "tendons": [_tendon_dict(t) for t in chain.tendons]}

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
-from rollingjoint.errors import InvalidInput
+from rollingjoint.checks import as_floats, as_vector
 from rollingjoint.spatial import se3
 from rollingjoint.spatial.chain import HingeChain
 
@@ -199,10 +198,7 @@ def positive_rate(u: ArrayLike, c: float) -> Array:
 
 
 def _per_tendon(what: str, values: ArrayLike, arm: PublishedArm) -> Array:
-    array = as_floats(what, values, f"{len(arm.l0)} numbers, one per tendon")
-    if array.shape != arm.l0.shape:
-        raise InvalidInput(what, values, f"{len(arm.l0)} numbers, one per tendon")
-    return np.nan_to_num(array)
+    return np.nan_to_num(as_vector(what, values, len(arm.l0), "one per tendon"))
 
 
 def _shortened(step: Array, n: int) -> Array:

@@ -6,20 +6,25 @@ dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium, Status, solve_lane
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.solution import Solution, Status
+from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.sensitivity import joint_response
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+_Solve = Callable[[TendonLaw, Array], Any]  # of a tendon law and the joint angles to start from
 
+_PLACES = ("link", "px", "py", "pz", "ax", "ay", "az")  # columns of load tables that say where, not how much
 _LARGEST_TENSION = 1000.0  # N, where none is given
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
 _MAX_ITERATIONS = 300
@@ -29,25 +34,30 @@ _ROUNDING = 1e-15  # of the lengths
 
 
 def solve_least_squares(
-    mechanism: RollingChain, desired: Array, low: Array, high: Array, table: Array, start: Array
-) -> Equilibrium:
+    family: Family, mechanism: AnyMechanism, desired: Array, low: Array, high: Array, table: Array, start: Array
+) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
-        mechanism: the chain.
+        family: of the mechanism.
+        mechanism: what is solved.
         desired: (m,) [mm].
         low, high: (m,) [N]; above 1000 N a limit is 1000 N.
-        table: load table, (rows, 11).
+        table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     Returns:
         Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
     """
     high = np.minimum(high, _LARGEST_TENSION)
-    elastic = _nearly_inextensible(mechanism, TendonLaw(desired, np.ones_like(desired), low, high), table, start)
+
+    def solve(law: TendonLaw, start: Array) -> Any:
+        return family.batch.solve_one(mechanism, law, table, start)
+
+    elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:
         return elastic
-    tensions = _first_tensions(elastic, low, high)
-    best = _Trial.at(mechanism, tensions, desired, low, high, table, elastic.joint_angles)
+    tensions = _first_tensions(elastic, _is_loaded(family, table), low, high)
+    best = _Trial.at(solve, tensions, desired, low, high, elastic.joint_angles)
     damping, iterations = 1e-6, int(best.equilibrium.iterations)
     for _ in range(_MAX_ITERATIONS):
         if best.rates is None:
@@ -56,7 +66,7 @@ def solve_least_squares(
         stepped = np.clip(tensions + step, low, high)
         if np.abs(best.rates @ (stepped - tensions)).max() < _GOAL:
             return replace(best.equilibrium, iterations=iterations)
-        found = _Trial.at(mechanism, stepped, desired, low, high, table, best.equilibrium.joint_angles)
+        found = _Trial.at(solve, stepped, desired, low, high, best.equilibrium.joint_angles)
         iterations += int(found.equilibrium.iterations)
         if found.equilibrium.status < Status.NOT_CONVERGED and found.beats(best):
             best, tensions, damping = found, stepped, max(0.1 * damping, _SMALLEST_DAMPING)
@@ -68,24 +78,16 @@ def solve_least_squares(
 class _Trial(NamedTuple):
     """The equilibrium under trial tensions, and how near its lengths are to the desired ones."""
 
-    equilibrium: Equilibrium
+    equilibrium: Any
     miss: Array  # (m,) lengths minus desired ones [mm]
     noise: float  # what rounding leaves uncertain of the cost [mm²]
     rates: Array | None  # (m, m) d lengths / d tensions
     slope: float  # largest entry of the gradient of the cost [mm²/N]
 
     @classmethod
-    def at(
-        cls,
-        mechanism: RollingChain,
-        tensions: Array,
-        desired: Array,
-        low: Array,
-        high: Array,
-        table: Array,
-        start: Array,
-    ) -> _Trial:
-        found = solve_lane(mechanism, _prescribed(tensions), table, start)
+    def at(cls, solve: _Solve, tensions: Array, desired: Array, low: Array, high: Array, start: Array) -> _Trial:
+        """The trial, from joint angles to start from."""
+        found = solve(prescribed(tensions), start)
         miss, rates = found.lengths - desired, _length_rates(found)
         noise = _ROUNDING * float(np.linalg.norm(desired) * np.linalg.norm(miss))
         if rates is None:
@@ -105,32 +107,32 @@ class _Trial(NamedTuple):
         return self.slope < other.slope
 
 
-def _nearly_inextensible(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
+def _nearly_inextensible(solve: _Solve, law: TendonLaw, start: Array) -> Any:
     """Equilibrium with ever stiffer elastic tendons whose unstretched lengths are the desired ones."""
     for stiffness in (1.0, 30.0, 1000.0):
-        stiff = law._replace(stiffness=np.full_like(law.command, stiffness))
-        found = solve_lane(mechanism, stiff, table, start)
+        found = solve(law._replace(stiffness=np.full_like(law.command, stiffness)), start)
         if found.status == Status.INVALID_INPUT:
             break
         start = found.joint_angles
     return found
 
 
-def _first_tensions(elastic: Equilibrium, low: Array, high: Array) -> Array:
+def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) -> Array:
     """Its tensions within the limits; without a load, where only their ratio matters, the largest is 1 N."""
     tensions, largest = elastic.tensions, elastic.tensions.max()
     if largest < _SMALLEST_TENSION:
         tensions = np.ones_like(tensions)
-    elif not np.any(elastic.loads[:, 3:9]):
+    elif not loaded:
         tensions = tensions / largest
     return np.clip(tensions, low, high)
 
 
-def _prescribed(tensions: Array) -> TendonLaw:
-    return TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions)
+def _is_loaded(family: Family, table: Array) -> bool:
+    """Whether a load table has a force, a moment or a spring."""
+    return bool(np.any(table[:, [name not in _PLACES for name in family.load_columns]]))
 
 
-def _length_rates(equilibrium: Equilibrium) -> Array | None:
+def _length_rates(equilibrium: Solution) -> Array | None:
     """dl/dtau under prescribed tensions, (m, m), joints at a surface limit held; None where H is singular."""
     if equilibrium.status == Status.INDETERMINATE:
         return None

@@ -11,7 +11,7 @@ import sys
 from typing import IO, Any
 
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["agents.tune", "agents.tuning.study", "agents.training.build", "agents.training.log"])
+CONTEXT.set_forkserver_preload(["agents.train", "agents.tune", "agents.tuning.trials"])
 
 
 class Forked:

@@ -79,8 +79,8 @@ class Results(NamedTuple):
     status: Annotated[Integers, "B"]
 
 
-class Problem(NamedTuple):
-    """Equilibria to be solved, and where they go."""
+class BatchArrays(NamedTuple):
+    """Equilibria to be solved as a batch, and where they go."""
 
     chain: Chain  # a stack
     designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has

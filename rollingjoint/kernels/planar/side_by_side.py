@@ -31,8 +31,8 @@ from rollingjoint.kernels.planar.arrays import (
     THETA,
     TURN,
     X_DOT_F,
+    BatchArrays,
     C,
-    Problem,
     S,
     X,
     Y,
@@ -280,8 +280,8 @@ def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last
 
 @kernel(nogil=True)
 def solve_pinned(pins, first, last):
-    """solve_side_by_side on a pinned Problem."""
-    chain, designs, laws, loads, starts, results = unpin(pins, Problem)
+    """solve_side_by_side on a pinned BatchArrays."""
+    chain, designs, laws, loads, starts, results = unpin(pins, BatchArrays)
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
     return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)

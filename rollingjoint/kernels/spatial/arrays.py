@@ -9,6 +9,7 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint.kernels.shared.arrays import TendonLaw
 
 EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
@@ -70,6 +71,17 @@ class HingeResults(NamedTuple):
     iterations: Annotated[Integers, "B"]
     status: Annotated[Integers, "B"]
     escapes: Annotated[Integers, "B"]  # unstable equilibria that were left on the way
+
+
+class BatchArrays(NamedTuple):
+    """Equilibria to be solved as a batch, and where they go."""
+
+    chain: Hinges  # a stack
+    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    laws: Annotated[TendonLaw, "B"]
+    loads: Annotated[Floats, "B", "rows", N_COLUMNS]
+    starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
+    results: HingeResults
 
 
 def new_hinge_results(n_lanes: int, n_joints: int, n_tendons: int) -> HingeResults:

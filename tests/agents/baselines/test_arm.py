@@ -13,7 +13,7 @@ from agents.baselines.model_inverse import nearest_tensions
 from agents.evaluation.controller import Seen
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
-from agents.runs.config import EnvConfig
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.task import task_of
 from rollingjoint import flexible_arm, solve_tensions_batch

@@ -14,7 +14,7 @@ from agents.baselines.responses import bounded_step, length_responses, tension_r
 from agents.evaluation.controller import Seen
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
-from agents.runs.config import EnvConfig
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.config import TrackingConfig
 from rj_gym.core.task import task_of

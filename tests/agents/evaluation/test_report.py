@@ -10,9 +10,10 @@ from agents.baselines import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation, error_distribution, error_over_time
-from agents.evaluation.report import Report, Score
+from agents.evaluation.report import Report
 from agents.evaluation.rollout import Episodes
-from agents.runs.config import EnvConfig
+from agents.evaluation.score import Score
+from agents.runs.environment import EnvConfig
 
 
 def episodes(final, before=0.5, rewards=0.0, terminated=False):

@@ -9,8 +9,7 @@ from agents.evaluate import evaluate_controllers
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import film, run_episodes
-from agents.runs.config import EnvConfig
-from agents.training.build import make_env
+from agents.runs.environment import EnvConfig, make_env
 from rollingjoint.errors import ConfigError, InvalidInput
 
 IDS = ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"]

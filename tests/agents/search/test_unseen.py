@@ -36,7 +36,7 @@ def test_the_table_has_the_policy_and_every_method_and_goes_between_the_marks(ru
     assert text.startswith("before\n") and text.endswith("\nafter\n") and "old" not in text
     assert f"agents.search.unseen {run} --tasks 2 --budget 4" in text
     names = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
-    assert names == ["method", "policy", *(name.replace("_", " ") for name in unseen.METHODS)]
+    assert names == ["method", ":--", "policy", *(name.replace("_", " ") for name in unseen.METHODS)]
 
 
 def test_a_method_is_judged_by_the_environments_own_error(run):

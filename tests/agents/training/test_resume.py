@@ -15,10 +15,10 @@ from agents import train
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import run_episodes
 from agents.runs.config import load_config
-from agents.runs.file_lock import file_lock
 from agents.runs.folder import RunFolder
+from agents.runs.locks import file_lock
 from agents.training import checkpoint
-from agents.training.callbacks import Evaluation
+from agents.training.callbacks import Evaluator
 from agents.training.log import _Events
 from tests.agents.forked import Forked
 
@@ -126,10 +126,10 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(whole, tmp_path):
 
 @pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
 def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whole, tmp_path, monkeypatch, capsys):
-    run, evaluate = tmp_path / "run", Evaluation.evaluate
+    run, evaluate = tmp_path / "run", Evaluator.evaluate
     with monkeypatch.context() as patch:
-        patch.setattr(Evaluation, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
-        patch.setattr(Evaluation, "_on_training_end", lambda self: None)
+        patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
+        patch.setattr(Evaluator, "_on_training_end", lambda self: None)
         assert train.main([*words, "--run-dir", str(run)]) == 128 + signal.SIGTERM
     assert f"--resume {run}" in capsys.readouterr().out
     assert train.main(["--resume", str(run)]) == 0

@@ -3,7 +3,8 @@ import json
 import pytest
 
 from agents.runs.config import TrainConfig
-from agents.runs.folder import RunFolder, RunFolderError, write_file, write_text
+from agents.runs.files import RunFolderError, write_file, write_text
+from agents.runs.folder import RunFolder
 from agents.train import main
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.presets import five_link

@@ -14,7 +14,7 @@ from rj_gym.planar.kernels import REWARD
 from rollingjoint.compiled import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths
 from tests.rj_gym.watched_solver import watch_solver
 

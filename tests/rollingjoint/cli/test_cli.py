@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.presets import PRESETS, five_link, small_arm
+from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 from tests.rollingjoint.command import rj
 
@@ -145,7 +145,7 @@ def test_an_arm_that_has_buckled_says_so(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_a_hanging_arm_is_drawn_hanging(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
-    monkeypatch.setattr("rollingjoint.plotting.planar.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
+    monkeypatch.setattr("rollingjoint.plotting.figure.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
     for options in ("", "--gravity", "--gravity --gravity-direction 0 0 1"):
         assert rj(f"plot small_arm --tensions 1 1 1 1 {options} --out arm.png") == 0
     assert [ax.zaxis_inverted() for ax in drawn] == [False, False, True]
