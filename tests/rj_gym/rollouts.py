@@ -3,11 +3,11 @@
 import numpy as np
 
 
-def rollout(env, seed, steps=12, largest=1.0, **reset):
+def rollout(env, seed, steps=12, largest=1.0, dtype=np.float32, **reset):
     """Observations, rewards and infos of an episode with actions drawn from the seed."""
     rng = np.random.default_rng(seed)
     record = [env.reset(seed=seed, **reset)]
-    actions = rng.uniform(-largest, largest, (steps, *env.action_space.shape)).astype(np.float32)
+    actions = rng.uniform(-largest, largest, (steps, *env.action_space.shape)).astype(dtype)
     return record + [env.step(action) for action in actions]
 
 

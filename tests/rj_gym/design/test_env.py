@@ -43,7 +43,7 @@ variants = pytest.mark.parametrize("settings", VARIANTS.values(), ids=VARIANTS.k
 LOW_CURVATURE = np.array([-1.0] * 6)  # of SMALL: curvatures of -0.03 /mm, surfaces that cannot roll
 
 
-rollout = partial(rollouts.rollout, steps=4, largest=0.5)
+rollout = partial(rollouts.rollout, steps=4, largest=0.5, dtype=np.float64)
 
 
 @pytest.fixture(autouse=True, scope="module")
