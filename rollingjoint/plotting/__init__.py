@@ -1,4 +1,11 @@
-"""Pictures of mechanisms and equilibria with matplotlib, which is imported when something is drawn."""
+"""Pictures of mechanisms and equilibria with matplotlib, which is imported when something is drawn.
+
+Modules:
+    figure: a figure of any mechanism or equilibrium, and figures as files.
+    parts: what pictures of planar chains are made of.
+    planar: pictures of planar chains.
+    spatial: pictures of arms.
+"""
 
 from rollingjoint.plotting.figure import figure_of, save_figure
 from rollingjoint.plotting.parts import PALETTE

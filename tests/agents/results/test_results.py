@@ -24,7 +24,7 @@ from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.config import TrackingConfig
+from rj_gym.planar.config import TrackingConfig
 
 pytestmark = pytest.mark.xdist_group("results")  # one worker: runs are trained and scored once
 
