@@ -24,9 +24,7 @@ PACKAGES = sorted(
 
 
 @pytest.mark.parametrize("page", RUN_HERE)
-def test_blocks_of_a_page_run_in_order_and_print_the_text_below_them(page, tmp_path, monkeypatch, capsys):
-    (tmp_path / "configs").symlink_to(ROOT / "configs")
-    monkeypatch.chdir(tmp_path)
+def test_blocks_of_a_page_run_in_order_and_print_the_text_below_them(page, workplace, capsys):
     names = {}
     for program, output in PYTHON_BLOCK.findall(PAGES[page]):
         exec(program, names)

@@ -32,7 +32,7 @@ def run(command: str) -> int:
     return train.main([*arguments, *(word for override in few for word in ("--set", override))])
 
 
-def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch):
+def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch, no_pictures):
     for name in ("configs", "docs"):
         (tmp_path / name).symlink_to(Path(name).resolve())
     (tmp_path / "my_controller.py").write_text(blocks("python")[0])

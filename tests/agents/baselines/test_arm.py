@@ -1,5 +1,7 @@
 """The baselines on the arm: what each is for, and what the model of an arm makes of a tip, commands and tensions."""
 
+from functools import cache
+
 import gymnasium
 import numpy as np
 import pytest
@@ -26,6 +28,11 @@ def final_errors(controller, seeds=SEEDS, env_id=ARM, **settings):
     return run_episodes(EnvConfig(env_id, settings=settings), controller, seeds).final_errors
 
 
+@cache
+def floors():
+    return episode_floor(EnvConfig(ARM), SEEDS).errors
+
+
 def stepped(controller, steps=4, lanes=20, **settings):
     """What is seen after some steps of a controller, and the info of that moment, with what was sampled."""
     env = gymnasium.make_vec(ARM, lanes, "vector_entry_point", **settings)
@@ -45,7 +52,7 @@ def test_open_loop_reaches_the_target_where_the_arm_hangs_upright_without_payloa
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: the largest regret is 0.007 mm; docs/results.md has 1,000 episodes."""
-    regret = final_errors(controller()) - episode_floor(EnvConfig(ARM), SEEDS).errors
+    regret = final_errors(controller()) - floors()
     assert regret.mean() < 0.01
     assert regret.max() < 0.1
 

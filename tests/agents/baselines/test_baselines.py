@@ -1,5 +1,7 @@
 """The baselines: what each is for, on seeds on which none was tuned, and the pieces that they share."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import yaml
@@ -29,6 +31,11 @@ FEEDBACK = [JacobianFeedback, LoadEstimate, Predictive]
 
 def final_errors(controller, seeds=SEEDS, env_id="rj_gym/RollingJoint-v0", **settings):
     return run_episodes(EnvConfig(env_id, settings=settings), controller, seeds).final_errors
+
+
+@cache
+def floors():
+    return episode_floor(EnvConfig(), SEEDS).errors
 
 
 def stepped(steps=15, lanes=60, **settings):
@@ -73,7 +80,7 @@ def test_open_loop_does_not_look_at_the_load():
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: mean regret 0.0024 mm, the largest 0.01 mm; docs/training.md has 1,000 episodes."""
-    regret = final_errors(controller()) - episode_floor(EnvConfig(), SEEDS).errors
+    regret = final_errors(controller()) - floors()
     assert regret.mean() < 0.01
     assert regret.max() < 0.1
 

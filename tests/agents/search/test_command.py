@@ -7,14 +7,18 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from agents.search import compare
+from agents.search import compare, workers
 from agents.search.__main__ import main
 from agents.search.config import load_search
 from agents.search.folder import SearchRun
@@ -27,6 +31,10 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
 torch.set_num_threads(1)
+pytestmark = pytest.mark.xdist_group(
+    "search"
+)  # one worker: the search is run once, with what ribs has compiled in test_search.py
+
 SHIPPED = sorted(Path("configs/search").glob("*.yaml"))
 SMALL = """
 space: {knots: 3}
@@ -53,11 +61,22 @@ def written(tmp_path, text):
     return path
 
 
+class WorkerThread(threading.Thread):
+    """In place of a worker process, which would import and compile everything anew."""
+
+    def __init__(self, target, args):
+        super().__init__(target=target, args=[Connection(os.dup(pipe.fileno())) for pipe in args])
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A small search, finished, in a folder out/small."""
+    """A small search, finished, in a folder out/small: one method in a process, the others in a thread."""
     folder = tmp_path_factory.mktemp("search")
-    assert main([str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]) == 0
+    command = [str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]
+    assert main([*command, "--methods", "random"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers, "get_context", lambda method: SimpleNamespace(Pipe=Pipe, Process=WorkerThread))
+        assert main(command) == 0
     return folder / "out" / "small"
 
 

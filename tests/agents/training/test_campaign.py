@@ -19,6 +19,7 @@ from agents.training.campaign import load_campaign
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 from rollingjoint.presets import small_arm
+from tests.agents.forked import Forked
 
 TINY = """
 algorithm: ppo
@@ -70,6 +71,7 @@ def watch(monkeypatch, look) -> list[subprocess.Popen]:
     return children
 
 
+@pytest.mark.xdist_group("processes")
 def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypatch, capfd):
     path, out = campaign_file(tmp_path, near=[1, 2]), tmp_path / "out"
 
@@ -77,6 +79,7 @@ def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypa
         if any((out / "near/seed_1/checkpoints").glob("[0-9]*")):
             children[0].kill()
 
+    monkeypatch.setattr(campaign.subprocess, "Popen", Forked)
     with monkeypatch.context() as patch:
         watch(patch, kill_the_first)
         assert run(path, out) == 2
@@ -92,6 +95,7 @@ def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypa
         patch.setattr(campaign.subprocess, "Popen", None)
         assert run(path, out) == 0
     assert (weights(out / "near/seed_1"), weights(out / "near/seed_2")) == before
+    monkeypatch.undo()
     alone = ["--config", str(tmp_path / "near.yaml"), "--set", "seed=1", "--run-dir", str(tmp_path / "alone")]
     assert train.main(alone) == 0
     assert weights(tmp_path / "alone") == before[0]

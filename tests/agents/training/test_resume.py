@@ -20,6 +20,9 @@ from agents.runs.locks import file_lock
 from agents.training import checkpoint
 from agents.training.callbacks import Evaluator
 from agents.training.log import _Events
+from tests.agents.forked import Forked
+
+pytestmark = pytest.mark.xdist_group("processes")  # one worker: runs are trained once, processes forked from one
 
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
@@ -93,8 +96,7 @@ def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, t
     run = tmp_path / "run"
     file = {"ppo": "training.pkl", "her": "replay_buffer.pkl"}[name]
     command = [sys.executable, "-c", KILLED_WHILE_WRITING, file, "2", *words, "--run-dir", str(run)]
-    child = subprocess.run(command, stdout=subprocess.DEVNULL)
-    assert child.returncode == -signal.SIGKILL
+    assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert sorted(path.name for path in run.glob("checkpoints/*")) == [".000000080", "000000040"]
     if name == "ppo":
         killed_after("120 steps: mean", ["--resume", str(run)])

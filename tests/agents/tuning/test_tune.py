@@ -17,12 +17,12 @@ from agents import train, tune
 from agents.runs.config import load_config
 from agents.runs.locks import file_lock
 from agents.training.callbacks import Evaluator
-from agents.tuning import report as study_report
 from agents.tuning.folder import StudyFolder
 from agents.tuning.journal import journal_storage
 from agents.tuning.study import StudyConfig, load_study
 from agents.tuning.trials import KILLED
 from rollingjoint.errors import ConfigError
+from tests.agents.forked import Forked
 
 STUDY = """
 config: {configs}/train/demo.yaml
@@ -51,13 +51,6 @@ def config(tmp_path) -> Path:
     path = tmp_path / "study.yaml"
     path.write_text(STUDY.format(configs=Path("configs").resolve()))
     return path
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Pictures take longer than these trials."""
-    for name in ("history", "parameters"):
-        monkeypatch.setattr(study_report, name, lambda *anything: b"")
 
 
 def run(*arguments: object) -> int:
@@ -168,10 +161,11 @@ tune.main(sys.argv[1:])
 """
 
 
+@pytest.mark.xdist_group("processes")
 def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     command = [sys.executable, "-c", KILLED_IN_THE_SECOND_TRIAL, "--config", str(config), "--study", str(folder)]
-    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == -signal.SIGKILL
+    assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert [trial.state for trial in trials(folder)] == [TrialState.COMPLETE, TrialState.RUNNING]
     with (folder / "journal.log").open("a") as journal:
         journal.write('{"half": ')  # as a full disk would leave it

@@ -14,7 +14,7 @@ from rollingjoint import Status
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.presets import five_link, flexible_arm, small_arm
 from rollingjoint.spatial import se3
-from tests.rj_gym.planar.test_env import rollout, same
+from tests.rj_gym.rollouts import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 
 SMALL = {"mechanism": "small_arm"}

@@ -3,6 +3,7 @@
 import copy
 import pickle
 import warnings
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -14,6 +15,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import rj_gym
 from rollingjoint import ConfigError, InvalidInput
 from rollingjoint.solution import Status
+from tests.rj_gym import rollouts
+from tests.rj_gym.rollouts import same
 
 torch = pytest.importorskip("torch")
 
@@ -40,6 +43,9 @@ variants = pytest.mark.parametrize("settings", VARIANTS.values(), ids=VARIANTS.k
 LOW_CURVATURE = np.array([-1.0] * 6)  # of SMALL: curvatures of -0.03 /mm, surfaces that cannot roll
 
 
+rollout = partial(rollouts.rollout, steps=4, largest=0.5, dtype=np.float64)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def one_thread():
     threads = torch.get_num_threads()
@@ -54,23 +60,6 @@ def make(**settings):
 
 def make_vec(lanes, **settings):
     return gymnasium.make_vec(ID, lanes, "vector_entry_point", **(SMALL | settings))
-
-
-def rollout(env, seed, steps=4, **reset):
-    rng = np.random.default_rng(seed)
-    record = [env.reset(seed=seed, **reset)]
-    return record + [env.step(rng.uniform(-0.5, 0.5, env.action_space.shape)) for _ in range(steps)]
-
-
-def same(one, other):
-    """Bit for bit, types and nested dictionaries included."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) or (isinstance(one, np.ndarray) and one.dtype.hasobject):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    return one == other
 
 
 @variants
