@@ -29,6 +29,9 @@ class ArmOptions(TrackingOptions):
     payloads: Array | None = None
 
 
+NOTHING_FIXED = ArmOptions()
+
+
 def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig, nominal: HingeChain) -> ArmOptions:
     """What the options hold fixed.
 
@@ -42,7 +45,10 @@ def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.
     """
-    options, times = checked_keys(options, OPTIONS), config.episode_steps + 1
+    if options is None:
+        return NOTHING_FIXED
+    checked_keys(options, OPTIONS)
+    times = config.episode_steps + 1
     fixed = shared_options(options, config, nominal)
     if "target" in options and config.orientation:
         fixed["targets"] = _poses(options["target"], times)

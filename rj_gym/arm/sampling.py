@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.arm.options import ArmOptions
+from rj_gym.arm.options import NOTHING_FIXED, ArmOptions
 from rj_gym.core.draws import (
     Block,
     TrackingDraws,
@@ -94,7 +94,7 @@ def sample_episodes(config: FlexibleArmConfig, nominal: HingeChain, uniforms: Un
         hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
         weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
     )
-    return hold(drawn, fixed)
+    return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
 
 
 def _mechanisms(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.kernels import ANGLE, FX, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME, Rules
 from rj_gym.arm.observation import arm_observation_entries
-from rj_gym.arm.options import ArmOptions, checked_options
+from rj_gym.arm.options import NOTHING_FIXED, ArmOptions, checked_options
 from rj_gym.arm.sampling import ArmDraws, sample_episodes, uniform_blocks
 from rj_gym.core import info
 from rj_gym.core.draws import Block, Uniforms
@@ -50,7 +50,7 @@ class ArmTask(TrackingTask):
     def sample(self, rngs: Random, fixed: ArmOptions | None = None) -> ArmDraws:
         """One episode per generator; each takes the same count of numbers from its own."""
         uniforms = Uniforms(self._blocks, rngs)
-        return sample_episodes(self.config, self.mechanism, uniforms, fixed or ArmOptions())
+        return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 
     def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
         """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 20)."""

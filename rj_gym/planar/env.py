@@ -19,8 +19,8 @@ class RollingJointEnv(TaskEnv):
 
     ## Action space
     `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (1 mm); negative
-    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 15 N (`tension_range`);
-    there the command follows the tendon, so commands do not wind up.
+    pays out. Values beyond [-1, 1] are clipped. Tensions stay between 0.5 N and 15 N (`tension_range`); at these
+    limits the command follows the tendon, so commands do not wind up.
 
     ## Observation space
     `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.observation_entries` lists them.

@@ -29,6 +29,9 @@ class PlanarOptions(TrackingOptions):
     forces: Array | None = None
 
 
+NOTHING_FIXED = PlanarOptions()
+
+
 def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, nominal: RollingChain) -> PlanarOptions:
     """What the options hold fixed.
 
@@ -41,7 +44,10 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.
     """
-    options, times = checked_keys(options, OPTIONS), config.episode_steps + 1
+    if options is None:
+        return NOTHING_FIXED
+    checked_keys(options, OPTIONS)
+    times = config.episode_steps + 1
     fixed = shared_options(options, config, nominal)
     if "target" in options:
         fixed["targets"] = vector_series("options['target']", options["target"], "xy", times, "mm")

@@ -28,7 +28,7 @@ from rj_gym.core.draws import (
     target_shape,
 )
 from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
-from rj_gym.planar.options import PlanarOptions
+from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions
 from rollingjoint.errors import MechanismError
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Surface
@@ -82,7 +82,7 @@ def sample_episodes(
         forces=load_forces(config.load, uniforms),
         surface_offsets=offsets,
     )
-    return hold(drawn, fixed)
+    return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
 
 
 def _mechanisms(

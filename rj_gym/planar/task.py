@@ -16,7 +16,7 @@ from rj_gym.core.tracking_task import TrackingTask
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.kernels import Rules
 from rj_gym.planar.observation import observation_entries
-from rj_gym.planar.options import PlanarOptions, checked_options
+from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions, checked_options
 from rj_gym.planar.sampling import PlanarDraws, sample_episodes, uniform_blocks
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
@@ -46,7 +46,7 @@ class PlanarTask(TrackingTask):
     def sample(self, rngs: Random, fixed: PlanarOptions | None = None) -> PlanarDraws:
         """One episode per generator; each takes the same count of numbers from its own."""
         uniforms = Uniforms(self._blocks, rngs)
-        return sample_episodes(self.config, self.mechanism, uniforms, fixed or PlanarOptions())
+        return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 
     def load_tables(self, episodes: PlanarDraws, step: int) -> Array:
         """The true loads of E episodes at a step, tables (E, 1, 11)."""

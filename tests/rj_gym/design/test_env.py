@@ -308,7 +308,7 @@ def test_options_and_settings_change_what_they_name():
 
 
 @pytest.mark.parametrize(
-    ("settings", "hint"),
+    ("settings", "words"),
     [
         ({"episode_step": 3}, "episode_steps"),
         ({"episode_steps": 0}, ">= 1"),
@@ -325,8 +325,8 @@ def test_options_and_settings_change_what_they_name():
         ({"action_scale": 0.0}, "from 1e-06 to 2"),
     ],
 )
-def test_bad_settings_are_refused_and_say_what_is_allowed(settings, hint):
-    with pytest.raises(ConfigError, match=hint):
+def test_bad_settings_are_refused_and_say_what_is_allowed(settings, words):
+    with pytest.raises(ConfigError, match=words):
         gymnasium.make(ID, **settings)
 
 
