@@ -18,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m agents.train", description="Train a controller.")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--config", type=Path, help="YAML file, for example one of configs/train/")
-    what.add_argument("--resume", type=Path, metavar="RUN", help="go on with the run in this run folder")
+    what.add_argument("--resume", type=Path, metavar="RUN", help="continue the run in this run folder")
     parser.add_argument("--run-dir", type=Path, help="the run folder (default: runs/ and the name of the config)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="section.key=value, repeatable")
     parser.add_argument("--force", action="store_true", help="replace the run that is in the run folder")

@@ -1,6 +1,6 @@
 """Search hyper-parameters: python -m agents.tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
 
-A study is a folder. The same command goes on with it; several processes may work on it at once.
+A study is a folder. The same command continues it; several processes may work on it at once.
 
     study.yaml           what is searched, complete
     journal.log          every trial (Optuna)
@@ -25,9 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 searched, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(prog="python -m agents.tune", description="Search hyper-parameters.")
     parser.add_argument(
-        "--config", type=Path, help="YAML file, for example one of configs/tune/; not for a study begun"
+        "--config", type=Path, help="YAML file, for example one of configs/tune/; not needed to continue a study"
     )
-    parser.add_argument("--study", type=Path, required=True, help="the folder of the study, new or begun")
+    parser.add_argument("--study", type=Path, required=True, help="the folder of the study, new or existing")
     parser.add_argument("--trials", type=int, help="trials of the whole study; 0 only shows what would be searched")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Sequence
 from numbers import Integral, Real
 
@@ -17,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput
 
 Error = type[InvalidInput]
+
+_LARGEST = sys.float_info.max
 
 
 def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error = InvalidInput) -> NDArray[np.float64]:
@@ -47,7 +50,7 @@ def as_number(
 ) -> float:
     """The value as a float; `error` unless it is a finite number from `low` to `high`."""
     number = isinstance(value, Real) and not isinstance(value, bool | np.bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:  # type: ignore[arg-type, operator]
+    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
         raise error(what, value, allowed or f"a finite number{_between(low, high)}")
     return float(value)  # type: ignore[arg-type]
 
@@ -113,6 +116,7 @@ def suggestion(word: str, valid: Sequence[str]) -> str:
 
 def _between(low: float, high: float) -> str:
     """The bounds in words, with a leading space where there are any."""
+    least, most = (f"{bound:.0f}" if abs(bound) < 1e15 and bound % 1 == 0 else f"{bound:g}" for bound in (low, high))
     if high == math.inf:
-        return "" if low == -math.inf else f" >= {low:g}"
-    return f" <= {high:g}" if low == -math.inf else f" from {low:g} to {high:g}"
+        return "" if low == -math.inf else f" >= {least}"
+    return f" <= {most}" if low == -math.inf else f" from {least} to {most}"

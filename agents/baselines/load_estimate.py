@@ -1,4 +1,4 @@
-"""Feedback that knows the load."""
+"""Jacobian feedback under an estimated load."""
 
 from __future__ import annotations
 

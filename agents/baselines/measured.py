@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
@@ -29,13 +29,13 @@ class Measured(Protocol):
         """The model where it was measured, the load unknown."""
 
     def loaded(self, seen: Seen) -> tuple[Solution, Array]:
-        """The model under the loads that the measurements tell of, and these, (B, rows, columns)."""
+        """The model under the loads estimated from the measurements, and these loads, (B, rows, columns)."""
 
 
-MODELS: dict[type, Callable[[Task, int], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+MODELS: dict[type, Callable[[TrackingTask, int], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
 
 
-def measured_by(task: Task, episodes: int) -> Measured:
+def measured_by(task: TrackingTask, episodes: int) -> Measured:
     """The model of a task's mechanism, for episodes that begin."""
     return MODELS[type(task.mechanism)](task, episodes)
 

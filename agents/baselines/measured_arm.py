@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.baselines.responses import choose
 from agents.evaluation.controller import HANGING, Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
@@ -40,7 +40,7 @@ class MeasuredArm:
     TILT = 1.0  # rad: this turn of gravity,
     PAYLOAD = 1.0  # N: and this payload
 
-    def __init__(self, task: Task, episodes: int) -> None:
+    def __init__(self, task: TrackingTask, episodes: int) -> None:
         self.mechanism: HingeChain = task.mechanism
         self.nominal_loads = [self.mechanism.gravity(HANGING)]
         self.estimate = np.zeros((episodes, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
@@ -21,7 +21,7 @@ class MeasuredChain:
     nominal_loads = ()
     stiffens = True  # nothing but tensions holds the links together
 
-    def __init__(self, task: Task, episodes: int) -> None:
+    def __init__(self, task: TrackingTask, episodes: int) -> None:
         self.mechanism: RollingChain = task.mechanism
 
     def unloaded(self, seen: Seen) -> Equilibrium:
@@ -41,7 +41,7 @@ def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
     Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
-    left out: where a motor holds or gives way its command follows, and the law of the elastic tendon goes on to hold.
+    left out: where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
     moments = _joint_moments(mechanism, seen)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))

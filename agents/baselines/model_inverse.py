@@ -1,4 +1,4 @@
-"""The tensions with which a model reaches a target best, many targets at once."""
+"""The tensions that bring a model's tip nearest to a target, many targets at once."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def nearest_tensions(
         targets: (B, d) [mm].
         limits: lowest and highest tension [N].
         rest, starts: tensions at rest, and the first guess, (B, m) [N].
-        loads: load tables, (B, rows, columns), or loads that act on all rows; nothing is no load.
+        loads: load tables, (B, rows, columns), or loads that act on all rows; none by default.
         most_steps: after which it ends.
     """
     low, high = np.log(np.maximum(limits, 1e-3))

@@ -1,4 +1,4 @@
-"""How tip and tensions answer to tendon increments, and increments within bounds."""
+"""Responses of tip and tensions to tendon increments, and increments within bounds."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def tension_response(equilibria: Solution) -> Array:
 def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array:
     """Steps x (B, m) within bounds that make x·hessian·x / 2 + slope·x small.
 
-    Entries that the minimum would take beyond the bounds stop there, and the others are chosen anew: the best ones
-    beside those that stopped. Measured against steps that go down for certain (straight on to the first
+    Entries that the minimum would take beyond the bounds stop there, and the others are chosen again: the best ones
+    given those that stopped. Measured against steps that go down for certain (straight on to the first
     bound, then along it), control with these got stuck less often.
 
     Args:
-        hessian: (B, m, m), positive definite but for rounding.
+        hessian: (B, m, m), positive definite up to rounding.
         slope: (B, m).
         low, high: bounds, (B, m).
     """

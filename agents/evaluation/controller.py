@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
 
@@ -25,7 +25,7 @@ class Controller(Protocol):
     them.
     """
 
-    def begin(self, task: Task, episodes: int) -> None:
+    def begin(self, task: TrackingTask, episodes: int) -> None:
         """So many episodes begin together; the task is None where the environment is not one of rj_gym."""
 
     def act(self, seen: Seen) -> NDArray[Any]:
@@ -44,7 +44,7 @@ class Seen:
     """
 
     observation: Any
-    task: Task | None = None
+    task: TrackingTask | None = None
 
     @property
     def tip(self) -> Array:
@@ -118,7 +118,7 @@ class Seen:
         return "tip" if self._shows_tip_alone else f"link {self._task.mechanism.n_links - 1}"
 
     @property
-    def _task(self) -> Task:
+    def _task(self) -> TrackingTask:
         if self.task is None:
             raise InvalidInput("environment", "not one of rj_gym", "rj_gym/...", "This controller needs its task.")
         return self.task

@@ -24,7 +24,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
-from rj_gym.core.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.mechanism import AnyMechanism, Mechanism
 from rollingjoint.solution import Status

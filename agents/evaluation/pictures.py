@@ -36,7 +36,7 @@ def error_over_time(errors: Mapping[str, Array], floors: Array | None = None) ->
         errors: (E, T + 1) [mm], by controller.
         floors: at the last step, (E,) [mm].
     """
-    figure = _figure(9.5, 4.5)
+    figure = figure_of(9.5, 4.5)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (share, title) in zip(panels, PANELS.items(), strict=True):
         _error_axis(axes, "y")
@@ -61,7 +61,7 @@ def error_distribution(errors: Mapping[str, Array], floors: Array | None = None)
         floors: at the last step, (E,) [mm].
     """
     rows = {name: some[:, -1] for name, some in errors.items()} | ({} if floors is None else {"floor": floors})
-    figure = _figure(8, 1.5 + 0.6 * len(rows))
+    figure = figure_of(8, 1.5 + 0.6 * len(rows))
     axes = figure.add_subplot()
     _error_axis(axes, "x")
     axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
@@ -130,10 +130,17 @@ def _side_by_side(images: Sequence[Image.Image]) -> Image.Image:
     return both
 
 
-def _figure(width: float, height: float) -> Figure:
+def figure_of(width: float, height: float) -> Figure:
+    """A figure of this size [inches] that needs no screen."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def tidy(axes: Axes, grid: Literal["both", "x", "y"] = "both") -> None:
+    """A faint grid, and no frame above and to the right."""
+    axes.grid(axis=grid, alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _error_axis(axes: Axes, name: Literal["x", "y"]) -> None:
@@ -141,8 +148,7 @@ def _error_axis(axes: Axes, name: Literal["x", "y"]) -> None:
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log"})
     axis.set_major_formatter("{x:g}")
-    axes.grid(axis=name, alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, name)
 
 
 def png(figure: Figure, dpi: int = 120) -> bytes:

@@ -12,7 +12,7 @@ from agents.evaluation.controller import Seen
 from agents.runs.algorithms import algorithm_class, schedules
 from agents.runs.files import RunFolderError
 from agents.runs.folder import RunFolder
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -39,10 +39,10 @@ class Policy:
             model = algorithm_class(config.algorithm).load(policy, device="cpu", custom_objects=objects)
             return cls(model, _load_normaliser(normaliser))
         except Exception as error:  # whatever SB3, torch and pickle make of a damaged file
-            allowed = "a zip that Stable-Baselines3 can load, with its normaliser"
+            allowed = "files that can be read: a zip that Stable-Baselines3 can load, its normaliser"
             raise RunFolderError("policy", str(policy), allowed, repr(error)) from error
 
-    def begin(self, task: Task | None, episodes: int) -> None:
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
         """Nothing to prepare: the policy has no memory."""
 
     def act(self, seen: Seen) -> NDArray[Any]:

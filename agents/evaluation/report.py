@@ -13,7 +13,7 @@ from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.runs.environment import EnvConfig
-from rj_gym.core.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint.tables import markdown_table, text_table
 
 POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers

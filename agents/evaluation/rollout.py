@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.controller import Array, Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
-from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def _side_by_side(
     envs = make_vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
     task = getattr(envs, "task", None) if env.is_tracking else None
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
-    controller.begin(cast(Task, task), len(seeds))
+    controller.begin(cast(TrackingTask, task), len(seeds))
     drawn = info.get("sampled", {}) if task else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)

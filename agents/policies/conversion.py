@@ -1,4 +1,4 @@
-"""From a Stable-Baselines3 model to the arrays of its policy: the only place that knows how SB3 builds its networks."""
+"""The network of a Stable-Baselines3 model as arrays: the only place that knows how SB3 builds its networks."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def export_policy(
 
 
 def check_against_torch(policy: ShippedPolicy, model: BaseAlgorithm, normaliser: Any, episodes: int = 16) -> float:
-    """The largest difference between the actions of policy and model on every observation of so many episodes.
+    """The largest difference between the actions of policy and model on every observation of `episodes` real episodes.
 
     Raises PolicyError if it exceeds LARGEST_DIFFERENCE.
     """

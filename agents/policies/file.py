@@ -1,8 +1,8 @@
 """The container of a shipped policy: one safetensors file, of which nothing is ever executed.
 
-Arrays are its tensors; all else is one JSON text in its metadata, together with a SHA-256 over both. (One file, because
-two can be mixed up, and weights without their description are of no use.) The sum finds damage and careless edits; it
-is no signature. docs/policies.md lists the keys.
+Arrays are its tensors; everything else is one JSON text in its metadata, together with a SHA-256 over both. One file,
+because two can be mixed up, and weights without their description are useless. The hash detects damage and careless
+edits; it is not a signature. docs/policies.md lists the keys.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from agents.policies.export import policy_in_run
 from agents.policies.file import SUFFIX, read_bytes
 from agents.policies.network import PolicyError
 from agents.policies.shipped import ShippedPolicy
@@ -46,5 +45,7 @@ def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
     if not trusted:
         hint = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
         raise PolicyError("policy", str(path), f"a {SUFFIX} file", hint)
+    from agents.policies.export import policy_in_run
+
     warnings.warn(f"{path}: {PICKLE}", UserWarning, stacklevel=3)
     return policy_in_run(path)

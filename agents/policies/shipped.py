@@ -15,13 +15,13 @@ from agents.evaluation.score import Score
 from agents.policies.file import content_hash, pack, unpack
 from agents.policies.network import Network, PolicyError, Vectors
 from agents.policies.recorded_score import RecordedScore
-from agents.runs.checks import integer
+from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
 from rj_gym import IDS, settings_of
 from rj_gym.core.config import TaskConfig
-from rj_gym.core.task import Task, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.checked_yaml import mapping, text
-from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.mechanism import AnyMechanism
 
@@ -99,7 +99,7 @@ class ShippedPolicy:
         """
         return self.network(observation)
 
-    def begin(self, task: Task | None, episodes: int) -> None:
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
         """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
         hint = "policy.make_env() makes the environment of this policy."
         if task is None:
@@ -217,8 +217,9 @@ def _numbers_of(mechanism: AnyMechanism) -> dict[str, Any]:
 def _located(source: str) -> Iterator[None]:
     """Makes every complaint about the content of a file a PolicyError that names the file."""
     try:
-        yield
-    except InvalidInput as error:
-        raise PolicyError(f"{source}: {error.what}", error.value, error.allowed, error.hint) from error
+        with prefixed(f"{source}: ", PolicyError):
+            yield
+    except PolicyError:
+        raise
     except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
         raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

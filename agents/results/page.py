@@ -23,12 +23,7 @@ SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
 TRAINING = ("steps", "training [min]", "seeds")
 WIDTH = 120
-PAYS, BEATS_FEEDBACK, NO_DIFFERENCE, DOES_NOT = (
-    "pays",
-    "beats feedback only",
-    "no clear difference",
-    "does not pay",
-)
+PAYS, BEATS_FEEDBACK, NO_DIFFERENCE, DOES_NOT = ("pays", "beats feedback only", "no clear difference", "does not pay")
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from agents.evaluation.controller import Array
-from agents.evaluation.pictures import COLOURS, SMALLEST_MM, animation, png
+from agents.evaluation.pictures import COLOURS, SMALLEST_MM, animation, figure_of, png, tidy
 from agents.evaluation.policy import Policy
 from agents.evaluation.report import OPEN_LOOP
 from agents.evaluation.rollout import film
@@ -156,16 +155,14 @@ def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
 
 
 def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, three in a row."""
+    """A figure with `count` panels, three in a row."""
     columns = min(3, count)
     rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = figure_of(4.2 * columns, 3.4 * rows)
     panels = [figure.add_subplot(rows, columns, place + 1) for place in range(count)]
     for place, axes in enumerate(panels):
         axes.set(xlabel=x_label if place >= count - columns else "", ylabel=y_label if place % columns == 0 else "")
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        tidy(axes)
     return figure, panels
 
 
@@ -177,7 +174,7 @@ def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
 
 
 def _logarithmic(axes: Axes, names: str, marks: Sequence[float] = (1,)) -> None:
-    """Make these of its axes, "x", "y" or "xy", logarithmic ones with marks at so many times the powers of ten."""
+    """Make these of its axes, "x", "y" or "xy", logarithmic, with ticks at these multiples of the powers of ten."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = axes.xaxis if name == "x" else axes.yaxis

@@ -161,7 +161,7 @@ def score(benchmark: Benchmark, seeds: Sequence[int], drive: Drive, change: Chan
 
 @contextmanager
 def driving(jobs: int) -> Iterator[Drive]:
-    """Works through parts in order, so many of them at a time, each in a process of its own if more than one."""
+    """Works through parts in order, `jobs` at a time, in processes of their own if more than one."""
     if jobs == 1:
         yield lambda parts: iter([part() for part in parts])
         return

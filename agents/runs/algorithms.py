@@ -103,7 +103,7 @@ def check_hindsight(algorithm: str, parameters: Mapping[str, Any], n_envs: int, 
         raise ConfigError("parameters.n_steps", parameters["n_steps"], "1 with her", "It learns from single steps.")
     if episode_steps is not None:
         steps = n_envs * episode_steps
-        _check_at_least(parameters, "learning_starts", 100, steps, "n_envs x episode_steps: one episode in every lane")
+        _check_at_least(parameters, "learning_starts", 100, steps, "n_envs x episode_steps: one episode of every copy")
         _check_at_least(parameters, "buffer_size", 1_000_000, 2 * steps, "2 x n_envs x episode_steps: two episodes")
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number
-from rollingjoint.errors import ConfigError
+from rollingjoint.errors import ConfigError, InvalidInput
 
 Check = Callable[[str, Any], Any]  # name and value to the value in its plain form
 
@@ -44,6 +45,15 @@ def integers(low: int, high: float = math.inf) -> Check:
 def optional(check: Check) -> Check:
     """Accepts None, too."""
     return lambda what, value: None if value is None else check(what, value)
+
+
+@contextmanager
+def prefixed(prefix: str, error: type[InvalidInput] = ConfigError) -> Iterator[None]:
+    """Puts a prefix before the names in complaints about values, which become `error`."""
+    try:
+        yield
+    except InvalidInput as found:
+        raise error(f"{prefix}{found.what}", found.value, found.allowed, found.hint) from found
 
 
 def check_fields(instance: Any, prefix: str = "", /, **checks: Check) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.runs.algorithms import PARAMETERS, check_hindsight, checked_parameters
-from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.errors import ConfigError
@@ -61,7 +61,7 @@ class NormaliseConfig:
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """Evaluation during training: every so many steps, on `episodes` fixed seeds from `seed` on."""
+    """Evaluation during training: every `every` steps, on `episodes` fixed seeds from `seed` on."""
 
     every: int = 50_000
     episodes: int = 40
@@ -164,14 +164,11 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
     """
     path = Path(path)
     values = _section(read_yaml(path), str(path))
-    source = f"{path} with --set" if overrides else str(path)
-    try:
+    with prefixed(f"{path} with --set: " if overrides else f"{path}: "):
         values = apply_overrides(values, overrides)
         if isinstance(values.get("env"), dict):
             values["env"] = _resolve_env(values["env"], path.parent)
         return TrainConfig.from_dict(values)
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -192,7 +189,7 @@ def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[st
 
 
 def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The env section with the settings of `env.file` read in and mechanism files found beside their configuration."""
+    """The env section with the settings of `env.file` read in and paths of mechanism files resolved."""
     env = dict(mapping("env", env, ["file", *(f.name for f in fields(EnvConfig))]))
     name = env.pop("file", None)
     settings = _with_mechanism(env.get("settings"), folder)

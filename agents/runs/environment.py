@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from agents.runs.checks import check_fields, integer
+from agents.runs.checks import check_fields, integer, prefixed
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -58,10 +58,8 @@ class EnvConfig:
         from rj_gym import settings_of
 
         kind = settings_of(self.id)
-        try:
+        with prefixed("env.settings: "):
             return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
-        except ConfigError as error:
-            raise ConfigError(f"env.settings: {error.what}", error.value, error.allowed, error.hint) from error
 
     @property
     def episode_steps(self) -> int | None:
@@ -72,7 +70,7 @@ class EnvConfig:
         """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
         if not self.is_tracking:
             return dict(self.settings)
-        from rj_gym.core.task import task_of
+        from rj_gym.core.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict
 
         config = self.arguments()["config"]
@@ -94,7 +92,7 @@ def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
 
 
 def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """A native vector environment of rj_gym with so many copies; for other ids, scalar ones stepped in turn."""
+    """A native vector environment of rj_gym with `count` copies; for other ids, scalar ones stepped in turn."""
     if not config.is_ours:
         return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
     with making(config):

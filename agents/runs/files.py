@@ -46,7 +46,7 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file; none where there is no file."""
+    """The rows of a CSV file; none if there is no file."""
     if not table.is_file():
         return []
     with table.open(newline="") as stream:

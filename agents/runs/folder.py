@@ -1,7 +1,7 @@
 """A run folder: everything needed to repeat a training run and to use its policy.
 
     config.yaml          the configuration, complete: environment settings and overrides written in
-    command.txt          what was typed; a line more for every --resume
+    command.txt          what was typed; one more line for every --resume
     mechanism.yaml       the mechanism, where the environment names a mechanism file
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
@@ -102,8 +102,8 @@ class RunFolder:
         with alone_in(self.path, "run folder", "one in which no training runs"):
             yield
 
-    def begin_anew(self) -> None:
-        """Remove what an interrupted training left that never came to a checkpoint."""
+    def restart(self) -> None:
+        """Remove what training left that was interrupted before its first checkpoint."""
         for folder in (self.logs, self.checkpoints, self.path / "best"):
             shutil.rmtree(folder, ignore_errors=True)
         self.evaluations.unlink(missing_ok=True)
@@ -118,8 +118,8 @@ class RunFolder:
                 path.unlink()
         (self.path / "error.txt").unlink(missing_ok=True)
 
-    def go_on_with(self, total_timesteps: int, command: Sequence[str]) -> None:
-        """Note how far the run shall go now, and the command that said so."""
+    def extend(self, total_timesteps: int, command: Sequence[str]) -> None:
+        """Record the new end of the run, and the command that set it."""
         values: Any = read_yaml(self.path / "config.yaml")
         write_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
         commands = self.path / "command.txt"
@@ -203,8 +203,4 @@ def versions(*more: str) -> dict[str, str]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = "not installed as a package"
-    return found | {
-        "platform": platform.platform(),
-        "processor": platform.machine(),
-        "cores": str(os.cpu_count()),
-    }
+    return found | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}

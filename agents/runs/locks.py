@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from agents.runs.files import RunFolderError
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
@@ -18,8 +16,10 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
     """Hold the file at `path`, which is made if it is not there; on a file system without locks hold nothing.
 
-    Raises filelock.Timeout where another process, or another place of this one, holds it, unless told to wait.
+    Raises filelock.Timeout if it is held elsewhere, in another process or in this one, unless told to wait.
     """
+    from filelock import FileLock, Timeout  # comes with the extras that train and search
+
     lock = FileLock(path, blocking=wait, fallback_to_soft=False)
     try:
         lock.acquire()
@@ -35,6 +35,8 @@ def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
 @contextmanager
 def alone_in(folder: Path, what: str, allowed: str) -> Iterator[None]:
     """Hold the lock of a folder; raises RunFolderError(what, folder, allowed) where another process holds it."""
+    from filelock import Timeout
+
     with ExitStack() as held:
         try:
             held.enter_context(file_lock(folder / "lock"))

@@ -5,8 +5,7 @@ Modules:
     problem: its space, objectives and limits as a Problem of rollingjoint.design.
     optimiser: the protocol of an optimiser: ask, tell.
     methods: the optimisers by name.
-    random_search: uniform random designs.
-    latin_hypercube: designs that fill the box evenly.
+    sampling: random designs, and Latin hypercubes.
     cma_es: CMA-ES.
     bayesian: Bayesian search.
     gradient: L-BFGS from several starts.
@@ -20,7 +19,7 @@ Modules:
     report: the report of a search.
     pictures: pictures of a search.
     compare: python -m agents.search.compare: the page docs/design_search.md.
-    unseen: python -m agents.search.unseen: a policy that designs beside the methods, on unseen tasks.
+    unseen: python -m agents.search.unseen: a design policy compared with the methods on unseen tasks.
 
 Nothing is imported here: torch and the libraries of single methods are loaded by the modules that need them.
 """

@@ -1,7 +1,7 @@
 """Search designs: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
 
 Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md says what was found. The same
-command goes on with a search: finished runs stay, interrupted ones continue after their last batch.
+command continues a search: finished runs are kept, interrupted ones continue after their last batch.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: processors)")
-    parser.add_argument("--force", action="store_true", help="begin runs anew that are there")
+    parser.add_argument("--force", action="store_true", help="restart existing runs")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
 

@@ -1,4 +1,4 @@
-"""What a search file says: frozen, checked once when built, read from YAML."""
+"""The content of a search file: frozen, checked once when built, read from YAML."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.runs.checks import check_fields, integer, integers
+from agents.runs.checks import check_fields, integer, integers, prefixed
 from agents.search.methods import METHODS
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError
@@ -79,10 +79,8 @@ def load_search(path: Path) -> SearchConfig:
 
     agents.search.problem.check builds the problem and the optimisers.
     """
-    try:
+    with prefixed(f"{path}: "):
         return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def _plain(value: Any) -> Any:

@@ -1,9 +1,9 @@
 """A run of a search: one method with one seed, in a folder of its own.
 
 config.yaml          the search, with this method and this seed alone
-command.txt          what was typed; a line more whenever the run goes on
+command.txt          what was typed; one more line whenever the run is continued
 versions.json        Python, packages, platform
-evaluations.jsonl    a line per batch: designs, what was found, processor time; one without its end does not count
+evaluations.jsonl    a line per batch: designs, what was found, processor time; an incomplete one is ignored
 lock                 held by the process that searches
 """
 
@@ -40,7 +40,7 @@ class SearchRun:
 
     @classmethod
     def begin(cls, path: Path, config: SearchConfig, command: Sequence[str], force: bool = False) -> SearchRun:
-        """The run at `path`, new or begun; `force` begins it anew.
+        """The run at `path`, new or existing; `force` restarts it.
 
         Raises RunFolderError where the folder holds something else, another search, or a run that a process works on.
         """

@@ -1,6 +1,6 @@
 """Descent along the gradient from many starts side by side: L-BFGS in the box.
 
-Every start goes down by itself; one batch holds the next point of each. A start that has come to rest begins anew
+Descents are independent; one batch holds the next point of each. A descent that has converged restarts
 elsewhere. Source: Nocedal and Wright, Numerical Optimization (2006), algorithm 7.4 (two loops); projection onto the box
 and Armijo's condition along it: Bertsekas, SIAM J. Control Optim. 20 (1982).
 """
@@ -48,7 +48,7 @@ class Gradient:
         return np.array([descent.point for descent in self.descents[:most]])
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Every descent goes on, and begins anew where it is at rest."""
+        """Advance every descent; those that have converged restart elsewhere."""
         assert evaluated.gradient is not None, "this optimiser wants gradients"
         gradients = np.where(np.isfinite(evaluated.gradient), evaluated.gradient, 0.0)
         for place, (cost, gradient) in enumerate(zip(evaluated.cost, gradients, strict=True)):

@@ -1,4 +1,4 @@
-"""MAP-Elites: the best design of every kind, where two measured values say of what kind a design is.
+"""MAP-Elites: the best design in every cell of an archive over two measured values.
 
 Source: Mouret and Clune, "Illuminating search spaces by mapping elites" (2015); emitters that improve the archive by
 CMA-ES: Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior space" (GECCO 2020). By

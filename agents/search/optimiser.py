@@ -1,7 +1,7 @@
-"""What an optimiser is: it asks for designs to be evaluated, and is told what was found.
+"""The protocol of an optimiser: it asks for designs to be evaluated and is told the results.
 
 An optimiser is deterministic: the same setup, settings and answers make it ask the same. That is how an interrupted
-search goes on: a new optimiser is told what the journal holds, and stands where the old one stood.
+search is resumed: a new optimiser is told what the journal holds, and reaches the state of the old one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Derivatives = Literal["", "gradient", "jacobian"]
 
 @dataclass(frozen=True)
 class Setup:
-    """What an optimiser knows beforehand.
+    """What an optimiser is given at the start.
 
     Args:
         dimensions: d of the box [-1, 1]^d that is searched.
@@ -88,7 +88,7 @@ class Optimiser(Protocol):
 
     @property
     def wants(self) -> Derivatives:
-        """What `tell` needs beside the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
+        """What `tell` needs besides the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
 
     def ask(self, most: int) -> Array:
         """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""

@@ -1,4 +1,4 @@
-"""What the runs below a folder found: curves, comparisons, the best designs scored again. Only the folders are read."""
+"""What the runs below a folder found: curves, comparisons, the best designs scored again."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ class Search:
 
     @cached_property
     def front(self) -> Mask:
-        """Which feasible designs of `everything` no other one beats in all objectives."""
+        """Which feasible designs of `everything` are Pareto-optimal."""
         values = self.everything.measured[:, : len(self.problem.objectives)]
         kept = np.zeros(len(values), bool)
         feasible = np.flatnonzero(self.everything.feasible)

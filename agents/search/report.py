@@ -98,7 +98,7 @@ class Findings:
         return "\n\n".join(part for part in parts if part) + "\n"
 
     def in_short(self) -> list[str]:
-        """Best value, who found it, the reference's; both again in what was not searched."""
+        """Best value, who found it, the reference's; the same on held-out cases."""
         search, place = self.search, self.search.single
         cells = [f"{plain_number(search.shown(search.winner.best))}", words(search.winner.method)]
         if place is None:

@@ -1,4 +1,4 @@
-"""A run from its beginning, or from where it was interrupted, to the end of its budget."""
+"""A run of a search, new or resumed, to the end of its budget."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Progress(NamedTuple):
 
 
 def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
-    """Go on with a run; yields after every batch, and once before the first.
+    """Run to the end of the budget; yields after every batch, and once before the first.
 
     Its seconds are processor time of this process with all its threads: what other processes do does not count, what
     this one does between two batches would.

@@ -27,7 +27,7 @@ MOST_STEPS = 200
 
 @dataclass
 class Sqp:
-    """SLSQP from several starts, each begun anew elsewhere when it is at rest.
+    """SLSQP from several starts, each restarted elsewhere once it has converged.
 
     Args:
         starts: descents side by side, from random designs.
@@ -50,7 +50,7 @@ class Sqp:
         return np.array([descent.point for descent in self.descents[:most]])
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Every descent goes on, and begins anew where it is at rest."""
+        """Advance every descent; those that have converged restart elsewhere."""
         assert evaluated.worth is not None, "this optimiser wants Jacobians"
         assert evaluated.constraints is not None and evaluated.jacobian is not None
         rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, evaluated.ok, strict=True)

@@ -1,4 +1,4 @@
-"""A policy that designs beside other methods, on tasks that none has seen: python -m agents.search.unseen runs/design.
+"""A design policy compared with other methods on unseen tasks: python -m agents.search.unseen runs/design.
 
 Tasks are episodes of the policy's environment. Every method evaluates as many designs, the policy that with which the
 episode begins and those of its changes. A result is the smallest error of a valid design among them. With --page the

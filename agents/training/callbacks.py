@@ -30,9 +30,9 @@ def due_after(every: int, steps: int) -> int:
 
 
 class StopOnSignal(BaseCallback):
-    """Ends training in good order after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
+    """Ends training cleanly after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
 
-    Training goes on to the end of the rollout: from there it can be resumed without a trace. A context manager: the
+    Training continues to the end of the rollout, from where it can be resumed exactly. A context manager: the
     handlers are in place inside it. `signal` is what arrived, or None.
     """
 
@@ -64,10 +64,10 @@ class StopOnSignal(BaseCallback):
 
 
 class Checkpoints(BaseCallback):
-    """Makes a checkpoint where a rollout begins: every `every` steps or a little later, and when training stops.
+    """Saves a checkpoint at the start of a rollout: every `every` steps or a little later, and when training stops.
 
     Args:
-        moment: for a resumed run, what is to be restored where its first rollout begins.
+        moment: for a resumed run, what to restore at the start of its first rollout.
     """
 
     def __init__(self, run: RunFolder, every: int, stop: StopOnSignal, moment: Moment | None = None) -> None:
@@ -162,7 +162,7 @@ class FinalError(BaseCallback):
 
 
 class Progress(BaseCallback):
-    """A progress bar on the terminal; nothing where standard error is no terminal, or in CI."""
+    """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
 
     def _on_training_start(self) -> None:
         hidden = not sys.stderr.isatty() or "CI" in os.environ

@@ -42,7 +42,7 @@ class Member:
         return out / self.config.stem / f"seed_{self.seed}"
 
     def arguments(self, out: Path) -> list[str] | None:
-        """Arguments of agents.train that begin the run or go on with it; None where it is finished.
+        """Arguments of agents.train that begin or resume the run; None if it is finished.
 
         Raises RollingJointError where the folder holds another configuration.
         """
@@ -83,7 +83,7 @@ class Campaign:
     jobs: int
 
     def train(self) -> int:
-        """Train what is not finished; the exit code. Nothing that happens to one run stops the others."""
+        """Train what is not finished; the exit code. A run that fails does not stop the others."""
         waiting, failed = self._plan()
         with signals_seen() as signals:
             failed |= self._work(waiting, signals)
@@ -100,7 +100,7 @@ class Campaign:
         return 0
 
     def _plan(self) -> tuple[dict[Member, list[str]], dict[Member, str]]:
-        """Arguments of agents.train by run, and why others cannot be trained."""
+        """Arguments of agents.train by run, and why other runs cannot be trained."""
         waiting, failed = dict[Member, list[str]](), dict[Member, str]()
         for member in self.members:
             try:
@@ -119,7 +119,7 @@ class Campaign:
         return waiting, failed
 
     def _work(self, waiting: Mapping[Member, list[str]], signals: Sequence[int]) -> dict[Member, str]:
-        """Train them all; why some failed. A signal goes to the children, which save, and no other is begun."""
+        """Train them all; why some failed. A signal goes to the children, which save; no more are started."""
         left, failed, told = dict(waiting), dict[Member, str](), 0
         running: dict[Member, subprocess.Popen[bytes]] = {}
         while running or (left and not signals):
@@ -141,7 +141,7 @@ class Campaign:
         return failed
 
     def _start(self, member: Member, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-        """The process that trains; it has a session of its own, so that Ctrl-C reaches it through this one alone."""
+        """The process that trains, in its own process group, so that Ctrl-C reaches it through this one alone."""
         folder = member.folder(self.out)
         folder.parent.mkdir(parents=True, exist_ok=True)
         with folder.with_suffix(".log").open("wb") as log:
@@ -157,7 +157,7 @@ class Campaign:
         print(f"{count:>4} of {total}  {member}: {seconds:.0f} s, mean tip error {error:.3f} mm", flush=True)
 
     def _reason(self, member: Member, code: int) -> str:
-        """Why a run failed: what it said of it in one line, else how it ended."""
+        """Why a run failed: its own one-line error, else how it ended."""
         log = member.folder(self.out).with_suffix(".log")
         said = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]

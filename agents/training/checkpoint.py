@@ -1,9 +1,9 @@
 """Checkpoints: from the newest one a training run continues as if it had never been interrupted.
 
-A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by a rename, or not at all.
+A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by renaming, or not at all.
 
     policy.zip, normaliser.pkl              the policy as it was
-    resume/                                 what else continuing needs; older checkpoints lose it
+    resume/                                 what else resuming needs; deleted from older checkpoints
         training.pkl                        model, optimisers, environments, random numbers, the pending row of the log
         replay_buffer.pkl                   where the algorithm has one
         evaluations.csv, progress.csv, best/     copies of those in the run folder
@@ -43,7 +43,7 @@ UNREADABLE = (pickle.PickleError, RuntimeError, AttributeError, ImportError, Loo
 
 @dataclass(frozen=True)
 class Moment:
-    """What lies outside model and environments when a rollout begins.
+    """The state outside model and environments when a rollout begins.
 
     Args:
         generators: states of the global random number generators of Python, NumPy and torch.
@@ -68,7 +68,7 @@ class Moment:
         )
 
     def restore(self, model: BaseAlgorithm) -> None:
-        """Bring back this moment; to be called where a rollout begins."""
+        """Restore this moment; to be called at the start of a rollout."""
         python, numpy, of_torch = self.generators
         random.setstate(python)
         np.random.set_state(numpy)
@@ -92,9 +92,9 @@ def save_policy(model: BaseAlgorithm, files: tuple[Path, Path]) -> None:
 
 
 def save(model: BaseAlgorithm, run: RunFolder) -> bool:
-    """Make a checkpoint of a model whose rollout is about to begin; whether the run can be resumed from it.
+    """Save a checkpoint of a model whose rollout is about to begin; whether the run can be resumed from it.
 
-    It cannot where environments do not pickle. Raises OSError, on a full disk for example, and leaves no part then.
+    It cannot if the environments do not pickle. Raises OSError, on a full disk for example, and leaves nothing behind.
     """
     folder = run.checkpoints / f"{model.num_timesteps:09d}"
     partial = folder.with_name(f".{folder.name}")
@@ -112,7 +112,7 @@ def save(model: BaseAlgorithm, run: RunFolder) -> bool:
 
 
 def newest(run: RunFolder) -> Path | None:
-    """The newest checkpoint from which the run can go on; None if there is none."""
+    """The newest checkpoint from which the run can be resumed; None if there is none."""
     complete = [path.parent for path in run.checkpoints.glob("[0-9]*/resume")]
     return max(complete, key=steps_of, default=None)
 
@@ -140,14 +140,14 @@ def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
     run = RunFolder(checkpoint.parents[1])
     hint = (
         f"{type(error).__name__}: {error}. The run was begun with {run.begun_with}: a resumed run needs the same code. "
-        f"Its policies can still be evaluated and exported; to train anew: python -m agents.train --config "
+        f"Its policies can still be evaluated and exported; to train again: python -m agents.train --config "
         f"{run.path / 'config.yaml'} --run-dir NEW"
     )
     return RunFolderError("checkpoint", str(checkpoint), "a checkpoint that this version can read", hint)
 
 
 def bring_back_files(checkpoint: Path, run: RunFolder) -> None:
-    """Make log, evaluations and best policy those of the checkpoint; whatever came after it goes."""
+    """Restore log, evaluations and best policy from the checkpoint; whatever came after it is deleted."""
     for copy, original in _copies(run, checkpoint / "resume"):
         if copy.is_file():
             write_bytes(original, copy.read_bytes())
@@ -204,7 +204,7 @@ def _load_replay_buffer(model: Any, path: Path) -> None:
         return
     with path.open("rb") as stream:
         model.replay_buffer = pickle.load(stream)
-    if hasattr(model.replay_buffer, "set_env"):  # hindsight computes rewards anew
+    if hasattr(model.replay_buffer, "set_env"):  # hindsight recomputes rewards
         model.replay_buffer.set_env(model.env)
 
 

@@ -1,4 +1,4 @@
-"""Train a run from its beginning, or go on with it."""
+"""Training a new run, or resuming one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rollingjoint.errors import ConfigError, RollingJointError
 
 
 class TrainingError(RollingJointError):
-    """Training that broke off."""
+    """Training that failed midway."""
 
 
 def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: bool = False) -> int:
@@ -36,10 +36,10 @@ def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: b
 
 
 def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = ()) -> int:
-    """Go on with the run at `path`, or say that it is finished; the exit code. Raises RollingJointError.
+    """Resume the run at `path`, or say that it is finished; the exit code. Raises RollingJointError.
 
     Args:
-        overrides: none, or "total_timesteps=N", how far the run shall go now.
+        overrides: none, or "total_timesteps=N", the new end of the run.
     """
     run = RunFolder.open(path)
     with run.locked():
@@ -57,8 +57,8 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
         else:
             _check_nothing_is_lost(run)
             model = build_model(config)
-            run.begin_anew()
-        run.go_on_with(config.total_timesteps, command)
+            run.restart()
+        run.extend(config.total_timesteps, command)
         return _train(model, config, run, moment)
 
 
@@ -73,7 +73,7 @@ def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> Trai
 
 
 def _check_nothing_is_lost(run: RunFolder) -> None:
-    """Raise RunFolderError where a policy is there, but no checkpoint to go on from."""
+    """Raise RunFolderError if there is a policy but no checkpoint to resume from."""
     if any(run.path.glob("checkpoints/[0-9]*")) or run.policy_files("last")[0].exists():
         hint = "To begin anew: --config with --force."
         raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", hint)
@@ -119,14 +119,14 @@ def _learn_and_save(
 
 
 def learn(model: BaseAlgorithm, config: TrainConfig, callbacks: Sequence[BaseCallback]) -> None:
-    """Train the model until config.total_timesteps, from wherever it is."""
+    """Train the model until config.total_timesteps, from its current step."""
     remaining = config.total_timesteps - model.num_timesteps
     often = 1 if config.algorithm == "ppo" else max(4, config.env.n_envs)  # rollouts, episodes per row of the log
     model.learn(remaining, list(callbacks), log_interval=often, reset_num_timesteps=model._last_obs is None)
 
 
 def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> TrainingError:
-    """What to say of training that failed; the traceback goes to error.txt where that helps and the disk has room."""
+    """The error for training that failed; the traceback goes to error.txt if that helps and the disk has room."""
     text = f"training broke off after {model.num_timesteps} steps: "
     if isinstance(error, OSError):
         text += str(error)

@@ -18,13 +18,13 @@ ELAPSED = "time/time_elapsed"
 
 
 def training_log(run: RunFolder, steps: int = 0) -> Logger:
-    """The log of a run of which so many steps are done: what it holds of these stays, what it holds of later goes."""
+    """The log of a run with `steps` steps done: rows up to there are kept, later ones are dropped."""
     run.logs.mkdir(exist_ok=True)
     return Logger(str(run.logs), [_Rows(run.progress), _Events(run.logs, steps)])
 
 
 class _Rows(CSVOutputFormat):
-    """Adds rows to a CSV file; Stable-Baselines3's own begins it anew."""
+    """Appends rows to a CSV file; Stable-Baselines3's own class would overwrite it."""
 
     def __init__(self, path: Path) -> None:
         self.file = path.open("r+" if path.is_file() else "w+")

@@ -20,7 +20,7 @@ class _Lock(BaseJournalFileLock):
         self.journal, self.held = journal, ExitStack()
 
     def acquire(self) -> bool:
-        """Hold the lock; wait for it if need be."""
+        """Acquire the lock, waiting if necessary."""
         self.held.enter_context(file_lock(self.journal.with_suffix(".lock"), wait=True))
         whole = self.journal.read_bytes().rfind(b"\n") + 1
         if whole < self.journal.stat().st_size:
@@ -28,10 +28,10 @@ class _Lock(BaseJournalFileLock):
         return True
 
     def release(self) -> None:
-        """Let the lock go."""
+        """Release the lock."""
         self.held.close()
 
 
 def journal_storage(path: Path) -> JournalStorage:
-    """The storage in the file at `path`, new or begun."""
+    """The storage in the file at `path`, new or existing."""
     return JournalStorage(JournalFileBackend(str(path), _Lock(path)))

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
-from agents.evaluation.pictures import png
+from agents.evaluation.pictures import figure_of, png, tidy
 from agents.runs.files import write_bytes, write_text
 from agents.runs.folder import versions
 from agents.tuning.study import Choices, StudyConfig, with_values
@@ -45,7 +44,7 @@ def write_results(study: Study, config: StudyConfig, folder: Path, command: Sequ
 
 def history(study: Study, score: str) -> bytes:
     """PNG: the score of every trial, the best so far, and where trials were ended early or failed."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    figure = figure_of(8, 4.5)
     axes = _axes(figure, None, f"{score.removesuffix('_mm')} tip error [mm]")
     done = _trials(study, TrialState.COMPLETE)
     numbers, scores = [t.number for t in done], np.array([t.value for t in done])
@@ -71,7 +70,7 @@ def parameters(done: Sequence[FrozenTrial], config: StudyConfig, importance: dic
     keys = sorted(config.space, key=lambda key: -importance.get(key, 0.0))
     columns = min(4, len(keys))
     rows = -(-len(keys) // columns)
-    figure = Figure(figsize=(3.2 * columns, 2.8 * rows), layout="constrained")
+    figure = figure_of(3.2 * columns, 2.8 * rows)
     shared: Axes | None = None
     for place, key in enumerate(keys):
         axes = _axes(figure, (rows, columns, place + 1), "tip error [mm]" if place % columns == 0 else "", shared)
@@ -101,13 +100,11 @@ def _panel(axes: Axes, key: str, done: Sequence[FrozenTrial], config: StudyConfi
 
 def _axes(figure: Figure, place: tuple[int, int, int] | None, label: str, shared: Axes | None = None) -> Axes:
     """Axes with a logarithmic scale of tip errors."""
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot(*(place or (1, 1, 1)), sharey=shared)
     axes.set_yscale("log")
     _label_one_two_five(axes.yaxis)
     axes.set_ylabel(label)
-    axes.grid(axis="y", alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, "y")
     return axes
 
 

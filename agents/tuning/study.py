@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.checks import boolean, check_fields, choice, integer, integers, number
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, prefixed
 from agents.runs.config import TrainConfig, load_config, overlap
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
@@ -90,13 +90,13 @@ class StudyConfig:
     """A study.
 
     Args:
-        train: what every trial trains, but for the keys in `space`.
-        space: what is searched, by dotted key of the training configuration (a number is a place in a list).
+        train: what every trial trains, except for the keys in `space`.
+        space: what is searched, by dotted key of the training configuration (a number is an index of a list).
         score: of the evaluations during training, whose last one scores a trial; smaller is better.
         training_seeds: a trial trains once with each; its score is the mean.
         episodes, first_seed: evaluation episodes of a trial, their seeds: used by nothing else.
         pruner: ends trials that fall behind: "median" of the earlier ones, "halving" (successive halving) or "none".
-        startup: so many first trials are drawn at random and never ended early.
+        startup: number of first trials, which are drawn at random and never ended early.
         trials: how many; seed: of the search itself.
     """
 
@@ -166,13 +166,11 @@ def load_study(path: Path) -> StudyConfig:
     Its keys: `train`, a training configuration, or `config`, the file of one, beside this file; changes to it in `set`;
     `space`; and the settings of StudyConfig.
     """
-    try:
+    with prefixed(f"{path}: "):
         values = dict(mapping("top level", read_yaml(path), ["config", "train", "set", "space", *SETTINGS], ["space"]))
         train = _training(values, path.parent)
         space = {str(key): _range(f"space: {key}", range_) for key, range_ in _keys("space", values).items()}
         return StudyConfig(train, space, **{name: values[name] for name in SETTINGS if name in values})
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.hint) from error
 
 
 def _training(values: Mapping[str, Any], folder: Path) -> TrainConfig:

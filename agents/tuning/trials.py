@@ -1,4 +1,4 @@
-"""The trials of a study: claimed, trained, told; what a killed process left is queued again."""
+"""The trials of a study: claiming, training and recording them; trials of killed processes are queued again."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KILLED = "its process ended"
 
 
 def tune(config: StudyConfig, folder: StudyFolder, trials: int, command: Sequence[str] = ()) -> int:
-    """Work on the study until it has so many trials, then write its results; the exit code."""
+    """Work on the study until it has `trials` trials, then write its results; the exit code."""
     study = folder.journal(config)
     with StopOnSignal() as stop:
         try:

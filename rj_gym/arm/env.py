@@ -1,15 +1,17 @@
-"""The scalar environments of the arm."""
+"""The scalar environments of the arm's tracking task."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.config import TaskConfig
-from rj_gym.core.env import GoalSteps, TrackingEnv
+from rj_gym.arm.episodes import ArmEpisodeBuffer
+from rj_gym.core.env import GoalTaskEnv, TaskEnv
+from rj_gym.core.episodes import EpisodeBuffer
+from rj_gym.core.settings import Settings
 
 
-class FlexibleArmEnv(TrackingEnv):
+class FlexibleArmEnv(TaskEnv):
     """Bring the tip of a hanging tendon-driven arm to a target, under unknown gravity and an unknown payload.
 
     An arm of n - 1 beads on elastic hinges, m tendons, length L (0.7 m, 32 beads and m = 8 for the default one, in two
@@ -76,10 +78,11 @@ class FlexibleArmEnv(TrackingEnv):
     * v0: first version.
     """  # noqa: E501
 
-    settings: ClassVar[type[TaskConfig]] = FlexibleArmConfig
+    settings: ClassVar[type[Settings]] = FlexibleArmConfig
+    buffer: ClassVar[type[EpisodeBuffer]] = ArmEpisodeBuffer
 
 
-class FlexibleArmGoalEnv(GoalSteps, FlexibleArmEnv):
+class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
     """The arm's task with goals, for hindsight relabelling: as FlexibleArmEnv but for what follows.
 
     ## Observation space

@@ -1,32 +1,33 @@
-"""Running episodes of the arm's task side by side."""
+"""Running episodes of the arm's task."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm import kernels
-from rj_gym.arm.kernels import FX, GRAVITY, OWN, Course, Inputs, Solved, State
-from rj_gym.arm.sampling import Episodes
-from rj_gym.core.episodes import FLAT, LaneByLane, Observation, TaskLanes
-from rj_gym.planar.kernels import TENSIONS
+from rj_gym.arm.kernels import FX, GRAVITY, OWN, TARGET_FRAME, Course, Inputs, Solved, State
+from rj_gym.arm.render import ArmCanvas, ArmScene
+from rj_gym.arm.sampling import ArmDraws
+from rj_gym.arm.task import ArmTask
+from rj_gym.core.draws import over_time
+from rj_gym.core.episodes import Observation
+from rj_gym.core.kernels import FORCE, TENSIONS
+from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
+from rj_gym.rendering.canvas import Screen
 from rollingjoint.compiled import machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mechanism import stack
 from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
 from rollingjoint.spatial.chain import HingeChain
 
-if TYPE_CHECKING:
-    from rj_gym.arm.render import ArmScene
-    from rj_gym.arm.task import ArmTask
-
 Array = NDArray[np.float64]
 
 
-class ArmLanes(TaskLanes):
+class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the arm's task."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
@@ -38,9 +39,32 @@ class ArmLanes(TaskLanes):
 
     def scene(self, trail: Array, lane: int = 0) -> ArmScene:
         """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
-        from rj_gym.arm.render import arm_scene
+        readings, own = self.readings[lane], TENSIONS + 2 * self._actions.shape[1]
+        frame = readings[own + TARGET_FRAME : own + TARGET_FRAME + 9].reshape(3, 3)
+        return ArmScene(
+            **self._shared_scene(trail, lane),
+            target_frame=frame if self.task.config.orientation else None,
+            gravity=readings[own + GRAVITY : own + GRAVITY + 3],
+            payload=readings[FORCE : FORCE + 3],
+        )
 
-        return arm_scene(self, trail, lane)
+    def renderer(self) -> Screen[ArmScene]:
+        """What draws the scenes."""
+        return Screen(ArmCanvas(self.task.mechanism))
+
+    def sampled_info(self, draws: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        times, count = self.task.config.episode_steps + 1, len(draws)
+        drawn = {
+            "payloads": over_time(draws.payloads[..., None], times)[..., 0],
+            "gravity": draws.gravity.copy(),
+            "hinge_stiffnesses": draws.hinge_stiffnesses,
+            "weights": draws.weights,
+        }
+        if self.task.config.orientation:
+            rotations = over_time(self.course.targets[:count, :, 3:], times)
+            drawn["target_rotations"] = rotations.reshape(count, times, 3, 3)
+        return super().sampled_info(draws) | drawn
 
     def _make_room(self) -> None:
         capacity, config, arm = self.capacity, self.task.config, self.task.mechanism
@@ -61,10 +85,10 @@ class ArmLanes(TaskLanes):
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
         self._results = new_results(capacity, n - 1, m)
 
-    def _enter_loads(self, episodes: Episodes) -> None:
-        count, own = len(episodes), TENSIONS + 2 * self._actions.shape[1]
-        self.state.readings[:count, own + GRAVITY : own + GRAVITY + 3] = episodes.gravity
-        self._loads[:count] = self.task.load_tables(episodes, 0)
+    def _enter_loads(self, draws: ArmDraws) -> None:
+        count, own = len(draws), TENSIONS + 2 * self._actions.shape[1]
+        self.state.readings[:count, own + GRAVITY : own + GRAVITY + 3] = draws.gravity
+        self._loads[:count] = self.task.load_tables(draws, 0)
 
     def _tips(self, count: int) -> Array:
         tips = self._results.poses[:count, -1]

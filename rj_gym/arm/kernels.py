@@ -1,4 +1,4 @@
-"""The formulas of the arm's task, compiled: what it has of its own beside tracking/kernels.py.
+"""The formulas of the arm's task, compiled: what it has of its own beside core/kernels.py.
 
 A step is `prepare`, the solve, and `finish`; each works on lanes first to last - 1, and lanes do not see each other.
 """
@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rj_gym.planar.kernels import (
+from rj_gym.core.kernels import (
     ERROR,
     FORCE,
     REFUSED,

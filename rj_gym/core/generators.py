@@ -1,4 +1,4 @@
-"""The random generators of many lanes, asked all at once by a kernel."""
+"""The random generators of many lanes, from which a kernel draws for all of them at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.planar.kernels import fill_uniforms
+from rj_gym.core.kernels import fill_uniforms
 
 
 class Generators:
@@ -46,6 +46,10 @@ class Generators:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["each"])  # type: ignore[misc]
+
+
+Random = Sequence[np.random.Generator] | Generators
+"""One generator per episode."""
 
 
 def _source(rng: np.random.Generator | None) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""What info says: of all lanes in Gymnasium's vector form, or of the single lane of a scalar environment."""
+"""Infos: of all lanes in Gymnasium's vector form, or of the only lane of a scalar environment."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.episodes import TaskLanes, over_time
-from rj_gym.planar.kernels import (
+from rj_gym.core.kernels import (
     EFFORT,
     ERROR,
     FAILURE,
@@ -28,7 +27,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STATUS_NAMES = [status.name for status in Status]
-_NAME_ARRAY = np.array(_STATUS_NAMES, dtype=object)
+STATUS_NAMES = np.array(_STATUS_NAMES, dtype=object)
+"""Name of every status."""
 
 Places = tuple[slice, slice, slice]
 IN_PLANE: Places = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
@@ -39,7 +39,7 @@ _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "fai
 
 
 def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
-    """What info says in every step of every task, arrays (B, ...): parts of the readings, and copies.
+    """What info says in every step of every tracking task, arrays (B, ...): parts of the readings, and copies.
 
     Args:
         readings: (B, columns) without those that a task has of its own.
@@ -49,7 +49,7 @@ def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
     m = (readings.shape[1] - TENSIONS) // 2
     return {
         "error_mm": readings[:, ERROR],
-        "status": _NAME_ARRAY[readings[:, STATUS].astype(np.intp)],
+        "status": STATUS_NAMES[readings[:, STATUS].astype(np.intp)],
         "tip": readings[:, tip],
         "target": readings[:, target],
         "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
@@ -81,21 +81,6 @@ def single_info(readings: Array, numbers: list[float], places: Places = IN_PLANE
             "smoothness": numbers[SMOOTHNESS],
             "failure": numbers[FAILURE],
         },
-    }
-
-
-def sampled_info(lanes: TaskLanes, episodes: Any) -> dict[str, Any]:
-    """What was drawn, in every task, for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
-    times, count = lanes.task.config.episode_steps + 1, len(episodes)
-    names = np.array([mechanism.name for mechanism in episodes.mechanisms], dtype=object)
-    return {
-        "mechanism": names[episodes.designs],
-        "targets": over_time(lanes.course.targets[:count, :, : lanes.task.dimension], times),
-        "link": episodes.links,
-        "forces": over_time(lanes.course.forces[:count], times),
-        "start_tensions": episodes.start_tensions,
-        "stiffnesses": episodes.stiffnesses,
-        "actuator_offsets": episodes.actuator_offsets,
     }
 
 

@@ -1,24 +1,21 @@
-"""What every settings class shares: construction from plain dictionaries, and checks of single values."""
+"""The base of every settings class: construction from plain dictionaries, and fields that are checked once."""
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from numbers import Real
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 Range = tuple[float, float]
 
-_LARGEST = sys.float_info.max
-
 
 class Settings:
-    """Construction from plain dictionaries, shared by every settings class."""
+    """Frozen settings, built from keywords or plain dictionaries."""
+
+    _SECTION: ClassVar[str] = ""  # what stands before the names of the fields in messages
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -33,52 +30,35 @@ class Settings:
         """These settings with `values` on top; a nested dictionary changes only the keys that it names."""
         if not isinstance(values, Mapping):
             raise ConfigError(type(self).__name__, values, "a dictionary of settings")
-        valid = [f.name for f in fields(self)]  # type: ignore[arg-type]
+        check_keys(f"{type(self).__name__} key", values, [f.name for f in fields(self)])  # type: ignore[arg-type]
         merged = {}
         for key, value in values.items():
-            if key not in valid:
-                raise ConfigError(
-                    f"{type(self).__name__} key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid)
-                )
             current = getattr(self, key)
             nested = isinstance(current, Settings) and isinstance(value, Mapping)
             merged[key] = current.updated(value) if nested else value
         return replace(self, **merged)  # type: ignore[type-var]
 
+    def _check(self, check: Callable[..., Any], *names: str, **allowed: Any) -> None:
+        """Replace fields by what a function of rollingjoint.checks makes of them; ConfigError where it refuses."""
+        for name in names:
+            self._set(name, check(self._SECTION + name, getattr(self, name), **allowed, error=ConfigError))
 
-def assign(settings: Settings, name: str, value: object) -> None:
-    """Set a field of frozen settings while they are being built."""
-    object.__setattr__(settings, name, value)
+    def _check_nested(self, kinds: Mapping[str, type[Settings]]) -> None:
+        """Build nested settings that are given as dictionaries; ConfigError for anything else."""
+        for name, kind in kinds.items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping):
+                self._set(name, kind.from_dict(value))
+            elif not isinstance(value, kind):
+                raise ConfigError(name, value, f"a dictionary or a {kind.__name__}")
 
-
-def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Raise ConfigError, with the nearest choice, for a value that is none of them."""
-    if value not in choices:
-        raise ConfigError(name, value, " or ".join(map(repr, choices)), suggestion(str(value), choices))
-
-
-def checked_number(name: str, value: object, low: float = 0.0, high: float = math.inf) -> float:
-    """The value as a float; ConfigError unless it is a finite number within the bounds."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
-        upper = "" if high == math.inf else f" and <= {high:g}"
-        raise ConfigError(name, value, f"a finite number >= {low:g}{upper}")
-    return float(value)  # type: ignore[arg-type]
+    def _set(self, name: str, value: object) -> None:
+        """Set a field while these frozen settings are being built."""
+        object.__setattr__(self, name, value)
 
 
-def checked_count(name: str, value: object, low: int) -> int:
-    """The value as an int; ConfigError unless it is a whole number of at least `low`."""
-    number = checked_number(name, value, low)
-    if number != int(number):
-        raise ConfigError(name, value, f"a whole number >= {low}")
-    return int(number)
-
-
-def checked_range(name: str, value: object, low: float, high: float = math.inf, unit: str = "") -> Range:
-    """Two numbers in order within the bounds; ConfigError for anything else."""
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
-        raise ConfigError(name, value, f"two numbers (low, high) [{unit}]")
-    first, second = (checked_number(name, number, low, high) for number in value)
-    if first > second:
-        raise ConfigError(name, value, f"low <= high [{unit}]", f"Write ({second:g}, {first:g}).")
-    return first, second
+def check_keys(what: str, values: Mapping[str, Any], valid: list[str]) -> None:
+    """Raise ConfigError for a key that is not valid, with the nearest valid one."""
+    for key in values:
+        if key not in valid:
+            raise ConfigError(what, key, f"one of {', '.join(valid)}", suggestion(str(key), valid))

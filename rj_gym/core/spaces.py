@@ -1,4 +1,4 @@
-"""Observation spaces and observations of the plain and the Goal variant."""
+"""Observation spaces and observations, plain and with goals."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from rj_gym.core.task import Task
+from rj_gym.core.tracking_task import TrackingTask
 
 
 def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
-    """Space of one lane's observation."""
+    """Space of one lane's observation; goals are those of a TrackingTask."""
     vector = _box(*task.observation_bounds(goal))
     if not goal:
         return vector
+    assert isinstance(task, TrackingTask)
     bound = task.goal_bounds()
     return spaces.Dict(observation=vector, achieved_goal=_box(-bound, bound), desired_goal=_box(-bound, bound))
 
 
 def goal_observation(
-    task: Task, vector: NDArray[np.float32], readings: NDArray[np.float64]
+    task: TrackingTask, vector: NDArray[np.float32], readings: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float32]]:
     """The Goal variant's observation from its vector (..., entries) and the readings (..., columns)."""
     return {

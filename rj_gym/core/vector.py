@@ -1,4 +1,4 @@
-"""The native vector environments: one batched solve for all lanes, and the same task as the scalar ones."""
+"""The native vector environment of every task: all lanes in one batch; and what goals change."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.core.config import TaskConfig, TrackingConfig
-from rj_gym.core.episodes import TaskLanes
+from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.generators import Generators
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
+from rj_gym.core.registry import task_of
+from rj_gym.core.settings import Settings
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
-from rj_gym.core.task import Task, task_of
 from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
-from rj_gym.planar.kernels import AT_LIMIT, REWARD, STATUS, STEP, TIP
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 
@@ -29,8 +29,8 @@ Mask = NDArray[np.bool_]
 Vectors = NDArray[np.float32]
 
 
-class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """What the native vector environments of every task do; a class of them says which settings it takes.
+class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+    """What the native vector environments of every task do; a task's class says which settings and buffer it has.
 
     Args:
         num_envs: number of lanes, at least 1.
@@ -45,14 +45,15 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "render_fps": 12,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    settings: ClassVar[type[TaskConfig]]
+    settings: ClassVar[type[Settings]]
+    buffer: ClassVar[type[EpisodeBuffer]]
     goal: ClassVar[bool] = False
 
     def __init__(
         self,
         num_envs: int = 1,
         render_mode: str | None = None,
-        config: TaskConfig | Mapping[str, Any] | None = None,
+        config: Settings | Mapping[str, Any] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
@@ -62,18 +63,17 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         if not isinstance(config, self.settings):
             config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
-        self.task: Task = task_of(config.updated(overrides))
+        self.task: Any = task_of(config.updated(overrides))
         self.render_mode = render_mode
         self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
-        self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.mechanism.n_tendons,), np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self.single_observation_space = observation_space(self.task, self.goal)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators = Generators([None] * self.num_envs)
-        self._lanes = self.task.lanes(self.num_envs, self.goal)
-        self._beginners: TaskLanes | None = None
+        self._buffer = self.buffer(self.task, self.num_envs, self.goal)
         self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
@@ -104,8 +104,8 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
                 self._generators[lane] = seeding.np_random(lane_seed)[0]
         sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
         if not mask.all():
-            vectors = self._lanes.observe()
-        readings = self._lanes.state.readings.copy()
+            vectors = self._buffer.observe()
+        readings = self._buffer.readings.copy()
         self._begun = True
         self._over = self._over & ~mask
         self._remember(readings)
@@ -116,7 +116,7 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Observations, rewards, terminations, truncations and infos after one step of every lane.
 
         Raises:
-            InvalidInput: actions that are not (num_envs, m) finite numbers; nothing has changed then.
+            InvalidInput: actions that are not of the space's shape or not finite; nothing has changed then.
             gymnasium.error.ResetNeeded: before the first reset; with autoreset disabled, while an ended lane waits.
         """
         if not self._begun:
@@ -124,11 +124,14 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         fresh = np.flatnonzero(self._over)
         if len(fresh) and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Lanes {fresh.tolist()} have ended: reset them with options={{'reset_mask': ...}}.")
-        self._lanes.accept(actions)
+        self._buffer.accept(actions)
         vectors, sampled = self._advance(fresh)
-        readings = self._lanes.state.readings.copy()
+        readings = self._buffer.readings.copy()
         self._remember(readings)
-        terminated, truncated = readings[:, STATUS] > AT_LIMIT, readings[:, STEP] >= self.config.episode_steps
+        terminated, truncated = (
+            readings[:, STATUS] > self.task.last_status,
+            readings[:, STEP] >= self.config.episode_steps,
+        )
         terminated[fresh] = False
         observations = self._observation(vectors, readings)
         rewards, terms = self._rewards(observations, readings)
@@ -146,7 +149,7 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         if not self._begun:
             raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
         if self._renderer is None:
-            self._renderer = self.task.renderer()
+            self._renderer = self._buffer.renderer()
         return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -160,28 +163,18 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
         """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
-        whole = len(rows) == self.num_envs
-        rngs = self._generators if whole else self._generators.of(rows)
-        lanes = self._lanes if whole else self._room_for(len(rows))
-        episodes, vectors = lanes.begin(rngs, fixed)
-        if not whole:
-            self._lanes.take(rows, lanes)
-        return spread_info(self.task.sampled_info(lanes, episodes), rows, self.num_envs), vectors
-
-    def _room_for(self, count: int) -> TaskLanes:
-        """Where episodes begin beside those that go on."""
-        if self._beginners is None or self._beginners.capacity < count:
-            self._beginners = self.task.lanes(count, self.goal)
-        return self._beginners
+        rngs = self._generators if len(rows) == self.num_envs else self._generators.of(rows)
+        sampled, vectors = self._buffer.restart(rows, rngs, fixed)
+        return spread_info(sampled, rows, self.num_envs), vectors
 
     def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
         """One step, of which ended lanes use theirs to begin anew: all vectors, and what was drawn if anything was."""
-        if len(fresh) == 0:
-            return self._lanes.advance(), None
         if len(fresh) == self.num_envs:
             sampled, vectors = self._begin(fresh)
             return vectors, sampled
-        vectors = self._lanes.advance()
+        vectors = self._buffer.advance(fresh)
+        if len(fresh) == 0:
+            return vectors, None
         sampled, vectors[fresh] = self._begin(fresh)
         return vectors, sampled
 
@@ -198,7 +191,7 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         else:
             vectors = begun
         self._over = np.zeros(self.num_envs, bool)
-        readings = self._lanes.state.readings.copy()
+        readings = self._buffer.readings.copy()
         base = self.task.state_info(readings)
         restarted = whole_info(base, self.num_envs) | masked_info({"sampled": sampled}, ended)
         if len(rows) < self.num_envs:
@@ -236,13 +229,13 @@ class TrackingVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return readings[:, TIP : TIP + self.task.dimension].copy()
 
     def _picture(self, renderer: Any, lane: int) -> NDArray[np.uint8]:
-        steps = int(self._lanes.state.readings[lane, STEP])
-        scene = self._lanes.scene(np.array(self._trail)[-(steps + 1) :, lane], lane)
+        steps = int(self._buffer.readings[lane, STEP])
+        scene = self._buffer.scene(np.array(self._trail)[-(steps + 1) :, lane], lane)
         picture: NDArray[np.uint8] = renderer.picture(scene)
         return picture
 
 
-class GoalVectorSteps(TrackingVectorEnv):
+class GoalTaskVectorEnv(TaskVectorEnv):
     """What the Goal vector environments of every task do differently, put before their class."""
 
     goal: ClassVar[bool] = True
@@ -260,18 +253,3 @@ class GoalVectorSteps(TrackingVectorEnv):
 
     def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
         return {"reward_terms": terms, "is_success": self.task.reached(readings)}
-
-
-class RollingJointVectorEnv(TrackingVectorEnv):
-    """`num_envs` independent RollingJointEnv in one batch: the same task, spaces, infos and, for equal seeds, numbers.
-
-    Lane i is seeded with `seed + i` and equals a RollingJointEnv with that seed step by step.
-
-    Arguments as for TrackingVectorEnv; `config` and `overrides` as for RollingJointEnv.
-    """
-
-    settings: ClassVar[type[TaskConfig]] = TrackingConfig
-
-
-class RollingJointGoalVectorEnv(GoalVectorSteps, RollingJointVectorEnv):
-    """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""

@@ -1,122 +1,105 @@
-"""Episodes of the design task side by side: the one place where they begin and go on. A scalar one has one lane."""
+"""Running episodes of the design task."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.design.config import DesignRewardConfig
-from rj_gym.design.observation import observe
-from rj_gym.design.task import DesignTask, Episodes, Fixed, Judged
-from rollingjoint.checks import as_floats
+from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
+from rj_gym.core.generators import Random
+from rj_gym.core.kernels import ERROR, STEP
+from rj_gym.design.observation import observation_values
+from rj_gym.design.render import DesignCanvas, DesignScene
+from rj_gym.design.sampling import DesignDraws, blank_draws
+from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
+from rj_gym.rendering.canvas import Screen
 from rollingjoint.errors import InvalidInput
 from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
-
-TERMS = ("improvement", "violation", "failure")
-_STATUS_NAMES = np.array([status.name for status in Status], dtype=object)
 
 
-class Lanes:
-    """B episodes of a task. Arrays have the lane first; who hands out parts of them takes copies.
+class DesignEpisodeBuffer(EpisodeBuffer):
+    """Room for B episodes of the design task."""
 
-    Args:
-        task: the task.
-        count: B.
-    """
+    task: DesignTask
 
-    def __init__(self, task: DesignTask, count: int) -> None:
-        self.task, self.count = task, count
-        d, cases, moving = task.space.dimensions, task.config.cases, task.moving
-        pairs, places = np.zeros((count, cases, 2)), np.zeros((count, cases, moving, 2))
-        margins = task.margins(np.zeros((count, d)))
-        self.designs = np.zeros((count, d))
-        self.episodes = Episodes(self.designs.copy(), self.designs.copy(), pairs, pairs.copy(), places)
-        status = np.zeros((count, cases), np.int64)
-        self.judged = Judged(margins, places.copy(), status, np.zeros((count, cases)), np.zeros(count))
-        self.steps = np.zeros(count, np.int64)
-        self.terms = np.zeros((count, len(TERMS)))
-
-    def checked(self, what: str, actions: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Actions as numbers within [-1, 1].
-
-        Raises:
-            InvalidInput: actions that are not finite numbers of that shape.
-        """
-        allowed = f"finite numbers in [-1, 1] of shape {shape}, one per dimension of the design"
-        values = as_floats(what, actions, allowed)
-        if values.shape != shape or not np.isfinite(values).all():
-            raise InvalidInput(what, actions, allowed)
-        return np.clip(values, -1.0, 1.0)
-
-    def begin(self, rows: Rows, rngs: Sequence[np.random.Generator], fixed: Fixed) -> Episodes:
-        """New episodes in these lanes, one per generator; what was drawn. Where it raises, nothing has changed here."""
-        episodes = self.task.sample(rngs, fixed)
-        _put(self.episodes, rows, episodes)
-        self.designs[rows] = episodes.start_design
-        _put(self.judged, rows, self.task.judge(episodes.start_design, episodes))
-        self.steps[rows] = 0
-        self.terms[rows] = 0.0
-        return episodes
-
-    def advance(self, rows: Rows, actions: Array) -> None:
-        """One step of these lanes with checked actions, (len(rows), d)."""
-        config = self.task.config
-        before = self.judged.error[rows]
-        self.designs[rows] = np.clip(self.designs[rows] + config.action_scale * actions, -1.0, 1.0)
-        judged = self.task.judge(self.designs[rows], Episodes(*(part[rows] for part in self.episodes)))
-        _put(self.judged, rows, judged)
-        self.terms[rows] = reward_terms(config.reward, before, judged)
-        self.steps[rows] += 1
-
-    def observe(self) -> NDArray[np.float32]:
-        """Fresh observations of all lanes, (B, entries)."""
-        return observe(self.task, self.designs, self.episodes, self.judged)
+    def __init__(self, task: DesignTask, capacity: int, goal: bool = False) -> None:
+        super().__init__(task, capacity, goal)
+        self.draws = blank_draws(task.config, capacity)
+        self.readings = np.zeros((capacity, task.columns["cases"].stop))
+        self._bounds = task.observation_bounds()
 
     @property
-    def rewards(self) -> Array:
-        """Sum of the terms of every lane's last step, (B,): fresh."""
-        return self.terms.sum(-1)
+    def designs(self) -> Array:
+        """The present designs, (B, d)."""
+        return self.task.part(self.readings, "design")
 
-    def state_info(self) -> dict[str, Any]:
-        """What info says in every step: fresh arrays (B, ...)."""
-        judged = self.judged
-        return {
-            "error_mm": judged.error.copy(),
-            "case_errors_mm": judged.case_errors.copy(),
-            "valid": (judged.margins >= 0).all(-1),
-            "status": _STATUS_NAMES[judged.status.max(-1)],
-            "margins": judged.margins.copy(),
-            "design": self.designs.copy(),
-            "positions": judged.positions.copy(),
-        }
+    def advance(self, ended: Rows = NO_ROWS) -> Observation:
+        """One step of the lanes that have not ended; fresh observations of all, (B, entries)."""
+        rows, config = np.delete(np.arange(self.capacity), ended), self.task.config
+        before, actions = self.readings[rows], np.clip(self._actions[rows], -1.0, 1.0)
+        designs = np.clip(self.designs[rows] + config.action_scale * actions, -1.0, 1.0)
+        judged = self.task.judge(designs, DesignDraws(*(part[rows] for part in self.draws)))
+        terms = reward_terms(config.reward, before[:, ERROR], judged)
+        self._enter(rows, before[:, STEP] + 1, designs, judged, terms)
+        return self.observe()
 
-    def reward_info(self) -> dict[str, Array]:
-        """The terms of every lane's last step: fresh arrays (B,)."""
-        return {name: self.terms[:, k].copy() for k, name in enumerate(TERMS)}
+    def step_alone(self, action: ArrayLike) -> Observation:
+        """One step of the only lane, with an action (d,); its fresh observation, (entries,). Raises as `accept`."""
+        self._accept("action", action, self._actions[0])
+        if not self._finite():
+            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
+        return self.advance()[0]
 
+    def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
+        """New episodes in these lanes, one per generator. Where it raises, nothing has changed here."""
+        draws = self.task.sample(rngs, fixed)
+        for mine, drawn in zip(self.draws, draws, strict=True):
+            mine[rows] = drawn
+        judged = self.task.judge(draws.start_design, draws)
+        self._enter(rows, np.zeros(len(rows)), draws.start_design, judged, np.zeros((len(rows), len(TERMS))))
+        return draws._asdict(), self.observe()[rows]
 
-def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> Array:
-    """TERMS of designs that had these errors (B,) [mm] a step before, (B, 3)."""
-    if reward.improvement == "log":
-        improvement = np.log((before + reward.offset_mm) / (judged.error + reward.offset_mm))
-    else:
-        improvement = (before - judged.error) / reward.error_scale_mm
-    violation = judged.violation
-    failed = (violation == 0) & (judged.status > Status.AT_LIMIT).any(-1)
-    return np.stack([improvement, -reward.violation * violation, -reward.failure * failed], -1) + 0.0
+    def observe(self) -> Observation:
+        """The observations of all lanes once more, (B, entries)."""
+        read = partial(self.task.part, self.readings)
+        values = observation_values(self.task.config, self.task.length, read, self.draws)
+        return np.clip(values, *self._bounds).astype(np.float32)
 
+    def scene(self, trail: Array, lane: int = 0) -> DesignScene:
+        """What a picture of one lane shows; it has no trail."""
+        task, draws, row = self.task, self.draws, self.readings[lane : lane + 1]
+        valid = bool((task.part(row, "margins") >= 0).all())
+        design = self.designs[lane] if valid else task.space.reference()
+        mechanism, poses = task.drawn(design, draws.tensions[lane], draws.forces[lane])
+        return DesignScene(
+            mechanism=mechanism,
+            poses=poses,
+            ok=task.part(row, "cases")[0] <= Status.AT_LIMIT,
+            targets=draws.targets[lane],
+            tensions=draws.tensions[lane],
+            forces=draws.forces[lane],
+            case_errors=task.part(row, "case_errors")[0],
+            error=float(row[0, ERROR]),
+            valid=valid,
+            step=int(row[0, STEP]),
+            steps=task.config.episode_steps,
+        )
 
-def sampled_info(episodes: Episodes) -> dict[str, Any]:
-    """What was drawn for episodes: fresh arrays (B, ...)."""
-    return {name: part.copy() for name, part in episodes._asdict().items()}
+    def renderer(self) -> Screen[DesignScene]:
+        """What draws the scenes."""
+        return Screen(DesignCanvas(self.task.length))
 
+    def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
+        """Put what these lanes have come to into their readings, in the order of the task's columns."""
+        worst, total = judged.status.max(-1), terms.sum(-1)
+        own = terms, judged.case_errors, judged.margins, designs, judged.positions, judged.status
+        parts = (np.reshape(part, (len(rows), -1)) for part in (steps, worst, judged.error, total, *own))
+        self.readings[rows] = np.concatenate(list(parts), axis=1)
 
-def _put(arrays: Episodes | Judged, rows: Rows, others: Episodes | Judged) -> None:
-    for mine, theirs in zip(arrays, others, strict=True):
-        mine[rows] = theirs
+    def _allowed(self, shape: tuple[int, ...]) -> str:
+        return f"finite numbers in [-1, 1] of shape {shape}, one per dimension of the design"

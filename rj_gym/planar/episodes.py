@@ -1,18 +1,22 @@
-"""Running episodes of the planar task side by side."""
+"""Running episodes of the planar task."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.episodes import FLAT, LaneByLane, Observation, TaskLanes, over_time
+from rj_gym.core.episodes import Observation
+from rj_gym.core.kernels import FORCE, LINK, TENSIONS
+from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
 from rj_gym.planar import kernels
-from rj_gym.planar.kernels import FORCE, LINK, STEP, TENSIONS, Course, Inputs, Solved, State, TaskArrays
-from rj_gym.planar.render import Scene
-from rj_gym.planar.sampling import Episodes
+from rj_gym.planar.kernels import Course, Inputs, Solved, State, TaskArrays
+from rj_gym.planar.render import PlanarCanvas, PlanarScene
+from rj_gym.planar.sampling import PlanarDraws
+from rj_gym.planar.task import PlanarTask
+from rj_gym.rendering.canvas import Screen
 from rollingjoint.compiled import BatchArrays, Pinned, PinnedRange, machine_code
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
@@ -20,40 +24,35 @@ from rollingjoint.mechanism import stack
 from rollingjoint.planar.batch import new_results, solve_range
 from rollingjoint.planar.chain import RollingChain
 
-if TYPE_CHECKING:
-    from rj_gym.core.task import TrackingTask
-
-__all__ = ["Lanes", "over_time"]
-
 Array = NDArray[np.float64]
 
 _LINK = LOAD_COLUMNS.index("link")
 
 
-class Lanes(TaskLanes):
+class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the planar task."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
-    task: TrackingTask
+    task: PlanarTask
     mechanisms: tuple[RollingChain, ...]
     course: Course
     state: State
 
-    def scene(self, trail: Array, lane: int = 0) -> Scene:
+    def scene(self, trail: Array, lane: int = 0) -> PlanarScene:
         """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
-        readings, m = self.state.readings[lane], self._actions.shape[1]
-        return Scene(
-            mechanism=self.mechanisms[self.designs[lane]],
-            poses=self.state.poses[lane],
-            tensions=readings[TENSIONS : TENSIONS + m],
-            tension_range=self.task.config.tension_range,
-            targets=over_time(self.course.targets[lane], self.task.config.episode_steps + 1),
-            force=readings[FORCE : FORCE + 2],
-            link=int(readings[LINK]),
-            trail=trail,
-            step=int(readings[STEP]),
+        readings = self.readings[lane]
+        return PlanarScene(
+            **self._shared_scene(trail, lane), force=readings[FORCE : FORCE + 2], link=int(readings[LINK])
         )
+
+    def renderer(self) -> Screen[PlanarScene]:
+        """What draws the scenes."""
+        return Screen(PlanarCanvas(self.task.length))
+
+    def sampled_info(self, draws: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        return super().sampled_info(draws) | {"surface_offsets": draws.surface_offsets}
 
     def _make_room(self) -> None:
         capacity, config = self.capacity, self.task.config
@@ -75,9 +74,9 @@ class Lanes(TaskLanes):
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
         self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
 
-    def _enter_loads(self, episodes: Episodes) -> None:
-        count = len(episodes)
-        self._loads[:count, 0, _LINK] = episodes.links
+    def _enter_loads(self, draws: PlanarDraws) -> None:
+        count = len(draws)
+        self._loads[:count, 0, _LINK] = draws.links
         self.state.responses[:count] = 0.0
 
     def _tips(self, count: int) -> Array:

@@ -1,4 +1,4 @@
-"""The formulas of the tracking task, compiled: commands, loads, observation and reward of a range of lanes.
+"""The formulas of the planar tracking task, compiled: loads, predicted starts and observations of a range of lanes.
 
 A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
 last - 1, and lanes do not see each other.
@@ -11,6 +11,20 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from rj_gym.core.kernels import (
+    ERROR,
+    FORCE,
+    LINK,
+    REFUSED,
+    STEP,
+    TARGET,
+    TENSIONS,
+    TIP,
+    finite,
+    pull_tendons,
+    reward_terms,
+    settle_tendons,
+)
 from rollingjoint.compiled import (
     PENDING,
     BatchArrays,
@@ -21,23 +35,12 @@ from rollingjoint.compiled import (
     call_range,
     carve,
     kernel,
-    next_uniform,
     unpin,
 )
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.solution import Status
 
-AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")
 
-# Columns of State.readings, of every task; vectors have room for three coordinates. From TENSIONS on: tensions [N] and
-# commands [mm] of the tendons, m each, and after them what a task has of its own.
-STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
-)  # fmt: skip
-REWARDS = slice(REWARD, FAILURE + 1)
-
-REFUSED = -1  # what `step` returns instead of a number of lanes
 BLOCK = 16  # lanes whose angles are turned together
 PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
 ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
@@ -113,31 +116,6 @@ class TaskArrays(NamedTuple):
     solved: Solved
 
 
-@kernel
-def all_finite(values):
-    """Whether no value (B, m) is NaN or infinite."""
-    return finite(borrow(values), 0, len(values))
-
-
-@kernel(inline="always")
-def finite(values, first, last):
-    """Whether no value of these lanes is NaN or infinite."""
-    fine = True
-    for lane in range(first, last):
-        for j in range(values.shape[1]):
-            fine &= math.isfinite(values[lane, j])
-    return fine
-
-
-@kernel
-def fill_uniforms(sources, rows):
-    """Fill rows (B, K) with numbers in [0, 1) from bit generators: (B, 2), next_double and the state it works on."""
-    for row in range(len(rows)):
-        entry, source = sources[row, 0], sources[row, 1]
-        for column in range(rows.shape[1]):
-            rows[row, column] = next_uniform(entry, source)
-
-
 @kernel(nogil=True)
 def step(pins, solver, problem, observation, first, last):
     """One step of lanes, into the flat observation (B x entries,), float32.
@@ -186,20 +164,6 @@ def _prepare(rules, course, state, inputs, first, last):
         now = min(int(readings[lane, STEP]), times - 1)
         loads[lane, 0, FX] = readings[lane, FORCE] = forces[lane, now, 0]
         loads[lane, 0, FY] = readings[lane, FORCE + 1] = forces[lane, now, 1]
-
-
-@kernel(inline="always")
-def pull_tendons(rules, course, state, inputs, lane):
-    """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
-    offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
-    actions, commands = inputs.actions, inputs.commands
-    m = actions.shape[1]
-    readings[lane, STEP] += 1.0
-    for j in range(m):
-        taken[lane, 1, j] = taken[lane, 0, j]
-        taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
-        believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
-        commands[lane, j] = believed + offsets[lane, j]
 
 
 @kernel(inline="always")
@@ -253,26 +217,6 @@ def _settle(course, state, solved, first, last):
 
 
 @kernel(inline="always")
-def settle_tendons(course, state, solved, lane):
-    """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
-
-    Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
-    that commands never wind up; elsewhere that is the command itself.
-    """
-    readings, tensions, lengths = state.readings, solved.tensions, solved.lengths
-    stiffnesses, offsets = course.stiffnesses, course.actuator_offsets
-    m = tensions.shape[1]
-    readings[lane, STATUS] = solved.status[lane]
-    usable = solved.status[lane] <= AT_LIMIT
-    if usable:
-        for j in range(m):
-            unstretched = lengths[lane, j] - tensions[lane, j] / stiffnesses[lane, j]
-            readings[lane, TENSIONS + j] = tensions[lane, j]
-            readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
-    return usable
-
-
-@kernel(inline="always")
 def _measure_error(course, state, first, last):
     """Tips, targets and the distances between them."""
     readings, poses, targets = state.readings, state.poses, course.targets
@@ -285,25 +229,6 @@ def _measure_error(course, state, first, last):
         x = readings[lane, TIP] - readings[lane, TARGET]
         y = readings[lane, TIP + 1] - readings[lane, TARGET + 1]
         readings[lane, ERROR] = math.sqrt(x * x + y * y)
-
-
-@kernel(inline="always")
-def reward_terms(rules, state, first, last):
-    """The terms of the reward that every task has, and their sum."""
-    readings, actions = state.readings, state.actions
-    m = actions.shape[2]
-    for lane in range(first, last):
-        effort = change = 0.0
-        for j in range(m):
-            effort += (readings[lane, TENSIONS + j] / rules.highest_tension) ** 2
-            change += (actions[lane, 0, j] - actions[lane, 1, j]) ** 2
-        tracking = -readings[lane, ERROR] / rules.error_scale
-        effort *= -rules.effort / m
-        change *= -rules.smoothness / m
-        failure = 0.0 if readings[lane, STATUS] <= AT_LIMIT else -rules.failure_penalty
-        readings[lane, TRACKING], readings[lane, EFFORT] = tracking, effort
-        readings[lane, SMOOTHNESS], readings[lane, FAILURE] = change, failure
-        readings[lane, REWARD] = tracking + effort + change + failure
 
 
 @kernel(inline="always")

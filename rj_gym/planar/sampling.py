@@ -13,20 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.core.draws import (
     Block,
+    TrackingDraws,
     Uniforms,
     blocks_of,
     fading_walk,
-    held_draws,
     hold,
+    load_shapes,
+    loads_over_time,
     normal,
-    start_tensions,
+    shared_draws,
     symmetric,
     target_shape,
-    target_tensions,
 )
+from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.planar.options import PlanarOptions
 from rollingjoint.errors import MechanismError
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Surface
@@ -34,88 +36,35 @@ from rollingjoint.profile import Surface
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """What the caller of reset holds fixed, the same in every lane; None is drawn.
-
-    Shapes as in Episodes without the lane axis. A fixed mechanism is not randomised.
-    """
-
-    mechanism: RollingChain | None = None
-    targets: Array | None = None
-    links: int | None = None
-    forces: Array | None = None
-    start_tensions: Array | None = None
-
-
-NOTHING_FIXED = Fixed()
-
-
-@dataclass(frozen=True)
-class Episodes:
-    """What was drawn for B episodes; T is the number of steps, time 0 the start.
-
-    A series has one entry where it does not change over time.
+@dataclass(frozen=True, kw_only=True)
+class PlanarDraws(TrackingDraws):
+    """What was drawn for B episodes of the planar task: see TrackingDraws, and the fields below.
 
     Args:
-        mechanisms: the mechanisms that occur: one, or one per lane.
-        designs: which of them each lane has, (B,).
-        targets: tip targets, (B, 1 or T + 1, 2) [mm]; or None: the tips of the unloaded equilibria at target_tensions.
-        target_tensions: (B, 1 or T + 1, m) [N].
         links: link that the load pulls, (B,).
         forces: loads, (B, 1 or T + 1, 2) [N].
-        start_tensions: tensions before the load acts, (B, m) [N].
-        stiffnesses: of the tendons, (B, m) [N/mm].
         surface_offsets: displacement (x, y, angle) of every link's parent and child surface, (B, n, 2, 3) [mm, rad].
-        actuator_offsets: what the motors add to every length command, (B, m) [mm].
-        noise: measurement error of the moving links' poses (x, y, angle), (B, T + 1, n - 1, 3) [mm, rad], or None.
     """
 
-    mechanisms: tuple[RollingChain, ...]
-    designs: NDArray[np.int64]
-    targets: Array | None
-    target_tensions: Array
     links: NDArray[np.int64]
     forces: Array
-    start_tensions: Array
-    stiffnesses: Array
     surface_offsets: Array
-    actuator_offsets: Array
-    noise: Array | None
-
-    def __len__(self) -> int:
-        return len(self.links)
-
-    @property
-    def rest_causes(self) -> Array:
-        """Numbers on which the pose before the load acts depends, beside the mechanism, (B, m)."""
-        return self.start_tensions
 
 
 def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
     """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
-    return blocks_of(_uniform_shapes(config, mechanism))
-
-
-def _uniform_shapes(config: TrackingConfig, mechanism: RollingChain) -> dict[str, tuple[int, ...]]:
     times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
-    shapes: dict[str, tuple[int, ...]] = {"target": target_shape(config, m), "link": (1,)}
-    if config.load.process == "ou":
-        shapes["walk"] = (times, 2, 2)
-    else:
-        draws = times if config.load.process == "step" else 1
-        shapes |= {"direction": (draws,), "magnitude": (draws,)}
-        if config.load.process == "step":
-            shapes["jump"] = (times,)
+    shapes = {"target": target_shape(config, m), "link": (1,)}
+    shapes |= load_shapes(config.load, times, ("direction", "magnitude"), walk=(2,))
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
-    return shapes
+    return blocks_of(shapes)
 
 
 def sample_episodes(
-    config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed = NOTHING_FIXED
-) -> Episodes:
+    config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: PlanarOptions
+) -> PlanarDraws:
     """B episodes of the task, with what `fixed` holds in place of what was drawn.
 
     Args:
@@ -126,32 +75,26 @@ def sample_episodes(
     """
     randomization = config.randomization
     mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
-    drawn = Episodes(
-        mechanisms,
-        designs,
-        None,
-        target_tensions(config, uniforms["target"]),
-        load_links(config.load, nominal.n_links, uniforms["link"]),
-        load_forces(config.load, uniforms),
-        start_tensions(config, uniforms["start"]),
-        np.array([mechanism.stiffnesses for mechanism in mechanisms]).take(designs, axis=0),
-        offsets,
-        symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
-        _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
+    noise = _pose_scale(randomization.position_noise_mm, randomization.angle_noise_rad)
+    drawn = PlanarDraws(
+        **shared_draws(config, mechanisms, designs, uniforms, noise),
+        links=load_links(config.load, nominal.n_links, uniforms["link"]),
+        forces=load_forces(config.load, uniforms),
+        surface_offsets=offsets,
     )
-    return hold(drawn, fixed, ("targets", "links", "forces", "start_tensions"))
+    return hold(drawn, fixed)
 
 
 def _mechanisms(
-    randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: Fixed
+    randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: PlanarOptions
 ) -> tuple[tuple[RollingChain, ...], NDArray[np.int64], Array]:
-    """Mechanisms, designs and surface offsets of Episodes."""
+    """Mechanisms, designs and surface offsets of PlanarDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:
         chosen = fixed.mechanism or nominal
         return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
     tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
-    offsets = symmetric(tolerance, uniforms["surface"])
+    offsets = symmetric(np.array(tolerance), uniforms["surface"])
     factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
     varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
     return tuple(varied), np.arange(lanes), offsets
@@ -173,9 +116,7 @@ def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
     magnitude = low + (high - low) * uniforms["magnitude"]
     drawn = np.empty((*angle.shape, 2))
     drawn[..., 0], drawn[..., 1] = magnitude * np.cos(angle), magnitude * np.sin(angle)
-    if config.process == "constant":
-        return drawn
-    return np.take_along_axis(drawn, held_draws(uniforms["jump"], config.hold_steps)[..., None], axis=1)
+    return loads_over_time(config, drawn, uniforms)
 
 
 def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
@@ -219,10 +160,6 @@ def _displaced(surface: Surface, offset: Array) -> Surface:
     return replace(surface, start=(x + dx, y + dy), angle=surface.angle + turn)
 
 
-def _sensor_noise(config: RandomizationConfig, uniforms: Array) -> Array:
-    return _pose_scale(config.position_noise_mm, config.angle_noise_rad) * normal(uniforms)
-
-
-def _pose_scale(mm: float, rad: float) -> Array:
+def _pose_scale(mm: float, rad: float) -> list[float]:
     """The scale of x, y, angle, (3,)."""
-    return np.array([mm, mm, rad])
+    return [mm, mm, rad]

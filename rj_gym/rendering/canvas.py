@@ -1,4 +1,4 @@
-"""What every drawing of an environment shares: colours, lines, the window. pygame is imported when first needed."""
+"""Colours, lines and text of every drawing, and the window. pygame is imported when first needed."""
 
 from __future__ import annotations
 
@@ -156,6 +156,11 @@ class Canvas:
         """Words at a place, both in pixels of the picture."""
         font = self._pygame.font.Font(None, size * SUPERSAMPLING)
         self._surface.blit(font.render(text, True, color), (place[0] * SUPERSAMPLING, place[1] * SUPERSAMPLING))
+
+    def captions(self, *lines: tuple[str, Color]) -> None:
+        """Lines of words in the upper left corner."""
+        for k, (text, color) in enumerate(lines):
+            self.text(text, (24, 22 + 32 * k), 30, color)
 
     def trail(self, points: Array, background: Color) -> None:
         """Where something was, fading with age into the background."""

@@ -26,4 +26,4 @@ def _check(version: str, disabled: bool) -> None:
         raise ImportError("rollingjoint's kernels have to be compiled: unset NUMBA_DISABLE_JIT")
 
 
-_check(_numba.__version__, bool(_numba.config.DISABLE_JIT))
+_check(_numba.__version__, bool(_numba.config.DISABLE_JIT))  # type: ignore[attr-defined]

@@ -67,9 +67,9 @@ def _sources(function: Callable[..., Any]) -> list[Path]:
         if file not in files and _PACKAGE not in file.parents:
             files.append(file)
             waiting += [seen.py_func for seen in one.__globals__.values() if isinstance(seen, CPUDispatcher)]
-            layouts = [sys.modules[seen.__module__] for seen in one.__globals__.values() if is_layout(seen)]
-            paths = [Path(module.__file__) for module in layouts if module.__file__]
-            files += [path for path in paths if path not in files and _PACKAGE not in path.parents]
+            for seen in filter(is_layout, list(one.__globals__.values())):
+                path = Path(getattr(sys.modules[seen.__module__], "__file__", None) or file)
+                files += [path] if path not in files and _PACKAGE not in path.parents else []
     return files
 
 

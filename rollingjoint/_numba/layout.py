@@ -38,20 +38,15 @@ class Leaf(NamedTuple):
     dtype: np.dtype[Any]
     axes: tuple[str | int, ...] | None  # of an array
 
-    def check(self, value: Any, lengths: dict[str | int, int] | None) -> None:
-        """Raise InvalidInput unless the value is what was declared; `lengths` gathers those of named axes, if given."""
+    def check(self, value: Any) -> None:
+        """Raise InvalidInput unless the value is a contiguous array of this type, or a number where one is declared."""
         if self.axes is None:
             return
-        shape = "(" + ", ".join(map(str, self.axes)) + ")"
         if not isinstance(value, np.ndarray) or value.dtype != self.dtype or value.ndim != len(self.axes):
             found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
-            raise InvalidInput(self.path, found, f"an array of {self.dtype} {shape}")
+            raise InvalidInput(self.path, found, f"an array of {self.dtype} ({', '.join(map(str, self.axes))})")
         if not value.flags.c_contiguous:
             raise InvalidInput(self.path, f"strides {value.strides}", "a contiguous array")
-        for axis, length in zip(self.axes if lengths is not None else (), value.shape, strict=False):
-            known = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
-            if length != known:
-                raise InvalidInput(f"{self.path}, axis {axis}", length, f"{known}, as in the layout's other arrays")
 
 
 def is_layout(kind: Any) -> bool:
@@ -65,7 +60,7 @@ def is_declaration(kind: Any) -> bool:
 
 
 @functools.cache
-def _hints(cls: type) -> dict[str, Any]:
+def _hints(cls: Any) -> dict[str, Any]:
     return get_type_hints(cls, include_extras=True)
 
 
@@ -115,18 +110,23 @@ def flat(value: Any) -> Iterator[Any]:
 
 def check(value: Any) -> None:
     """Raise InvalidInput, naming the field, unless a NamedTuple holds what its class declares."""
-    lengths: dict[str | int, int] = {}
-    for leaf, one in zip(leaves(type(value)), flat(value), strict=True):
-        leaf.check(one, lengths)
+    cls: Any = type(value)
+    lengths: dict[str, int] = {}
+    for leaf, one in zip(leaves(cls), flat(value), strict=True):
+        leaf.check(one)
+        for axis, length in zip(leaf.axes or (), np.shape(one), strict=True):
+            known = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
+            if length != known:
+                raise InvalidInput(f"{leaf.path}, axis {axis}", length, f"{known}, as in the layout's other arrays")
 
 
 def check_argument(value: Any, kind: Any) -> None:
     """Raise InvalidInput unless machine code for this numba type can be called with the value."""
     if isinstance(kind, types.BaseTuple):
-        for one, its in zip(value, kind.types, strict=True):
+        for one, its in zip(value, kind.types, strict=True):  # type: ignore[attr-defined]
             check_argument(one, its)
     elif isinstance(kind, types.Array):
-        Leaf("argument of machine code", numpy_support.as_dtype(kind.dtype), ("...",) * kind.ndim).check(value, None)
+        Leaf("argument of machine code", numpy_support.as_dtype(kind.dtype), ("...",) * kind.ndim).check(value)
 
 
 def numba_type(kind: Any) -> Any:

@@ -17,7 +17,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
 WIDTH = 8  # lanes side by side
-COLUMNS = 8  # numbers in a row of a table
+COLUMNS = 8  # numbers in a row of a table, as many as lanes: `columns` transposes a square
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
@@ -220,23 +220,16 @@ def columns(typing_context, rows):  # type: ignore[no-untyped-def]
     result = types.UniTuple(simd_type, COLUMNS)
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data = builder.extract_value(args[0], 0)
-        squares = [_transposed_square(builder, data, start) for start in range(0, WIDTH, COLUMNS)]
-        while len(squares) > 1:
-            squares = [
-                [_joined(builder, a, b) for a, b in zip(*pair, strict=True)]
-                for pair in zip(squares[::2], squares[1::2], strict=True)
-            ]
-        return context.make_tuple(builder, result, squares[0])
+        return context.make_tuple(builder, result, _transposed(builder, builder.extract_value(args[0], 0)))
 
     return result(rows), lower
 
 
-def _transposed_square(builder: Any, data: Any, start: int) -> list[Any]:
+def _transposed(builder: Any, data: Any) -> list[Any]:
     """Eight rows in memory, transposed by exchanging halves of pairs of rows, then quarters, then eighths."""
     block = []
     for i in range(COLUMNS):
-        row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), start + i)]))
+        row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), i)]))
         row.align = 8
         block.append(row)
     span = 1
@@ -249,10 +242,6 @@ def _transposed_square(builder: Any, data: Any, start: int) -> list[Any]:
                 block[i], block[i + span] = (_shuffled(builder, a, b, order) for order in (low, high))
         span *= 2
     return block
-
-
-def _joined(builder: Any, a: Any, b: Any) -> Any:
-    return _shuffled(builder, a, b, list(range(2 * a.type.count)))
 
 
 def _shuffled(builder: Any, a: Any, b: Any, order: list[int]) -> Any:

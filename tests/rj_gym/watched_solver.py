@@ -1,4 +1,4 @@
-"""A solver of Lanes that tests look over the shoulder."""
+"""A solver that calls a test before and after every solve."""
 
 from types import SimpleNamespace
 

@@ -14,9 +14,9 @@ from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.config import TrackingConfig
-from rj_gym.core.task import task_of
-from rj_gym.core.vector import RollingJointVectorEnv
+from rj_gym.core.registry import task_of
+from rj_gym.planar.config import TrackingConfig
+from rj_gym.planar.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.load import load_table
 from rollingjoint.presets import preset, small_arm, uniform

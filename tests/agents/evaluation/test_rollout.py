@@ -83,7 +83,7 @@ def test_what_is_seen_is_what_info_says_in_millimetres_and_newtons(env_id, size,
         np.testing.assert_allclose(getattr(seen, name), info[known], atol=2e-4, err_msg=name)
     np.testing.assert_allclose(np.linalg.norm(seen.error, axis=1), info["error_mm"], atol=2e-4)
     if planar:
-        np.testing.assert_allclose(seen.poses, env._lanes.state.poses, atol=1e-4)
+        np.testing.assert_allclose(seen.poses, env._buffer.state.poses, atol=1e-4)
         np.testing.assert_allclose(env.task.mechanism.poses(seen.joint_angles), seen.poses, atol=1e-3)
 
 

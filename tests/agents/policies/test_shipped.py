@@ -20,7 +20,8 @@ from agents.policies.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.policies.shipped import ShippedPolicy, entry_names, standalone
 from agents.shipped import list_policies, load_policy
 from rj_gym import TrackingConfig, settings_of
-from rj_gym.core.task import TrackingTask, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.planar.task import PlanarTask as TrackingTask
 from rollingjoint.errors import RollingJointError
 from rollingjoint.io.mechanism_file import load_mechanism
 

@@ -24,7 +24,7 @@ from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.config import TrackingConfig
+from rj_gym.planar.config import TrackingConfig
 
 COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip

@@ -46,7 +46,7 @@ def test_nested_dictionaries_keep_the_defaults_of_the_arm():
         ({"load": {"link": "tip"}}, "one of magnitude"),
         ({"load": {"magnitude": (-1, 1)}}, "load.magnitude"),
         ({"load": {"process": "steps"}}, "Did you mean 'step'"),
-        ({"orientation": 1}, "True or False"),
+        ({"orientation": 1}, "true or false"),
         ({"reward": {"angle_scale_rad": 0}}, "angle_scale_rad"),
         ({"randomization": {"weight_spread": 1.0}}, "0.9"),
         ({"randomization": {"link_tolerance_mm": 0.1}}, "one of position_noise_mm"),
@@ -225,7 +225,7 @@ def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_obser
     env = FlexibleArmEnv(reward={"failure_penalty": 7.0}, **SMALL)
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(4))
-    watch_solver(env._lanes, after=lambda: env._lanes._results.status.fill(Status.NOT_CONVERGED))
+    watch_solver(env._buffer, after=lambda: env._buffer._results.status.fill(Status.NOT_CONVERGED))
     observation, reward, terminated, truncated, info = env.step(np.ones(4))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED") and reward < -7.0
     assert np.array_equal(observation, before[0])

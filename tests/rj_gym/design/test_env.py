@@ -255,7 +255,7 @@ def test_every_corner_of_the_box_is_a_state():
     env = make_vec(64, episode_steps=1, autoreset_mode="Disabled")
     corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 6)).reshape(6, -1).T
     env.reset(seed=0)
-    env._lanes.designs[:] = corners
+    env._buffer.designs[:] = corners
     observations, _, _, _, infos = env.step(np.zeros((64, 6)))
     assert observations in env.observation_space
     assert 0 < infos["valid"].sum() < 64
@@ -333,7 +333,7 @@ def test_options_and_settings_change_what_they_name():
         ({"reward": {"improvement": "cubic"}}, "log"),
         ({"reward": {"weight": 1}}, "violation"),
         ({"start": "best"}, "reference"),
-        ({"action_scale": 0.0}, ">="),
+        ({"action_scale": 0.0}, "from 1e-06 to 2"),
     ],
 )
 def test_bad_settings_are_refused_and_say_what_is_allowed(settings, hint):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import rj_gym
-from rj_gym.arm.options import ARM_OPTIONS
+from rj_gym.arm.options import OPTIONS as ARM_OPTIONS
 from rj_gym.planar.options import OPTIONS
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"

@@ -304,7 +304,7 @@ def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_obser
     env = make(reward={"failure_penalty": 7.0}).unwrapped
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(2))
-    watch_solver(env._lanes, after=lambda: env._lanes._results.status.fill(Status.NOT_CONVERGED))
+    watch_solver(env._buffer, after=lambda: env._buffer._results.status.fill(Status.NOT_CONVERGED))
     observation, reward, terminated, truncated, info = env.step(np.ones(2))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED")
     assert np.array_equal(observation, before[0]) and info["reward_terms"]["failure"] == -7.0 and reward < -7.0

@@ -8,9 +8,9 @@ import pytest
 
 from rj_gym import TrackingConfig, observation_entries
 from rj_gym.core.info import reward_info, state_info
-from rj_gym.core.task import TrackingTask
-from rj_gym.planar.episodes import Lanes
-from rj_gym.planar.kernels import REWARD
+from rj_gym.core.kernels import REWARD
+from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.planar.task import PlanarTask
 from rollingjoint.compiled import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
@@ -27,7 +27,7 @@ EVERYTHING = {
 
 
 def started(count=3, goal=False, seeds=None, **settings):
-    lanes = Lanes(TrackingTask(TrackingConfig.from_dict(settings)), count, goal)
+    lanes = PlanarEpisodeBuffer(PlanarTask(TrackingConfig.from_dict(settings)), count, goal)
     episodes, observation = lanes.begin([np.random.default_rng(seed) for seed in seeds or range(count)])
     return lanes, episodes, now(lanes, observation)
 
@@ -314,7 +314,7 @@ def test_lanes_refuse_actions_that_are_not_finite_numbers_of_their_shape(actions
 
 
 def test_memory_per_lane_beside_the_results_stays_small():
-    lanes = Lanes(TrackingTask(TrackingConfig()), 100, goal=False)
+    lanes = PlanarEpisodeBuffer(PlanarTask(TrackingConfig()), 100, goal=False)
     arrays = [
         *lanes.state,
         *lanes.course,

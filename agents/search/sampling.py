@@ -1,4 +1,4 @@
-"""Designs that fill the box: every coordinate's range is cut into as many strips as there are designs, one in each."""
+"""Designs drawn without feedback: at random, the baseline of all other methods, or as a Latin hypercube."""
 
 from __future__ import annotations
 
@@ -10,8 +10,32 @@ from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 
 @dataclass
+class RandomSearch:
+    """Independent uniform designs, `batch` at a time."""
+
+    setup: Setup
+    batch: int = 50
+
+    wants: ClassVar[Derivatives] = ""
+
+    def __post_init__(self) -> None:
+        check_fields(self, batch=integer(1))
+        self.generator = self.setup.generator
+
+    def ask(self, most: int) -> Array:
+        """The next designs, (B, d)."""
+        return self.generator.uniform(-1.0, 1.0, (min(self.batch, most), self.setup.dimensions))
+
+    def tell(self, evaluated: Evaluated) -> None:
+        """Ignored."""
+
+
+@dataclass
 class LatinHypercube:
-    """One Latin hypercube of the whole budget, `batch` designs at a time."""
+    """One Latin hypercube of the whole budget, `batch` designs at a time.
+
+    Every coordinate's range is cut into as many strips as there are designs, one design in each.
+    """
 
     setup: Setup
     batch: int = 50
@@ -33,4 +57,4 @@ class LatinHypercube:
         return asked
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Nothing is learnt."""
+        """Ignored."""
