@@ -63,7 +63,7 @@ jit.part = part
 
 CALLS = """
 import rollingjoint as rj
-from rollingjoint.compiled import PinnedRange, Problem, machine_code, entry_address, kernel, call_range
+from rollingjoint.compiled import PinnedRange, BatchArrays, machine_code, entry_address, kernel, call_range
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import solve_pinned, solve_side_by_side
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_problem
@@ -72,7 +72,7 @@ arm, B = rj.five_link(), {lanes}
 rng = np.random.default_rng(0)
 commands = arm.neutral_lengths + rng.uniform(-2, 1, (B, 2))
 law = TendonLaw(commands, np.tile(arm.stiffnesses, (B, 1)), np.full((B, 2), 0.5), np.full((B, 2), 50.0))
-problem = Problem(
+problem = BatchArrays(
     arm.arrays, np.zeros(B, np.int64), law, np.zeros((B, 0, 11)), np.tile(arm.neutral_angles, (B, 1)),
     new_results(B, 4, 2, contacts=False),
 )

@@ -1,4 +1,4 @@
-"""YAML files read strictly: plain values only, and complaints that name the file, the place and a hint.
+"""YAML files read strictly: plain values only, and errors that name the file and the place.
 
 Every check takes `where`, such as "arm.yaml: links[2].child", and raises ConfigError with it.
 """

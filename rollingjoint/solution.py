@@ -1,4 +1,4 @@
-"""What the equilibria of every family of mechanisms share: how a solve ended, and what its stiffness tells."""
+"""The base class of all equilibria: status, stiffness and stability."""
 
 from __future__ import annotations
 

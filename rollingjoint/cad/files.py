@@ -1,4 +1,4 @@
-"""Writing a mechanism into a folder of files for the workshop: all of them, or none."""
+"""The files of an export, written all together or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Packages that only an export needs."""
+"""Imports of the optional packages that an export needs."""
 
 from __future__ import annotations
 

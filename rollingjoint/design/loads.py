@@ -1,4 +1,4 @@
-"""What a design is judged by when a lateral force acts on its tip.
+"""Objectives under a lateral force at the tip: stiffness, load capacity, peak tension.
 
 The force stands perpendicular to the axis of the tip link as it is without load, and keeps that direction (a dead
 load at the link's origin). Cases with a load start from the pose without it.

@@ -1,4 +1,4 @@
-"""What a design is judged by: the shapes that it takes, and the workspace that its tendons give it.
+"""Objectives of a design: bending shapes, tip travel and rotation, tendon travel.
 
 Every objective solves its equilibria for all designs and cases in one call. Where one of them fails, `ok` is False and
 the value is finite, of no meaning and without a gradient. Objectives with lateral forces are in loads.py.
@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
 
 class Objective(Protocol):
-    """What a design is judged by."""
+    """A number by which designs are judged."""
 
     @property
     def name(self) -> str:

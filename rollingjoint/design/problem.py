@@ -1,4 +1,4 @@
-"""A design problem: a space, objectives and limits; the one number that a search makes small, and its gradient."""
+"""A design problem: a space, objectives and limits; its cost, the number that a search minimises, and its gradient."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Mechanism files: YAML <-> mechanism, documented in docs/mechanism-files.md.
 
-Nothing in a file is evaluated; every complaint names the file, the place in it and a hint.
+Nothing in a file is evaluated; every error names the file and the place in it.
 """
 
 from __future__ import annotations

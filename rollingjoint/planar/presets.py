@@ -1,4 +1,4 @@
-"""Named planar chains."""
+"""Presets: named planar chains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Named arms of beads."""
+"""Presets: named arms of beads."""
 
 from __future__ import annotations
 
