@@ -62,8 +62,9 @@ jit.part = part
 """
 
 CALLS = """
+from typing import Annotated
 import rollingjoint as rj
-from rollingjoint.compiled import PinnedRange, Problem, machine_code, entry_address, kernel, call_range
+from rollingjoint.compiled import Integers, PinnedRange, Problem
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import solve_pinned, solve_side_by_side
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_problem
@@ -165,7 +166,7 @@ def address() -> tuple[str, float, float]:
 
 def simd() -> tuple[str, float, float]:
     """A solve in a batch of 10,000: lane by lane, and eight side by side."""
-    alone = "solve = _on_problem(solve_lanes, np.arange(1))\nprint(least(lambda: solve(*problem, rest), 1, 15) / B)"
+    alone = "solve = _on_problem(solve_lanes, Annotated[Integers, 'left'])\nprint(least(lambda: solve(*problem, rest), 1, 15) / B)"
     wide = "solve = PinnedRange(problem)\nprint(least(lambda: solve(0, B), 1, 15) / B)"
     return "solve in a batch, one thread", of_calls(10_000, alone), of_calls(10_000, wide)
 
