@@ -166,7 +166,8 @@ def address() -> tuple[str, float, float]:
 
 def simd() -> tuple[str, float, float]:
     """A solve in a batch of 10,000: lane by lane, and eight side by side."""
-    alone = "solve = _on_problem(solve_lanes, Annotated[Integers, 'left'])\nprint(least(lambda: solve(*problem, rest), 1, 15) / B)"
+    alone = "solve = _on_problem(solve_lanes, Annotated[Integers, 'left'])\n"
+    alone += "print(least(lambda: solve(*problem, rest), 1, 15) / B)"
     wide = "solve = PinnedRange(problem)\nprint(least(lambda: solve(0, B), 1, 15) / B)"
     return "solve in a batch, one thread", of_calls(10_000, alone), of_calls(10_000, wide)
 
