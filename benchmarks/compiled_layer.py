@@ -62,18 +62,19 @@ jit.part = part
 """
 
 CALLS = """
+from typing import Annotated
 import rollingjoint as rj
-from rollingjoint.compiled import PinnedRange, BatchArrays, machine_code, entry_address, kernel, call_range
+from rollingjoint.compiled import BatchArrays, Integers, PinnedRange
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import solve_pinned, solve_side_by_side
-from rollingjoint.planar.batch import TendonLaw, new_results, _on_problem
+from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
 
 arm, B = rj.five_link(), {lanes}
 rng = np.random.default_rng(0)
 commands = arm.neutral_lengths + rng.uniform(-2, 1, (B, 2))
 law = TendonLaw(commands, np.tile(arm.stiffnesses, (B, 1)), np.full((B, 2), 0.5), np.full((B, 2), 50.0))
 problem = BatchArrays(
-    arm.arrays, np.zeros(B, np.int64), law, np.zeros((B, 0, 11)), np.tile(arm.neutral_angles, (B, 1)),
+    arm.arrays, np.zeros(B, np.int64), law, np.zeros((B, 0, arm.arrays.standing.shape[2])), np.tile(arm.neutral_angles, (B, 1)),
     new_results(B, 4, 2, contacts=False),
 )
 rest = np.arange(B)
@@ -134,13 +135,13 @@ def load() -> tuple[str, float, float]:
 def code() -> tuple[str, float, float]:
     """A call of the solver: numba's dispatcher, and the machine code."""
     slow = of_calls(1, "print(least(lambda: solve_side_by_side(*problem, 0, 1), 2000))")
-    direct = "solve = _on_problem(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    direct = "solve = _on_batch(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
     return "compiled solve, called from Python", slow, of_calls(1, direct)
 
 
 def pins() -> tuple[str, float, float]:
     """A call of the solver: arrays, and the address of their pins."""
-    direct = "solve = _on_problem(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    direct = "solve = _on_batch(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
     pinned = "solve = PinnedRange(problem)._solve\nprint(least(lambda: solve(0, 1), 2000))"
     return "compiled solve, called from Python", of_calls(1, direct), of_calls(1, pinned)
 
@@ -165,7 +166,8 @@ def address() -> tuple[str, float, float]:
 
 def simd() -> tuple[str, float, float]:
     """A solve in a batch of 10,000: lane by lane, and eight side by side."""
-    alone = "solve = _on_problem(solve_lanes, np.arange(1))\nprint(least(lambda: solve(*problem, rest), 1, 15) / B)"
+    alone = "solve = _on_batch(solve_lanes, Annotated[Integers, 'left'])\n"
+    alone += "print(least(lambda: solve(*problem, rest), 1, 15) / B)"
     wide = "solve = PinnedRange(problem)\nprint(least(lambda: solve(0, B), 1, 15) / B)"
     return "solve in a batch, one thread", of_calls(10_000, alone), of_calls(10_000, wide)
 
