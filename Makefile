@@ -45,11 +45,11 @@ demo: setup
 
 test: setup
 	@echo "==> Running the tests"
-	@$(BIN)/python -m pytest -n 2 --dist loadgroup
+	@$(BIN)/python -m pytest -n 2
 
 test-slow: setup
 	@echo "==> Running the slow tests"
-	@$(BIN)/python -m pytest -n 2 --dist loadgroup -m slow
+	@$(BIN)/python -m pytest -n 2 -m slow
 
 speed: setup
 	@echo "==> Installing what the speed is compared with"

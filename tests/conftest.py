@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,6 +34,32 @@ for name in ("FlexibleArm-v0", "RollingJoint-v0"):
     envs.step(envs.action_space.sample())
 """,
 )
+
+
+# Modules whose tests share what takes long to make: runs, a search, a process to fork from, what ribs compiles.
+ON_ONE_WORKER = {
+    f"tests/agents/{module}.py": group
+    for group, modules in {
+        "processes": ("training/test_campaign", "training/test_resume", "tuning/test_tune"),
+        "results": ("results/test_results",),
+        "search": ("search/test_command", "search/test_search"),
+        "train": ("training/test_train",),
+        "unseen": ("search/test_unseen",),
+    }.items()
+    for module in modules
+}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests go to any worker, groups as a whole (the marks of pytest-xdist 3.8 have no effect under pytest 9.2)."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class GroupScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return ON_ONE_WORKER.get(nodeid.partition("::")[0], nodeid)
+
+    return GroupScheduling(config, log)
 
 
 def pytest_configure(config: pytest.Config) -> None:

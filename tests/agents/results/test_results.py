@@ -26,8 +26,6 @@ from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.planar.config import TrackingConfig
 
-pytestmark = pytest.mark.xdist_group("results")  # one worker: runs are trained and scored once
-
 COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip
 RECIPES = {

@@ -31,9 +31,6 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
 torch.set_num_threads(1)
-pytestmark = pytest.mark.xdist_group(
-    "search"
-)  # one worker: the search is run once, with what ribs has compiled in test_search.py
 
 SHIPPED = sorted(Path("configs/search").glob("*.yaml"))
 SMALL = """

@@ -18,8 +18,6 @@ from agents.search.optimiser import Evaluated, Setup
 from agents.search.run import evaluated_by, search
 from rollingjoint.errors import ConfigError
 
-pytestmark = pytest.mark.xdist_group("search")  # one worker: what ribs compiles is not kept on disk
-
 SETTINGS = {
     "bayesian": {"startup": 10},
     "map_elites": {"measures": ["first", "last"], "ranges": [[-1, 1], [-1, 1]], "cells": [8, 8], "batch": 6},

@@ -12,8 +12,6 @@ from agents.runs.folder import RunFolder  # noqa: E402
 from agents.search import unseen  # noqa: E402
 from rj_gym import CurvatureDesignVectorEnv  # noqa: E402
 
-pytestmark = pytest.mark.xdist_group("unseen")  # one worker: the run is trained once
-
 SMALL = ["total_timesteps=24", "env.n_envs=2", "env.settings.episode_steps=5", "policy.hidden=[8]"]
 SMALL += ["parameters.n_steps=12", "parameters.batch_size=12", "evaluation.every=24", "evaluation.episodes=2"]
 

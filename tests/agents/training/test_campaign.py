@@ -71,7 +71,6 @@ def watch(monkeypatch, look) -> list[subprocess.Popen]:
     return children
 
 
-@pytest.mark.xdist_group("processes")
 def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypatch, capfd):
     path, out = campaign_file(tmp_path, near=[1, 2]), tmp_path / "out"
 

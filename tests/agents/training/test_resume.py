@@ -22,8 +22,6 @@ from agents.training.callbacks import Evaluator
 from agents.training.log import _Events
 from tests.agents.forked import Forked
 
-pytestmark = pytest.mark.xdist_group("processes")  # one worker: runs are trained once, processes forked from one
-
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
 PPO = ["--config", "configs/train/demo.yaml", "--set", "total_timesteps=160"]

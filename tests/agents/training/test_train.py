@@ -15,8 +15,6 @@ from agents.evaluation.rollout import run_episodes
 from agents.runs.folder import RunFolder
 from agents.training.callbacks import StopOnSignal
 
-pytestmark = pytest.mark.xdist_group("train")  # one worker: the run is trained once
-
 TINY = [
     "env.n_envs=2", "env.settings.episode_steps=10", "total_timesteps=80", "parameters.n_steps=20",
     "parameters.batch_size=20", "parameters.n_epochs=2", "policy.hidden=[8]", "evaluation.every=40",

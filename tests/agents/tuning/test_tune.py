@@ -161,7 +161,6 @@ tune.main(sys.argv[1:])
 """
 
 
-@pytest.mark.xdist_group("processes")
 def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     command = [sys.executable, "-c", KILLED_IN_THE_SECOND_TRIAL, "--config", str(config), "--study", str(folder)]
