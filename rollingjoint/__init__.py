@@ -1,7 +1,7 @@
 """Quasi-static physics of tendon-driven rolling-joint and flexible-joint mechanisms. Units: mm, N, N·mm, rad."""
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
-from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
+from rollingjoint.load import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
@@ -38,6 +38,7 @@ __all__ = [
     "Status",
     "Surface",
     "Tendon",
+    "TorsionSpring",
     "WorldForce",
     "five_link",
     "flexible_arm",

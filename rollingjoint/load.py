@@ -31,6 +31,7 @@ __all__ = [
     "Load",
     "Option",
     "Spring",
+    "TorsionSpring",
     "WorldForce",
     "acts",
     "filled_up",
@@ -42,7 +43,8 @@ __all__ = [
     "wrong_links",
 ]
 
-# LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm].
+# LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm], torsion
+# spring [N·mm/rad], its angle at rest [rad] and its other link.
 # SPATIAL_LOAD_COLUMNS: link, body point [mm], world force, world moment, body force, body moment [N, N·mm], spring
 # [N/mm], anchor [mm].
 
@@ -136,6 +138,28 @@ class Spring(Load):
 
 
 @dataclass(frozen=True)
+class TorsionSpring(Load):
+    """A linear torsion spring between two links of a planar chain, about the joint where they are neighbours.
+
+    Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
+    in the base frame. The other link is the base unless it is given; -1 is the tip.
+    """
+
+    link: int
+    stiffness: float
+    rest_angle: float = 0.0
+    other: int = 0
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        link, other = link_index(self.link, n_links), link_index(self.other, n_links)
+        if link == other:
+            raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
+        k, rest = _number("torsion spring stiffness", self.stiffness), _number("rest angle", self.rest_angle)
+        return [{"link": link, "torsion": k, "rest": rest, "other": other}]
+
+
+@dataclass(frozen=True)
 class Gravity(Load):
     """The weight of every link [N], base first, acting along `direction` at body points (default: link origins)."""
 
@@ -196,6 +220,15 @@ OPTIONS = (
         make=lambda link, numbers: Spring(link, numbers[0], numbers[1:]),
     ),
     Option(
+        name="torsion_spring",
+        metavar="K",
+        help="torsion spring K [N·mm/rad], then angle at rest [rad] (default 0), other link (default 0, the base)",
+        numbers=("K", "REST", "OTHER"),
+        spatial=(),
+        make=lambda link, numbers: TorsionSpring(link, *numbers),
+        optional=2,
+    ),
+    Option(
         name="force",
         metavar="F",
         help="force of fixed direction FX FY, on an arm FX FY FZ [N]",
@@ -214,9 +247,9 @@ OPTIONS = (
 )
 """The loads that `rj` takes by link, in the order in which it adds them; gravity has options of its own."""
 
-LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, Gravity)
+LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
 _SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
-SPRINGS: tuple[type[Any], ...] = (Spring,)
+SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
 """The kinds that can belong to a planar mechanism."""
 
 
