@@ -48,11 +48,14 @@ __all__ = [
 # SPATIAL_LOAD_COLUMNS: link, body point [mm], world force, world moment, body force, body moment [N, N·mm], spring
 # [N/mm], anchor [mm].
 
+_PLACES, _SPATIAL_PLACES = (
+    {name: place for place, name in enumerate(columns)} for columns in (LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS)
+)
 _FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; columns that it lacks are zero
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
-Row = Mapping[str, float]
+Row = dict[str, float]
 
 
 class Option(NamedTuple):
@@ -91,7 +94,7 @@ class WorldForce(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         moment, (fx, fy) = _number("load moment", self.moment), _pair("load force", self.force)
-        return [{**_at(self, n_links), "fx": fx, "fy": fy, "moment": moment}]
+        return [_at(self, n_links) | {"fx": fx, "fy": fy, "moment": moment}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -110,7 +113,7 @@ class BodyWrench(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         moment, (bx, by) = _number("load moment", self.moment), _pair("load force", self.force)
-        return [{**_at(self, n_links), "bx": bx, "by": by, "moment": moment}]
+        return [_at(self, n_links) | {"bx": bx, "by": by, "moment": moment}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -129,7 +132,7 @@ class Spring(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         ax, ay = _pair("spring anchor", self.anchor)
-        return [{**_at(self, n_links), "k": _number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
+        return [_at(self, n_links) | {"k": _number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -174,9 +177,9 @@ class Gravity(Load):
         norm = float(np.hypot(dx, dy))
         if norm == 0:
             raise InvalidInput("Gravity direction", self.direction, "a direction other than (0, 0)")
-        acting = enumerate(zip(weights.tolist(), points, strict=True))
-        forces = [WorldForce(link, (w * dx / norm, w * dy / norm), point=point) for link, (w, point) in acting]
-        return [row for force in forces for row in force.rows(n_links)]
+        forces = [(w * dx / norm, w * dy / norm) for w in weights.tolist()]
+        acting = enumerate(zip(map(_point, points), forces, strict=True))
+        return [{"link": link, "px": px, "py": py, "fx": fx, "fy": fy} for link, ((px, py), (fx, fy)) in acting]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -259,7 +262,7 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
     Raises:
         InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
-    return _table(loads, LOAD_COLUMNS, lambda load: load.rows(n_links))
+    return _table(loads, _PLACES, lambda load: load.rows(n_links))
 
 
 def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
@@ -268,7 +271,7 @@ def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float6
     Raises:
         InvalidInput: as load_table, and a load that acts on planar chains only.
     """
-    return _table(loads, SPATIAL_LOAD_COLUMNS, lambda load: load.spatial_rows(n_links))
+    return _table(loads, _SPATIAL_PLACES, lambda load: load.spatial_rows(n_links))
 
 
 def standing(springs: object, n_links: int) -> tuple[Load, ...]:
@@ -326,15 +329,21 @@ def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:
     return None
 
 
-def _table(loads: Sequence[Load], columns: Sequence[str], rows_of: Callable[[Load], list[Row]]) -> NDArray[np.float64]:
+def _table(
+    loads: Sequence[Load], places: Mapping[str, int], rows_of: Callable[[Load], list[Row]]
+) -> NDArray[np.float64]:
     if not isinstance(loads, list | tuple) and (isinstance(loads, Load) or not isinstance(loads, Iterable)):
         raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
     rows = []
     for load in loads:
         if not isinstance(load, Load):
             raise InvalidInput("load", load, _names(*LOADS))
-        rows += [[row.get(column, 0.0) for column in columns] for row in rows_of(load)]
-    return np.array(rows, dtype=float).reshape(len(rows), len(columns))
+        for row in rows_of(load):
+            values = [0.0] * len(places)
+            for column, value in row.items():
+                values[places[column]] = value
+            rows.append(values)
+    return np.array(rows, dtype=float).reshape(len(rows), len(places))
 
 
 def _names(*kinds: type) -> str:
@@ -350,9 +359,13 @@ def _plain(kind: object, value: Any) -> Any:
     return float(value) if kind == "float" else tuple(float(each) for each in value)
 
 
+def _point(point: Any) -> Pair:
+    return _pair("load point", point)
+
+
 def _at(load: Any, n_links: int) -> Row:
     """Where a load acts on a planar chain."""
-    px, py = _pair("load point", load.point)
+    px, py = _point(load.point)
     return {"link": link_index(load.link, n_links), "px": px, "py": py}
 
 

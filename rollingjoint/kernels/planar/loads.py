@@ -107,15 +107,11 @@ def generator_columns(standing, loads):
 
 
 @part(inline=True)
-def evaluate_loads(standing, loads, state):
-    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
+def _add_loads(table, state, energy, magnitude):
+    """Add what the rows of a table do to the sums of each link; returns energy and magnitude with theirs."""
     sums, pose = state.sums, state.pose
-    energy = magnitude = 0.0
-    for i in range(sums.shape[0]):
-        for column in range(sums.shape[1]):
-            sums[i, column] = 0.0
-    for place in range(standing.shape[0] + loads.shape[0]):
-        row = _row(standing, loads, place)
+    for place in range(table.shape[0]):
+        row = table[place]
         link = int(row[LINK])
         cos, sin = pose[link, C], pose[link, S]
         x, y = placed(pose[link, X], pose[link, Y], cos, sin, row[POINT], row[POINT + 1])
@@ -150,6 +146,18 @@ def evaluate_loads(standing, loads, state):
         sums[i, KX] += k * x
         sums[i, KY] += k * y
         sums[i, K_XX] += k * (x * x + y * y)
+    return energy, magnitude
+
+
+@part(inline=True)
+def evaluate_loads(standing, loads, state):
+    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
+    sums = state.sums
+    for i in range(sums.shape[0]):
+        for column in range(sums.shape[1]):
+            sums[i, column] = 0.0
+    energy, magnitude = _add_loads(standing, state, 0.0, 0.0)
+    energy, magnitude = _add_loads(loads, state, energy, magnitude)
     for i in range(sums.shape[0] - 2, -1, -1):
         for column in range(sums.shape[1]):
             sums[i, column] += sums[i + 1, column]
@@ -157,18 +165,20 @@ def evaluate_loads(standing, loads, state):
 
 
 @part(inline=True)
-def fill_load_stiffness(standing, loads, state, H):
-    """Fill H with what the loads add to it, the moving contact of each joint itself left out."""
-    sums, contact = state.sums, state.contact
-    for i in range(H.shape[0]):
-        for m in range(H.shape[0]):
-            b = max(i, m)
-            ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
-            value = dead_lever(state, b)
-            value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
-            value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
-            value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
-            H[i, m] = value
+def load_stiffness(sums, contact, i, m):
+    """H_im of the loads that act on one link, the moving contact of each joint itself left out."""
+    b = max(i, m)
+    ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
+    value = dead_lever(sums, contact, b)
+    value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
+    value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
+    value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
+    return value
+
+
+@part
+def add_link_pairs(standing, loads, H):
+    """Add to H the loads that act between two links: torsion springs."""
     for place in range(standing.shape[0] + loads.shape[0]):
         row = _row(standing, loads, place)
         if row[TORSION] != 0.0:
@@ -219,9 +229,8 @@ def n_rows(chain, loads):
 
 
 @part(inline=True)
-def dead_lever(state, i):
+def dead_lever(sums, contact, i):
     """What dead forces beyond joint i add to the stiffness of the joints up to it."""
-    sums, contact = state.sums, state.contact
     return sums[i, X_DOT_F] - (contact[i, 0] * sums[i, FX] + contact[i, 1] * sums[i, FY])
 
 
@@ -288,7 +297,7 @@ def evaluate_dead_loads(table, state):
 @part(inline=True)
 def fill_dead_stiffness(table, state, i, H):
     """Fill row i of H up to the diagonal with what dead loads add to it; returns what they add to the diagonal."""
-    lever = dead_lever(state, i)
+    lever = dead_lever(state.sums, state.contact, i)
     for m in range(i):
         H[i, m] = lever
     last = table.shape[0] - 1
