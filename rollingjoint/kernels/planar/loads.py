@@ -84,7 +84,7 @@ def _has_springs(standing, loads):
     return False
 
 
-@part(inline=True)
+@part
 def has_potential(standing, loads):
     """Whether no force turns with its link."""
     for place in range(standing.shape[0] + loads.shape[0]):
@@ -94,7 +94,7 @@ def has_potential(standing, loads):
     return True
 
 
-@part(inline=True)
+@part
 def generator_columns(standing, loads):
     """How many columns of a Sweep the loads need: one, two for springs, one for each torsion spring over two joints."""
     columns = 3 if _has_springs(standing, loads) else 1
@@ -188,7 +188,7 @@ def add_link_pairs(standing, loads, H):
                     H[i, m] += row[TORSION]
 
 
-@part(inline=True)
+@part
 def fill_load_generators(standing, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep with what the loads add, and prox; tendons take the last columns."""
     sums, contact = state.sums, state.contact
