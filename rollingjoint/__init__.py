@@ -28,7 +28,7 @@ Modules:
 """
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
-from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
+from rollingjoint.load import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
@@ -65,6 +65,7 @@ __all__ = [
     "Status",
     "Surface",
     "Tendon",
+    "TorsionSpring",
     "WorldForce",
     "five_link",
     "flexible_arm",

@@ -31,6 +31,7 @@ __all__ = [
     "Load",
     "Option",
     "Spring",
+    "TorsionSpring",
     "WorldForce",
     "acts",
     "filled_up",
@@ -42,15 +43,19 @@ __all__ = [
     "wrong_links",
 ]
 
-# LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm].
+# LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm], torsion
+# spring [N·mm/rad], its angle at rest [rad] and its other link.
 # SPATIAL_LOAD_COLUMNS: link, body point [mm], world force, world moment, body force, body moment [N, N·mm], spring
 # [N/mm], anchor [mm].
 
+_PLACES, _SPATIAL_PLACES = (
+    {name: place for place, name in enumerate(columns)} for columns in (LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS)
+)
 _FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; columns that it lacks are zero
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
-Row = Mapping[str, float]
+Row = dict[str, float]
 
 
 class Option(NamedTuple):
@@ -93,7 +98,7 @@ class WorldForce(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         moment, (fx, fy) = _number("load moment", self.moment), _pair("load force", self.force)
-        return [{**_at(self, n_links), "fx": fx, "fy": fy, "moment": moment}]
+        return [_at(self, n_links) | {"fx": fx, "fy": fy, "moment": moment}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -112,7 +117,7 @@ class BodyWrench(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         moment, (bx, by) = _number("load moment", self.moment), _pair("load force", self.force)
-        return [{**_at(self, n_links), "bx": bx, "by": by, "moment": moment}]
+        return [_at(self, n_links) | {"bx": bx, "by": by, "moment": moment}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -131,12 +136,34 @@ class Spring(Load):
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
         ax, ay = _pair("spring anchor", self.anchor)
-        return [{**_at(self, n_links), "k": _number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
+        return [_at(self, n_links) | {"k": _number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
         at, k = _at_spatial(self, n_links), _number("spring stiffness", self.stiffness)
         return [{**at, "k": k, **_along("a", _triple("spring anchor", self.anchor))}]
+
+
+@dataclass(frozen=True)
+class TorsionSpring(Load):
+    """A linear torsion spring between two links of a planar chain, about the joint where they are neighbours.
+
+    Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
+    in the base frame. The other link is the base unless it is given; -1 is the tip.
+    """
+
+    link: int
+    stiffness: float
+    rest_angle: float = 0.0
+    other: int = 0
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        link, other = link_index(self.link, n_links), link_index(self.other, n_links)
+        if link == other:
+            raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
+        k, rest = _number("torsion spring stiffness", self.stiffness), _number("rest angle", self.rest_angle)
+        return [{"link": link, "torsion": k, "rest": rest, "other": other}]
 
 
 @dataclass(frozen=True)
@@ -154,9 +181,9 @@ class Gravity(Load):
         norm = float(np.hypot(dx, dy))
         if norm == 0:
             raise InvalidInput("Gravity direction", self.direction, "a direction other than (0, 0)")
-        acting = enumerate(zip(weights.tolist(), points, strict=True))
-        forces = [WorldForce(link, (w * dx / norm, w * dy / norm), point=point) for link, (w, point) in acting]
-        return [row for force in forces for row in force.rows(n_links)]
+        forces = [(w * dx / norm, w * dy / norm) for w in weights.tolist()]
+        acting = enumerate(zip(map(_point, points), forces, strict=True))
+        return [{"link": link, "px": px, "py": py, "fx": fx, "fy": fy} for link, ((px, py), (fx, fy)) in acting]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -200,6 +227,15 @@ OPTIONS = (
         make=lambda link, numbers: Spring(link, numbers[0], numbers[1:]),
     ),
     Option(
+        name="torsion_spring",
+        metavar="K",
+        help="torsion spring K [N·mm/rad], then angle at rest [rad] (default 0), other link (default 0, the base)",
+        numbers=("K", "REST", "OTHER"),
+        spatial=(),
+        make=lambda link, numbers: TorsionSpring(link, *numbers),
+        optional=2,
+    ),
+    Option(
         name="force",
         metavar="F",
         help="force of fixed direction FX FY, on an arm FX FY FZ [N]",
@@ -218,9 +254,9 @@ OPTIONS = (
 )
 """The loads that `rj` takes by link, in the order in which it adds them; gravity has options of its own."""
 
-LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, Gravity)
+LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
 _SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
-SPRINGS: tuple[type[Any], ...] = (Spring,)
+SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
 """The kinds that can belong to a planar mechanism."""
 
 
@@ -230,7 +266,7 @@ def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
     Raises:
         InvalidInput: no list of loads, a link that does not exist, a wrong number of weights or coordinates, text.
     """
-    return _table(loads, LOAD_COLUMNS, lambda load: load.rows(n_links))
+    return _table(loads, _PLACES, lambda load: load.rows(n_links))
 
 
 def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
@@ -239,7 +275,7 @@ def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float6
     Raises:
         InvalidInput: as load_table, and a load that acts on planar chains only.
     """
-    return _table(loads, SPATIAL_LOAD_COLUMNS, lambda load: load.spatial_rows(n_links))
+    return _table(loads, _SPATIAL_PLACES, lambda load: load.spatial_rows(n_links))
 
 
 def standing(springs: object, n_links: int) -> tuple[Load, ...]:
@@ -297,15 +333,21 @@ def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:
     return None
 
 
-def _table(loads: Sequence[Load], columns: Sequence[str], rows_of: Callable[[Load], list[Row]]) -> NDArray[np.float64]:
+def _table(
+    loads: Sequence[Load], places: Mapping[str, int], rows_of: Callable[[Load], list[Row]]
+) -> NDArray[np.float64]:
     if not isinstance(loads, list | tuple) and (isinstance(loads, Load) or not isinstance(loads, Iterable)):
         raise InvalidInput("loads", loads, "a list of loads, such as [WorldForce(-1, (0.5, 0.0))]")
     rows = []
     for load in loads:
         if not isinstance(load, Load):
             raise InvalidInput("load", load, _names(*LOADS))
-        rows += [[row.get(column, 0.0) for column in columns] for row in rows_of(load)]
-    return np.array(rows, dtype=float).reshape(len(rows), len(columns))
+        for row in rows_of(load):
+            values = [0.0] * len(places)
+            for column, value in row.items():
+                values[places[column]] = value
+            rows.append(values)
+    return np.array(rows, dtype=float).reshape(len(rows), len(places))
 
 
 def _names(*kinds: type) -> str:
@@ -321,9 +363,13 @@ def _plain(kind: object, value: Any) -> Any:
     return float(value) if kind == "float" else tuple(float(each) for each in value)
 
 
+def _point(point: Any) -> Pair:
+    return _pair("load point", point)
+
+
 def _at(load: Any, n_links: int) -> Row:
     """Where a load acts on a planar chain."""
-    px, py = _pair("load point", load.point)
+    px, py = _point(load.point)
     return {"link": link_index(load.link, n_links), "px": px, "py": py}
 
 

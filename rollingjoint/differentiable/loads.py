@@ -25,12 +25,15 @@ class Loads:
         self.links, self.beyond = self._link("link")
         self.points, self.dead, self.body, self.anchors = map(self._pair, ("p", "f", "b", "a"))
         self.moments, self.springs = map(self._number, ("moment", "k"))
+        self.torsions, self.rests = map(self._number, ("torsion", "rest"))
+        self.others, beyond_other = self._link("other")
+        self.between = self.beyond - beyond_other  # the turns of which joints a torsion spring sees, and their signs
         self.any = table.shape[-2] > 0
-        self.follow, self.pull = self._acts("bx", "by"), self._acts("k")
+        self.follow, self.pull, self.twist = self._acts("bx", "by"), self._acts("k"), self._acts("torsion")
 
-    def of_links(self, values: Tensor) -> Tensor:
-        """What the loaded links have, (..., rows), of values (..., n)."""
-        return values.gather(-1, self.links.expand(*values.shape[:-1], -1))
+    def of_links(self, values: Tensor, links: Tensor | None = None) -> Tensor:
+        """What the loaded links, or others (..., rows), have, (..., rows), of values (..., n)."""
+        return values.gather(-1, (self.links if links is None else links).expand(*values.shape[:-1], -1))
 
     def sums(self, values: Tensor) -> Tensor:
         """Sum of values (..., rows) over the loads beyond every joint, (..., J)."""
@@ -88,6 +91,12 @@ class LoadsAtPose:
         return x, force + loads.springs * (loads.anchors - x) if loads.pull else force, follower
 
     @cached_property
+    def _twists(self) -> Tensor:
+        """By how much the torsion spring of every row is turned from rest, (..., rows) [rad]."""
+        loads, angles = self.loads, self.link_angles
+        return loads.of_links(angles) - loads.of_links(angles, loads.others) - loads.rests
+
+    @cached_property
     def forces(self) -> Tensor:
         """Sums of the forces beyond every joint, complex (..., J)."""
         return self.loads.sums(self._acting[1])
@@ -97,7 +106,10 @@ class LoadsAtPose:
         """M: moment of the loads beyond every joint about its contact, (..., J) [N·mm]."""
         x, force, _ = self._acting
         about_base = self.loads.sums(cross(x, force) + self.loads.moments)
-        return about_base - cross(self.contacts, self.forces)
+        moments = about_base - cross(self.contacts, self.forces)
+        if not self.loads.twist:
+            return moments
+        return moments - ((self.loads.torsions * self._twists)[..., None] * self.loads.between).sum(-2)
 
     def stiffness(self) -> Tensor:
         """What the loads add to H, (..., J, J), the moving contact of each joint itself left out."""
@@ -111,6 +123,8 @@ class LoadsAtPose:
             k = loads.springs
             zeroth, first, second = (loads.sums(k * v)[..., later] for v in (torch.ones_like(k), x, dot(x, x)))
             H = H + second - dot(first, ci + cm) + zeroth * dot(ci, cm)
+        if loads.twist:
+            H = H + (loads.torsions[..., None] * loads.between).mT @ loads.between
         return H
 
     def energies(self) -> Tensor:
@@ -120,6 +134,8 @@ class LoadsAtPose:
         if loads.pull:
             away = loads.anchors - x
             work = work + 0.5 * loads.springs * dot(away, away)
+        if loads.twist:
+            work = work + 0.5 * loads.torsions * self._twists.square()
         return work
 
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from rollingjoint import five_link, solve_lengths
+from rollingjoint import TorsionSpring, five_link, solve_lengths
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
@@ -27,7 +27,8 @@ def problem(seed):
     chain = random_chain(rng, 6)
     low, high = chain.joint_limits.T
     phi = chain.joint_angles(0.8 * rng.uniform(low, high))
-    loads = load_table(random_loads(rng, chain.n_links, follower=True), chain.n_links)
+    springs = [TorsionSpring(-1, 20.0, 0.1), TorsionSpring(chain.n_links - 2, 15.0, -0.2, -1)] if seed % 2 else []
+    loads = load_table([*random_loads(rng, chain.n_links, follower=True), *springs], chain.n_links)
     stretch, ones = rng.choice([-1.0, 0.5, 4.0], chain.n_tendons), np.ones(chain.n_tendons)
     return chain, phi, loads, TendonLaw(chain.tendon_lengths(phi) - stretch, 2.0 * ones, 0.1 * ones, 5.0 * ones)
 
@@ -68,7 +69,7 @@ def page_stiffness(chain, loads, state):
     n = chain.n_joints
     H = np.zeros((n, n))
     c, rate = state.contact[:, :2], state.contact[:, 2:]  # rate: e_t / kappa
-    for link, px, py, fx, fy, bx, by, _, k, ax, ay in loads:
+    for link, px, py, fx, fy, bx, by, _, k, ax, ay, torsion, _, other in loads:
         x, y, angle = state.pose[int(link), :3]
         point, body = np.array([x, y]) + turn(angle) @ (px, py), turn(angle) @ (bx, by)
         force = np.array([fx, fy]) + body + k * (np.array([ax, ay]) - point)
@@ -76,6 +77,8 @@ def page_stiffness(chain, loads, state):
             if max(i, m) < link:
                 H[i, m] += (point - c[max(i, m)]) @ force - (point - c[i]) @ body
                 H[i, m] += k * (point - c[i]) @ (point - c[m])
+        low, high = sorted((int(link), int(other)))
+        H[low:high, low:high] += torsion
         for i in range(int(link)):
             H[i, i] += (QUARTER @ rate[i]) @ force
     rates = state.gap[..., 1]
@@ -102,7 +105,7 @@ def test_stiffness_is_the_formula_and_the_difference(seed):
     chain, phi, loads, law = problem(seed)
     _, state = at(chain, law, loads, phi)
     computed = np.empty((chain.n_joints, chain.n_joints))
-    stiffness(chain.arrays, loads, state, computed)
+    stiffness(one_design(chain.arrays, 0), loads, state, computed)
     size = np.abs(computed).max()
     assert computed == pytest.approx(page_stiffness(chain, loads, state), rel=1e-9, abs=1e-12 * size)
     numeric = difference(lambda p: at(chain, law, loads, p)[1].residual.copy(), phi)

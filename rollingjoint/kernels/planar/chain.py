@@ -31,7 +31,7 @@ from rollingjoint.kernels.planar.arrays import (
     Y,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
-from rollingjoint.kernels.planar.loads import evaluate_loads, fill_load_generators, fill_load_stiffness
+from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
@@ -106,16 +106,18 @@ def stiffness(chain, loads, state, H):
     state, H = borrow(state), borrow(H)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
     gap, elastic, tension = state.gap, state.elastic, state.tension
-    fill_load_stiffness(standing, loads, state, H)
     for i in range(n_joints):
         for m in range(n_joints):
+            b, value = max(i, m), load_stiffness(sums, contact, i, m)
             for j in range(elastic.size):
-                if max(i, m) < tendon_joints[j]:
-                    H[i, m] += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
+                if b < tendon_joints[j]:
+                    value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
+            H[i, m] = value
         H[i, i] += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         for j in range(elastic.size):
             if i < tendon_joints[j]:
                 H[i, i] += tension[j] * gap[i, j, 2]
+    add_link_pairs(standing, loads, H)
 
 
 @formula(formulas.fill_generators, Chain)

@@ -1,14 +1,15 @@
 """Loads on a planar chain: the columns of a load table, and everything the kernels make of its rows.
 
 A row acts on one body point x of one link: world force + body force turned with the link + spring k (anchor - x), and a
-moment. The standing rows of a chain, its springs, act beside those of a call. `Dead` functions serve eight SIMD lanes
-side by side, whose loads are dead forces and moments only.
+moment; its torsion spring acts on that link and another one. The standing rows of a chain, its springs, act beside
+those of a call. The functions of dead loads serve eight SIMD lanes side by side, on which dead forces, moments and
+torsion springs act.
 """
 
 from __future__ import annotations
 
 from rollingjoint._numba.jit import part
-from rollingjoint._numba.simd import where
+from rollingjoint._numba.simd import any_lane, where
 from rollingjoint.kernels.planar.arrays import (
     BX,
     BY,
@@ -29,17 +30,18 @@ from rollingjoint.kernels.planar.arrays import (
 )
 from rollingjoint.kernels.shared.lane import resolvable
 
-LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay")
-LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR = map(
-    LOAD_COLUMNS.index, ("link", "px", "fx", "bx", "moment", "k", "ax")
+LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay", "torsion", "rest", "other")
+LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(
+    LOAD_COLUMNS.index, ("link", "px", "fx", "bx", "moment", "k", "ax", "torsion", "rest", "other")
 )
 N_COLUMNS = len(LOAD_COLUMNS)
-LINK_COLUMNS = ("link",)  # those that name a link
-STIFFNESSES = (SPRING,)  # those that must not be negative
-ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING)  # a row in which all these are zero does nothing
+LINK_COLUMNS = ("link", "other")  # those that name a link
+STIFFNESSES = (SPRING, TORSION)  # those that must not be negative
+ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING, TORSION)  # a row in which all these are zero does nothing
 
-# Columns of the table of dead loads of SIMD lanes: those of a load table up to the force, and the moment
-DEAD_MOMENT, N_DEAD = BODY, BODY + 1
+# Columns of the table of dead loads of SIMD lanes: those of a load table up to the force, then moment and torsion
+# spring. Its last row says in the first column how many torsion springs there are.
+DEAD_MOMENT, DEAD_TORSION, DEAD_REST, DEAD_OTHER, N_DEAD = range(BODY, BODY + 5)
 
 
 @part(inline=True)
@@ -60,6 +62,29 @@ def _dead_energy(x, y, theta, fx, fy, moment):
 
 
 @part(inline=True)
+def _twisted(theta, other, k, rest):
+    """Energy of a torsion spring, its magnitude with that of its terms, and the moment on the first link."""
+    twist = theta - other - rest
+    energy, moment = 0.5 * k * twist * twist, -(k * twist)
+    return energy, energy + abs(moment) * (abs(theta) + abs(other) + abs(rest)), moment
+
+
+@part(inline=True)
+def _span(row):
+    """First joint between the links of a torsion spring, and the one after the last."""
+    link, other = int(row[LINK]), int(row[OTHER])
+    return min(link, other), max(link, other)
+
+
+@part(inline=True)
+def _has_springs(standing, loads):
+    for place in range(standing.shape[0] + loads.shape[0]):
+        if _row(standing, loads, place)[SPRING] != 0.0:
+            return True
+    return False
+
+
+@part
 def has_potential(standing, loads):
     """Whether no force turns with its link."""
     for place in range(standing.shape[0] + loads.shape[0]):
@@ -69,25 +94,24 @@ def has_potential(standing, loads):
     return True
 
 
-@part(inline=True)
+@part
 def generator_columns(standing, loads):
-    """How many columns of a Sweep the loads need."""
-    for place in range(standing.shape[0] + loads.shape[0]):
-        if _row(standing, loads, place)[SPRING] != 0.0:
-            return 3
-    return 1
-
-
-@part(inline=True)
-def evaluate_loads(standing, loads, state):
-    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
-    sums, pose = state.sums, state.pose
-    energy = magnitude = 0.0
-    for i in range(sums.shape[0]):
-        for column in range(sums.shape[1]):
-            sums[i, column] = 0.0
+    """How many columns of a Sweep the loads need: one, two for springs, one for each torsion spring over two joints."""
+    columns = 3 if _has_springs(standing, loads) else 1
     for place in range(standing.shape[0] + loads.shape[0]):
         row = _row(standing, loads, place)
+        low, high = _span(row)
+        if row[TORSION] != 0.0 and low > 0 and high - low > 1:
+            columns += 1
+    return columns
+
+
+@part(inline=True)
+def _add_loads(table, state, energy, magnitude):
+    """Add what the rows of a table do to the sums of each link; returns energy and magnitude with theirs."""
+    sums, pose = state.sums, state.pose
+    for place in range(table.shape[0]):
+        row = table[place]
         link = int(row[LINK])
         cos, sin = pose[link, C], pose[link, S]
         x, y = placed(pose[link, X], pose[link, Y], cos, sin, row[POINT], row[POINT + 1])
@@ -97,6 +121,14 @@ def evaluate_loads(standing, loads, state):
         term += 0.5 * k * (dx * dx + dy * dy)
         energy += term
         magnitude += abs(term)
+        if row[TORSION] != 0.0:
+            other = int(row[OTHER])
+            term, size, couple = _twisted(pose[link, THETA], pose[other, THETA], row[TORSION], row[REST])
+            energy += term
+            magnitude += size
+            if other > 0:
+                sums[other - 1, TURN] -= couple
+            moment += couple
         if link == 0:
             continue
         bx = cos * row[BODY] - sin * row[BODY + 1]
@@ -114,6 +146,18 @@ def evaluate_loads(standing, loads, state):
         sums[i, KX] += k * x
         sums[i, KY] += k * y
         sums[i, K_XX] += k * (x * x + y * y)
+    return energy, magnitude
+
+
+@part(inline=True)
+def evaluate_loads(standing, loads, state):
+    """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
+    sums = state.sums
+    for i in range(sums.shape[0]):
+        for column in range(sums.shape[1]):
+            sums[i, column] = 0.0
+    energy, magnitude = _add_loads(standing, state, 0.0, 0.0)
+    energy, magnitude = _add_loads(loads, state, energy, magnitude)
     for i in range(sums.shape[0] - 2, -1, -1):
         for column in range(sums.shape[1]):
             sums[i, column] += sums[i + 1, column]
@@ -121,64 +165,92 @@ def evaluate_loads(standing, loads, state):
 
 
 @part(inline=True)
-def fill_load_stiffness(standing, loads, state, H):
-    """Fill H with what the loads add to it, the moving contact of each joint itself left out."""
-    sums, contact = state.sums, state.contact
-    for i in range(H.shape[0]):
-        for m in range(H.shape[0]):
-            b = max(i, m)
-            ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
-            value = dead_lever(state, b)
-            value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
-            value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
-            value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
-            H[i, m] = value
+def load_stiffness(sums, contact, i, m):
+    """H_im of the loads that act on one link, the moving contact of each joint itself left out."""
+    b = max(i, m)
+    ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
+    value = dead_lever(sums, contact, b)
+    value -= sums[b, X_DOT_B] - (ci_x * sums[b, BX] + ci_y * sums[b, BY])
+    value += sums[b, K_XX] - sums[b, KX] * (ci_x + cm_x) - sums[b, KY] * (ci_y + cm_y)
+    value += sums[b, K] * (ci_x * cm_x + ci_y * cm_y)
+    return value
 
 
-@part(inline=True)
+@part
+def add_link_pairs(standing, loads, H):
+    """Add to H the loads that act between two links: torsion springs."""
+    for place in range(standing.shape[0] + loads.shape[0]):
+        row = _row(standing, loads, place)
+        if row[TORSION] != 0.0:
+            low, high = _span(row)
+            for i in range(low, high):
+                for m in range(low, high):
+                    H[i, m] += row[TORSION]
+
+
+@part
 def fill_load_generators(standing, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep with what the loads add, and prox; tendons take the last columns."""
     sums, contact = state.sums, state.contact
-    n_columns = sweep.U.shape[1] - state.tension.size
+    springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
         cx, cy = contact[i, 0], contact[i, 1]
         lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
         lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
         sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
         diagonal = lever + prox
-        if n_columns == 3:
+        if springs:
             sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
             sweep.V[i, 1], sweep.V[i, 2] = cx, cy
             diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
         diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         sweep.diagonal[i] = diagonal
+    column = 3 if springs else 1
+    for place in range(standing.shape[0] + loads.shape[0]):
+        row = _row(standing, loads, place)
+        k, (low, high) = row[TORSION], _span(row)
+        if k == 0.0:
+            continue
+        for i in range(low, high):
+            sweep.diagonal[i] += k
+            if low == 0:
+                sweep.U[i, 0] += k
+        if low > 0 and high - low > 1:
+            for i in range(sums.shape[0]):
+                inside = low <= i < high
+                sweep.U[i, column], sweep.V[i, column] = k if inside else 0.0, 1.0 if inside else 0.0
+            column += 1
 
 
 @part(inline=True)
 def n_rows(chain, loads):
-    """How many rows act on each lane: those of its table, (B, rows, columns), and the standing ones."""
-    return chain.standing.shape[1] + loads.shape[1]
+    """Rows of the table of dead loads: the standing ones, those of the load tables (B, rows, columns), the last one."""
+    return chain.standing.shape[1] + loads.shape[1] + 1
 
 
 @part(inline=True)
-def dead_lever(state, i):
+def dead_lever(sums, contact, i):
     """What dead forces beyond joint i add to the stiffness of the joints up to it."""
-    sums, contact = state.sums, state.contact
     return sums[i, X_DOT_F] - (contact[i, 0] * sums[i, FX] + contact[i, 1] * sums[i, FY])
 
 
 @part(inline=True)
 def fill_dead_loads(standing, loads, table, lane):
     """Copy the loads of one lane into the table of dead loads; False where they need the solver for all cases."""
-    usual = True
-    for place in range(table.shape[0]):
+    usual, last = True, table.shape[0] - 1
+    table[last, 0, lane] = 0.0
+    for place in range(last):
         row = _row(standing, loads, place)
         for column in range(BODY):
             table[place, column, lane] = row[column]
-        table[place, DEAD_MOMENT, lane] = row[MOMENT]
+        table[place, DEAD_MOMENT, lane], table[place, DEAD_TORSION, lane] = row[MOMENT], row[TORSION]
+        table[place, DEAD_REST, lane], table[place, DEAD_OTHER, lane] = row[REST], row[OTHER]
+        if row[TORSION] != 0.0:
+            table[last, 0, lane] += 1.0
         for column in range(N_COLUMNS):
             usual = usual and resolvable(row[column])
         usual = usual and row[BODY] == 0.0 and row[BODY + 1] == 0.0 and row[SPRING] == 0.0
+        usual = usual and row[TORSION] >= 0.0
     return usual
 
 
@@ -190,7 +262,9 @@ def evaluate_dead_loads(table, state):
     energy, magnitude = zero, zero
     for i in range(n_joints):
         sums[i, FX], sums[i, FY], sums[i, TURN], sums[i, X_DOT_F] = zero, zero, zero, zero
-    for row in range(table.shape[0]):
+    last = table.shape[0] - 1
+    twisting = any_lane(table[last, 0] > 0.0)
+    for row in range(last):
         link, px, py = table[row, LINK], table[row, POINT], table[row, POINT + 1]
         fx, fy, moment = table[row, FORCE], table[row, FORCE + 1], table[row, DEAD_MOMENT]
         x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
@@ -202,6 +276,15 @@ def evaluate_dead_loads(table, state):
         term = _dead_energy(x, y, theta, fx, fy, moment)
         energy, magnitude = energy + term, magnitude + abs(term)
         turn, dot = x * fy - y * fx + moment, x * fx + y * fy
+        if twisting:
+            other, behind = table[row, DEAD_OTHER], zero
+            for k in range(1, n_joints + 1):
+                behind = where(other == float(k), pose[k, THETA], behind)
+            term, size, couple = _twisted(theta, behind, table[row, DEAD_TORSION], table[row, DEAD_REST])
+            energy, magnitude = energy + term, magnitude + size
+            turn = turn + couple
+            for i in range(n_joints):
+                sums[i, TURN] += where(other > float(i), -couple, 0.0)
         for i in range(n_joints):
             beyond = link > float(i)
             sums[i, FX] += where(beyond, fx, 0.0)
@@ -214,7 +297,16 @@ def evaluate_dead_loads(table, state):
 @part(inline=True)
 def fill_dead_stiffness(table, state, i, H):
     """Fill row i of H up to the diagonal with what dead loads add to it; returns what they add to the diagonal."""
-    lever = dead_lever(state, i)
+    lever = dead_lever(state.sums, state.contact, i)
     for m in range(i):
         H[i, m] = lever
+    last = table.shape[0] - 1
+    if any_lane(table[last, 0] > 0.0):
+        for row in range(last):
+            link, other = table[row, LINK], table[row, DEAD_OTHER]
+            low, high = where(link < other, link, other), where(link < other, other, link)
+            k = where((low <= float(i)) & (high > float(i)), table[row, DEAD_TORSION], 0.0)
+            lever = lever + k
+            for m in range(i):
+                H[i, m] += where(low <= float(m), k, 0.0)
     return lever

@@ -8,7 +8,7 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint import Link, Profile, RollingChain, Status, Surface, Tendon
-from rollingjoint.load import load_table
+from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.statics import sensitivity
 
@@ -161,8 +161,10 @@ def test_gradients_of_everything_by_everything_match_differences_of_the_compiled
 
     steps = {parameter: wiggle(rng, parameter, design) for parameter in PARAMETERS}
     steps["inputs"] = torch.as_tensor(rng.normal(size=inputs.shape))
-    steps["loads"] = torch.as_tensor(0.1 * rng.normal(size=table.shape) * (np.arange(11) > 0))
-    steps["loads"][:, 8] *= torch.as_tensor(table[:, 8] > 0)  # springs stay springs
+    moving = [column not in ("link", "other") for column in LOAD_COLUMNS]
+    steps["loads"] = torch.as_tensor(0.1 * rng.normal(size=table.shape) * moving)
+    for column in map(LOAD_COLUMNS.index, ("k", "torsion")):
+        steps["loads"][:, column] *= torch.as_tensor(table[:, column] > 0)  # springs stay springs
     if name == "at a surface limit":
         del steps["hole_arcs"]  # the contact is beyond the hole: the facing holes cannot move alike
 
@@ -453,7 +455,7 @@ def test_what_cannot_be_understood_is_refused_by_name():
     with pytest.raises(rj.InvalidInput, match="load table"):
         solve_tensions(design, (1.0, 1.0), torch.zeros(1, 10))
     with pytest.raises(rj.InvalidInput, match="links"):
-        solve_tensions(design, (1.0, 1.0), torch.full((1, 11), 7.0))
+        solve_tensions(design, (1.0, 1.0), torch.full((1, len(LOAD_COLUMNS)), 7.0))
     with pytest.raises(rj.InvalidInput, match="curvature"):
         design.replace(curvature=1.0)
     with pytest.raises(rj.InvalidInput, match="starts"):

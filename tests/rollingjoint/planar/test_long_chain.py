@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from rollingjoint import Gravity, Spring, Status, WorldForce, solve_lengths, solve_tensions, uniform
+from rollingjoint import Gravity, Spring, Status, TorsionSpring, WorldForce, solve_lengths, solve_tensions, uniform
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
+from rollingjoint.kernels.planar import loads as load_kernels
 from rollingjoint.kernels.shared import long_chain
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import LOAD_COLUMNS, load_table
@@ -15,23 +16,26 @@ from rollingjoint.planar.random_chain import random_chain, random_loads
 new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
 evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
 new_sweep, fill_generators = standalone(long_chain.new_sweep), standalone(chain_kernels.fill_generators)
+generator_columns = standalone(load_kernels.generator_columns)
 factor, substitute = standalone(long_chain.factor), standalone(long_chain.substitute)
 
 
-def test_the_sweep_solves_what_the_dense_matrix_says():
+@pytest.mark.parametrize("springs", [[], [TorsionSpring(-1, 20.0, 0.1), TorsionSpring(-1, 9.0, 0.2, 1)]])
+def test_the_sweep_solves_what_the_dense_matrix_says(springs):
     rng = np.random.default_rng(0)
     solved = 0
     for _ in range(60):
         chain = random_chain(rng, 12)
         n, m = chain.n_joints, chain.n_tendons
-        loads = load_table(random_loads(rng, chain.n_links), chain.n_links)
+        springs = [each for each in springs if chain.n_links > 2]
+        loads = load_table([*random_loads(rng, chain.n_links), *springs], chain.n_links)
         law = TendonLaw(chain.neutral_lengths - rng.uniform(-1, 2, m), chain.stiffnesses, np.zeros(m), np.full(m, 20.0))
         state, H = new_state(n, m), np.empty((n, n))
         one = one_design(chain.arrays, 0)
         state.angle[:] = chain.joint_angles(rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
         evaluate(one, law, loads, state)
         stiffness(one, loads, state, H)
-        sweep = new_sweep(n, m + (3 if np.any(loads[:, LOAD_COLUMNS.index("k")] != 0) else 1))
+        sweep = new_sweep(n, m + generator_columns(np.zeros((0, len(LOAD_COLUMNS))), loads))
         fill_generators(one, loads, state, 0.3, sweep)
         free = rng.random(n) < 0.8
         dense = (H + 0.3 * np.eye(n))[np.ix_(free, free)]
