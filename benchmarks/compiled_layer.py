@@ -65,6 +65,7 @@ CALLS = """
 from typing import Annotated
 import rollingjoint as rj
 from rollingjoint.compiled import BatchArrays, Integers, PinnedRange
+from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import solve_pinned, solve_side_by_side
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
@@ -74,8 +75,8 @@ rng = np.random.default_rng(0)
 commands = arm.neutral_lengths + rng.uniform(-2, 1, (B, 2))
 law = TendonLaw(commands, np.tile(arm.stiffnesses, (B, 1)), np.full((B, 2), 0.5), np.full((B, 2), 50.0))
 problem = BatchArrays(
-    arm.arrays, np.zeros(B, np.int64), law, np.zeros((B, 0, arm.arrays.standing.shape[2])), np.tile(arm.neutral_angles, (B, 1)),
-    new_results(B, 4, 2, contacts=False),
+    arm.arrays, np.zeros(B, np.int64), law, np.zeros((B, 0, len(LOAD_COLUMNS))),
+    np.tile(arm.neutral_angles, (B, 1)), new_results(B, 4, 2, contacts=False),
 )
 rest = np.arange(B)
 """
