@@ -1,16 +1,20 @@
-"""Train, evaluate and compare controllers for the environments of rj_gym.
+"""Training, evaluation and comparison of controllers for the environments of rj_gym.
 
-    agents.config      a checked training configuration (no torch)
-    agents.train       python -m agents.train --config FILE, or --resume RUN
-    agents.evaluate    python -m agents.evaluate RUN
-    agents.tune        python -m agents.tune --config FILE --study DIR
-    agents.campaign    python -m agents.campaign FILE --out DIR: many runs
-    agents.results     python -m agents.results DIR: the page that compares them
-    agents.controller  the Controller protocol: how to plug in one's own
-    agents.baselines   controllers to compare with
-    agents.floor       the smallest tip error that any command can reach
-    agents.shipped     load_policy: trained policies that run with NumPy alone
-    agents.export      python -m agents.export RUN --name NAME
+Modules:
+    train: python -m agents.train --config FILE, or --resume RUN.
+    evaluate: python -m agents.evaluate RUN; evaluate_controllers from Python.
+    tune: python -m agents.tune --config FILE --study DIR.
+    campaign: python -m agents.campaign FILE --out DIR: many runs.
+    export: python -m agents.export RUN --name NAME.
+    shipped: load_policy: trained policies that run with NumPy alone.
+    runs: what a run is: configuration and folder.
+    evaluation: controllers, episodes, scores, floors.
+    baselines: controllers to compare with.
+    policies: shipped policies and their files.
+    training: from a configuration to a run folder.
+    tuning: studies of hyper-parameters.
+    results: python -m agents.results DIR: the page that compares runs.
+    search: python -m agents.search FILE: design search.
 
 Nothing is imported here: torch and Stable-Baselines3 are loaded by the modules that need them.
 """

@@ -1,71 +1,23 @@
 """Train many runs, some at a time: python -m agents.campaign configs/campaign/results.yaml --out runs/results.
 
-Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; what that prints goes
-to seed_K.log beside it, what was typed to OUT/command.txt. The same command goes on with a campaign: finished runs
-stay as they are, interrupted ones are resumed.
+Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; the output goes to
+seed_K.log beside that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
+kept, interrupted ones are resumed.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import shlex
-import signal
-import subprocess
 import sys
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.config import TrainConfig, load_config, plain_settings
-from agents.fields import check_integer
-from agents.run_folder import PROCESSOR, RunFolder, RunFolderError, typed_command, write_text
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.task import task_of
-from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
-from rollingjoint.errors import ConfigError, RollingJointError
-from rollingjoint.io.mechanism_file import mechanism_to_dict
-
-POLL = 0.1  # seconds between two looks at the children
-
-
-@dataclass(frozen=True)
-class Member:
-    """One run of a campaign: a configuration and a seed."""
-
-    config: Path
-    seed: int
-
-    def __str__(self) -> str:
-        return f"{self.config.stem} seed {self.seed}"
-
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        """What the run changes in the configuration."""
-        return f"seed={self.seed}", "torch_threads=1"
-
-    def folder(self, out: Path) -> Path:
-        """Its run folder in the folder of the campaign."""
-        return out / self.config.stem / f"seed_{self.seed}"
-
-    def arguments(self, out: Path) -> list[str] | None:
-        """Arguments of agents.train that begin the run or go on with it; None where it is finished.
-
-        Raises RollingJointError where the folder holds another configuration.
-        """
-        folder = self.folder(out)
-        if not (folder / "config.yaml").is_file():
-            changes = [word for override in self.overrides for word in ("--set", override)]
-            return ["--config", str(self.config), "--run-dir", str(folder), *changes]
-        run = RunFolder.open(folder)
-        if content(run.config()) != content(load_config(self.config, self.overrides)):
-            mend = "To train what the file says now, remove that folder or give another --out."
-            raise RunFolderError("run folder", str(folder), f"what {self.config} says", mend)
-        return None if is_finished(run) else ["--resume", str(folder)]
+from agents.runs.checks import integer
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.files import write_text
+from agents.training.campaign import Campaign, load_campaign
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -79,152 +31,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    check_integer("--jobs", arguments.jobs, 1)
+    jobs = integer(1)("--jobs", arguments.jobs)
     out = arguments.out or Path("runs") / arguments.campaign.stem
     members = load_campaign(arguments.campaign)
-    typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(arguments.jobs)]
+    typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]
     write_text(out / "command.txt", shlex.join(typed_command("agents.campaign", typed)) + "\n")
-    return Campaign(members, out, arguments.jobs).train()
-
-
-def load_campaign(path: Path) -> list[Member]:
-    """The runs that a campaign file lists; raises ConfigError that names the file and the place in it."""
-    runs = mapping(str(path), read_yaml(path), ["runs"], ["runs"])["runs"]
-    members: dict[tuple[str, int], Member] = {}
-    for place, item in enumerate(entries(f"{path}: runs", runs)):
-        where = f"{path}: runs[{place}]"
-        item = mapping(where, item, ["config", "seeds"], ["config", "seeds"])
-        config = Path(os.path.normpath(path.parent / text(f"{where}.config", item["config"])))
-        for seed in entries(f"{where}.seeds", item["seeds"]):
-            check_integer(f"{where}.seeds", seed, 0, 2**31)
-            member = Member(config, seed)
-            load_config(config, member.overrides)
-            if members.setdefault((config.stem, seed), member) is not member:
-                mend = "A run folder is named after both."
-                raise ConfigError(where, str(member), "every name of a configuration with every seed once", mend)
-    return list(members.values())
-
-
-def content(config: TrainConfig) -> dict[str, Any]:
-    """Plain values of all that a configuration means: settings left out are written in, a mechanism is its numbers."""
-    values = config.to_dict()
-    settings = config.env.arguments().get("config")
-    if isinstance(settings, TaskConfig):
-        mechanism = task_of(settings).mechanism
-        numbers = mechanism_to_dict(mechanism) | {"name": ""}
-        values["env"]["settings"] = plain_settings(settings) | {"mechanism": numbers}
-    return values
-
-
-def is_finished(run: RunFolder) -> bool:
-    """Whether all steps are done and saved: the last thing that training writes is a checkpoint."""
-    done = [int(path.name) for path in run.checkpoints.glob("[0-9]*") if path.name.isdigit()]
-    return max(done, default=0) >= run.config().total_timesteps
-
-
-def training_seconds(run: RunFolder) -> float:
-    """Processor time of the training to the last row of its log [s]; 0 where there is none."""
-    return max((float(row.get(PROCESSOR) or 0) for row in rows(run.progress)), default=0.0)
-
-
-def rows(table: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file; none where there is no file."""
-    if not table.is_file():
-        return []
-    with table.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """Runs to train into a folder, `jobs` of them at a time."""
-
-    members: Sequence[Member]
-    out: Path
-    jobs: int
-
-    def train(self) -> int:
-        """Train what is not finished; the exit code. Nothing that happens to one run stops the others."""
-        waiting, failed = self._plan()
-        with signals_seen() as signals:
-            failed |= self._work(waiting, signals)
-        for member, reason in failed.items():
-            print(f"failed: {member}: {reason}", file=sys.stderr)
-        command = (self.out / "command.txt").read_text().strip()
-        if signals:
-            print(f"stopped by {signal.Signals(signals[0]).name}; to go on: {command}")
-            return INTERRUPTED
-        if failed:
-            print(f"{len(failed)} of {len(self.members)} runs failed; to try them again: {command}", file=sys.stderr)
-            return FAILED
-        print(f"All {len(self.members)} runs are finished.\nNext: python -m agents.results {self.out}")
-        return 0
-
-    def _plan(self) -> tuple[dict[Member, list[str]], dict[Member, str]]:
-        """Arguments of agents.train by run, and why others cannot be trained."""
-        waiting, failed = dict[Member, list[str]](), dict[Member, str]()
-        for member in self.members:
-            try:
-                arguments = member.arguments(self.out)
-            except RollingJointError as error:
-                failed[member] = str(error)
-            else:
-                if arguments is not None:
-                    waiting[member] = arguments
-        begun = sum(arguments[0] == "--resume" for arguments in waiting.values())
-        finished = len(self.members) - len(waiting) - len(failed)
-        print(
-            f"{finished} runs are finished, {begun} begun, {len(waiting) - begun} new; {self.jobs} at a time",
-            flush=True,
-        )
-        return waiting, failed
-
-    def _work(self, waiting: Mapping[Member, list[str]], signals: Sequence[int]) -> dict[Member, str]:
-        """Train them all; why some failed. A signal goes to the children, which save, and no other is begun."""
-        left, failed, told = dict(waiting), dict[Member, str](), 0
-        running: dict[Member, subprocess.Popen[bytes]] = {}
-        while running or (left and not signals):
-            while left and len(running) < self.jobs and not signals:
-                member = next(iter(left))
-                running[member] = self._start(member, left.pop(member))
-            if len(signals) > told:
-                told = len(signals)
-                for child in running.values():
-                    child.terminate()
-            for member in [member for member, child in running.items() if child.poll() is not None]:
-                code = running.pop(member).returncode
-                if code == 0:
-                    self._say(member, len(waiting) - len(left) - len(running), len(waiting))
-                elif not signals:
-                    failed[member] = self._reason(member, code)
-                    print(f"{member} failed", flush=True)
-            time.sleep(POLL)
-        return failed
-
-    def _start(self, member: Member, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-        """The process that trains; it has a session of its own, so that Ctrl-C reaches it through this one alone."""
-        folder = member.folder(self.out)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with folder.with_suffix(".log").open("wb") as log:
-            command = [sys.executable, "-m", "agents.train", *arguments]
-            return subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-            )
-
-    def _say(self, member: Member, count: int, total: int) -> None:
-        run = RunFolder(member.folder(self.out))
-        error = float(rows(run.evaluations)[-1]["mean_mm"])
-        seconds = training_seconds(run)
-        print(f"{count:>4} of {total}  {member}: {seconds:.0f} s, mean tip error {error:.3f} mm", flush=True)
-
-    def _reason(self, member: Member, code: int) -> str:
-        """Why a run failed: what it said of it in one line, else how it ended."""
-        log = member.folder(self.out).with_suffix(".log")
-        said = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        errors = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]
-        if code < 0:
-            return f"ended by {signal.Signals(-code).name}; the same command goes on with it"
-        return errors[-1] if errors else f"exit code {code}: {said[-1] if said else 'nothing said'}; see {log}"
+    return Campaign(members, out, jobs).train()
 
 
 if __name__ == "__main__":

@@ -4,28 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import traceback
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from agents.command_line import exit_code
-from agents.config import TrainConfig, load_config
-from agents.run_folder import RunFolder, RunFolderError, typed_command, write_text
-from rollingjoint.errors import ConfigError, RollingJointError
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    from agents.callbacks import StopOnSignal
-    from agents.checkpoint import Moment
-
-
-class TrainingError(RollingJointError):
-    """Training that broke off."""
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.config import load_config
+from agents.runs.folder import RunFolder
+from rollingjoint.errors import ConfigError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m agents.train", description="Train a controller.")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--config", type=Path, help="YAML file, for example one of configs/train/")
-    what.add_argument("--resume", type=Path, metavar="RUN", help="go on with the run in this run folder")
+    what.add_argument("--resume", type=Path, metavar="RUN", help="continue the run in this run folder")
     parser.add_argument("--run-dir", type=Path, help="the run folder (default: runs/ and the name of the config)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="section.key=value, repeatable")
     parser.add_argument("--force", action="store_true", help="replace the run that is in the run folder")
@@ -46,139 +31,15 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         if arguments.force or arguments.run_dir is not None:
             other = "--force" if arguments.force else "--run-dir"
             raise ConfigError("--resume", str(arguments.resume), f"no {other} beside it", "Resuming keeps the run.")
+        from agents.training.learn import resume
+
         return resume(arguments.resume, arguments.set, command)
     config = load_config(arguments.config, arguments.set)
     path = arguments.run_dir or Path("runs") / arguments.config.stem
     RunFolder.check_free(path, arguments.force)
+    from agents.training.learn import train
+
     return train(config, path, command, arguments.force)
-
-
-def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: bool = False) -> int:
-    """Train into a run folder at `path`; the exit code. Raises RollingJointError."""
-    from agents.build import build_model
-
-    model = build_model(config)
-    run = RunFolder.create(path, config, command, force)
-    with run.locked():
-        return _train(model, config, run)
-
-
-def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = ()) -> int:
-    """Go on with the run at `path`, or say that it is finished; the exit code. Raises RollingJointError.
-
-    Args:
-        overrides: none, or "total_timesteps=N", how far the run shall go now.
-    """
-    from agents import checkpoint
-    from agents.build import build_model
-
-    run = RunFolder.open(path)
-    with run.locked():
-        newest = checkpoint.newest(run)
-        done = checkpoint.steps_of(newest) if newest else 0
-        config = _resumed_config(run, overrides, done)
-        if done >= config.total_timesteps:
-            print(f"The run in {path} is finished: {done} steps. To train on: --set total_timesteps=N")
-            return 0
-        run.tidy()
-        moment = None
-        if newest:
-            model, moment = checkpoint.load(newest, config)
-            checkpoint.bring_back_files(newest, run)
-        else:
-            _check_nothing_is_lost(run)
-            model = build_model(config)
-            run.begin_anew()
-        run.go_on_with(config.total_timesteps, command)
-        return _train(model, config, run, moment)
-
-
-def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> TrainConfig:
-    before, config = run.config(), run.config(overrides)
-    if replace(config, total_timesteps=before.total_timesteps) != before:
-        mend = "For any other change begin a new run from its config.yaml."
-        raise ConfigError("--set", " ".join(overrides), "total_timesteps=N and nothing else with --resume", mend)
-    if overrides and config.total_timesteps < done:
-        raise ConfigError("--set", " ".join(overrides), f"no fewer than the {done} steps that are done")
-    return config
-
-
-def _check_nothing_is_lost(run: RunFolder) -> None:
-    """Raise RunFolderError where a policy is there, but no checkpoint to go on from."""
-    if any(run.path.glob("checkpoints/[0-9]*")) or run.policy_files("last")[0].exists():
-        mend = "To begin anew: --config with --force."
-        raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", mend)
-
-
-def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Moment | None = None) -> int:
-    from agents import checkpoint
-    from agents.build import close
-    from agents.callbacks import StopOnSignal
-
-    begun = f"from step {model.num_timesteps} on, " if moment else ""
-    print(
-        f"{config.algorithm.upper()}, {config.total_timesteps} steps of {config.env.id}, {begun}into {run.path}",
-        flush=True,
-    )
-    with StopOnSignal() as stop:
-        try:
-            _learn_and_save(model, config, run, stop, moment)
-        except Exception as error:
-            raise _broken_off(error, model, run) from error
-        finally:
-            close(model)
-    if stop.signal is not None:
-        print(f"stopped by {stop.signal.name} after {model.num_timesteps} steps; the policy so far is saved.")
-        if checkpoint.newest(run):
-            print(f"To go on: python -m agents.train --resume {run.path}")
-    print(f"The run is in {run.path}\nNext: python -m agents.evaluate {run.path}")
-    return 0 if stop.signal is None else 128 + stop.signal
-
-
-def _learn_and_save(
-    model: BaseAlgorithm, config: TrainConfig, run: RunFolder, stop: StopOnSignal, moment: Moment | None
-) -> None:
-    from agents import checkpoint
-    from agents.callbacks import Checkpoints, Evaluation, FinalError, Progress
-    from agents.training_log import training_log
-
-    logger = training_log(run, model.num_timesteps)
-    model.set_logger(logger)
-    checkpoints = Checkpoints(run, config.checkpoint_every, stop, moment)
-    callbacks = [stop, Progress(), FinalError(), checkpoints, Evaluation(run, config)]
-    try:
-        learn(model, config, callbacks)
-    except KeyboardInterrupt:
-        print("stopped at once, in the middle of an update", file=sys.stderr)
-    finally:
-        logger.close()
-    checkpoint.save_policy(model, run.policy_files("last"))
-    if model.num_timesteps >= config.total_timesteps:
-        checkpoint.save(model, run)
-
-
-def learn(model: BaseAlgorithm, config: TrainConfig, callbacks: Sequence[BaseCallback]) -> None:
-    """Train the model until config.total_timesteps, from wherever it is."""
-    remaining = config.total_timesteps - model.num_timesteps
-    often = 1 if config.algorithm == "ppo" else max(4, config.env.n_envs)  # rollouts, episodes per row of the log
-    model.learn(remaining, list(callbacks), log_interval=often, reset_num_timesteps=model._last_obs is None)
-
-
-def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> TrainingError:
-    """What to say of training that failed; the traceback goes to error.txt where that helps and the disk has room."""
-    from agents import checkpoint
-
-    text = f"training broke off after {model.num_timesteps} steps: "
-    if isinstance(error, OSError):
-        text += str(error)
-    else:
-        with suppress(OSError):
-            write_text(run.path / "error.txt", traceback.format_exc())
-        text += f"{error!r}; all of it is in {run.path}/error.txt"
-    newest = checkpoint.newest(run)
-    if newest:
-        text += f". From step {checkpoint.steps_of(newest)} on: python -m agents.train --resume {run.path}"
-    return TrainingError(text)
 
 
 if __name__ == "__main__":

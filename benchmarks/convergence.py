@@ -26,6 +26,7 @@ from rollingjoint import (
 )
 from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.statics.solve import Start
+from rollingjoint.tables import markdown_table
 
 N_CASES = 8
 
@@ -60,16 +61,16 @@ def table(study: Iterator[Case]) -> str:
             worst = max(worst, result.residual)
         if result.status in (Status.UNSTABLE, Status.NOT_CONVERGED) and given == "tensions":
             restarted.append(f"{start} {result.status.name}, {result.mechanism.n_links} links: {restarts(result)}")
-    names = " | ".join(status.name.lower().replace("_", " ") for status in Status)
-    lines = [f"| given | load | start | {names} | iterations: median, 99 %, most |", "|---" * (4 + len(Status)) + "|"]
+    names = [status.name.lower().replace("_", " ") for status in Status]
+    head, rows = ["given", "load", "start", *names, "iterations: median, 99 %, most"], []
     for key in sorted(iterations):
         row = [str(counts[(*key, status)]) for status in Status]
         steps = iterations[key]
         spread = f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}, {max(steps)}"
-        lines.append(f"| {' | '.join([*key, *row, spread])} |")
+        rows.append([*key, *row, spread])
     total = sum(counts.values())
-    lines += ["", f"{total} solves; largest residual of a converged one: {worst:.1e} N·mm."]
-    return "\n".join([*lines, *restarted])
+    text = f"{total} solves; largest residual of a converged one: {worst:.1e} N·mm."
+    return "\n".join([markdown_table(head, rows, left=3), "", text, *restarted])
 
 
 def restarts(failed: Equilibrium, count: int = 400) -> str:

@@ -3,22 +3,28 @@
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
 rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), and rj_gym/CurvatureDesign-v0. The last one needs
 torch; it and the arms are imported when one is first asked for.
+
+Modules:
+    arm: the arm's tracking task.
+    core: what every task shares.
+    design: the design task.
+    planar: the planar tracking task.
+    rendering: what the drawings of all tasks share.
+    sb3: the native vector environments for Stable-Baselines3.
+    vector_checker: a checker of Gymnasium vector environments.
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
-
-from rj_gym.config import LoadConfig, RandomizationConfig, RewardConfig, TargetConfig, TrackingConfig
-from rj_gym.settings import Settings
-from rj_gym.tracking.env import RollingJointEnv, RollingJointGoalEnv
-from rj_gym.tracking.observation import observation_entries
-from rj_gym.tracking.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
+from rj_gym.core.config import RewardConfig, TargetConfig
+from rj_gym.core.registry import TABLE, late, register_envs, settings_of
+from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
+from rj_gym.planar.env import RollingJointEnv, RollingJointGoalEnv
+from rj_gym.planar.observation import observation_entries
+from rj_gym.planar.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
 from rj_gym.vector_checker import check_vector_env
-from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from rj_gym.arm.config import (
@@ -71,76 +77,27 @@ __all__ = [
     "settings_of",
 ]
 
-IDS = {
-    "rj_gym/RollingJoint-v0": "RollingJoint",
-    "rj_gym/RollingJointGoal-v0": "RollingJointGoal",
-    "rj_gym/FlexibleArm-v0": "FlexibleArm",
-    "rj_gym/FlexibleArmGoal-v0": "FlexibleArmGoal",
-}
+IDS = {row.env_id: row.stem for row in TABLE if row.tracks}
 """Registered ids of the tracking tasks and the stem of their classes: <stem>Env, and <stem>VectorEnv for make_vec."""
 
-DESIGN_IDS = {"rj_gym/CurvatureDesign-v0": "CurvatureDesign"}
+DESIGN_IDS = {row.env_id: row.stem for row in TABLE if not row.tracks}
 """The same for the design task."""
 
-_FOLDERS = {"RollingJoint": "tracking", "FlexibleArm": "arm", "CurvatureDesign": "design"}
-
-_ARM_SETTINGS = (
-    "ArmRandomizationConfig",
-    "ArmRewardConfig",
-    "ArmTargetConfig",
-    "FlexibleArmConfig",
-    "GravityConfig",
-    "PayloadConfig",
-)
+_ARM_SETTINGS = ("ArmRandomizationConfig", "ArmRewardConfig", "ArmTargetConfig", "GravityConfig", "PayloadConfig")
 _LATE = {
-    "CurvatureDesignEnv": "design.env",
-    "CurvatureDesignVectorEnv": "design.vector",
-    "DesignConfig": "design.config",
-    "DesignRewardConfig": "design.config",
-    "design_observation_entries": "design.observation",
-    "FlexibleArmEnv": "arm.env",
-    "FlexibleArmGoalEnv": "arm.env",
-    "FlexibleArmGoalVectorEnv": "arm.vector",
-    "FlexibleArmVectorEnv": "arm.vector",
-    "arm_observation_entries": "arm.observation",
-    **dict.fromkeys(_ARM_SETTINGS, "arm.config"),
+    **{name: module for row in TABLE for name, module in row.classes.items()},
+    **dict.fromkeys(_ARM_SETTINGS, "rj_gym.arm.config"),
+    "DesignRewardConfig": "rj_gym.design.config",
+    "arm_observation_entries": "rj_gym.arm.observation",
+    "design_observation_entries": "rj_gym.design.observation",
 }
 
 
 def __getattr__(name: str) -> Any:
     """What not every program needs, imported when it is first asked for; the design task needs torch."""
     if name in _LATE:
-        return getattr(importlib.import_module(f"rj_gym.{_LATE[name]}"), name)
+        return late(_LATE[name], name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def settings_of(env_id: str) -> type[Settings]:
-    """The class of the settings of a registered id; raises ConfigError for another id."""
-    if env_id in DESIGN_IDS:
-        from rj_gym.design.config import DesignConfig
-
-        return DesignConfig
-    if env_id not in IDS:
-        raise ConfigError("environment", env_id, f"one of {', '.join([*IDS, *DESIGN_IDS])}")
-    if IDS[env_id].startswith("FlexibleArm"):
-        from rj_gym.arm.config import FlexibleArmConfig
-
-        return FlexibleArmConfig
-    return TrackingConfig
-
-
-def register_envs() -> None:
-    """Register every id that is not registered yet."""
-    for env_id, stem in (IDS | DESIGN_IDS).items():
-        if env_id not in gymnasium.registry:
-            folder = _FOLDERS[stem.removesuffix("Goal")]
-            gymnasium.register(
-                env_id,
-                entry_point=f"rj_gym.{folder}.env:{stem}Env",
-                vector_entry_point=f"rj_gym.{folder}.vector:{stem}VectorEnv",
-                disable_env_checker=True,  # the environments check their input themselves, and the order of calls
-                order_enforce=False,
-            )
 
 
 register_envs()

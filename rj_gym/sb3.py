@@ -1,4 +1,4 @@
-"""Stable-Baselines3 on the native vector environments. SB3 does not take a Gymnasium VectorEnv; this is its VecEnv."""
+"""Stable-Baselines3 on the native vector environments: a VecEnv, since SB3 does not take a Gymnasium VectorEnv."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from rj_gym.tracking.info import every_lane
+from rj_gym.core.info import every_lane
 from rollingjoint.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from rj_gym.design.vector import CurvatureDesignVectorEnv
-    from rj_gym.tracking.vector import TrackingVectorEnv
+    from rj_gym.core.vector import TaskVectorEnv
 
 
 class SB3VecEnv(VecEnv):
@@ -29,7 +28,7 @@ class SB3VecEnv(VecEnv):
         InvalidInput: another autoreset mode.
     """
 
-    def __init__(self, env: TrackingVectorEnv | CurvatureDesignVectorEnv) -> None:
+    def __init__(self, env: TaskVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidInput("autoreset_mode", env.autoreset_mode, "AutoresetMode.SAME_STEP, which SB3 expects")
         self.env = env

@@ -1,4 +1,31 @@
-"""Quasi-static physics of tendon-driven rolling-joint and flexible-joint mechanisms. Units: mm, N, N·mm, rad."""
+"""Quasi-static physics of tendon-driven rolling-joint and flexible-joint mechanisms. Units: mm, N, N·mm, rad.
+
+Modules:
+    _numba: everything that touches the inside of numba.
+    cad: files for the workshop.
+    checked_yaml: YAML files read strictly.
+    checks: checks of single values.
+    cli: the command `rj`.
+    compiled: the door for other packages to compiled code.
+    design: design spaces, objectives and problems.
+    differentiable: equilibria of planar chains as torch functions.
+    errors: the exceptions.
+    family: what a family of mechanisms brings.
+    io: mechanisms as files, equilibria as tables and JSON.
+    kernels: the compiled formulas and solvers.
+    load: external loads and their tables.
+    mechanism: the base class of all mechanisms, and stacks of several.
+    planar: chains of links that roll on each other.
+    plotting: pictures with matplotlib.
+    presets: named mechanisms of every family.
+    profile: contact surfaces and their curvature.
+    solution: the base class of all equilibria, and their status.
+    spatial: arms of beads on elastic hinges.
+    statics: the solvers of every family, and derivatives.
+    tables: tables as text and Markdown.
+    tendon: which holes tendons pass, where they end, how stiff they are.
+    threads: rows of a batch spread over threads.
+"""
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.load import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce

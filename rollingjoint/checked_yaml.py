@@ -1,4 +1,4 @@
-"""YAML files read strictly: plain values only, and complaints that name the file, the place and the mend.
+"""YAML files read strictly: plain values only, and errors that name the file and the place.
 
 Every check takes `where`, such as "arm.yaml: links[2].child", and raises ConfigError with it.
 """
@@ -137,4 +137,4 @@ def located(where: str) -> Iterator[None]:
     except ConfigError:
         raise
     except InvalidInput as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.hint) from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Sequence
 from numbers import Integral, Real
 
@@ -18,6 +19,8 @@ from rollingjoint.errors import InvalidInput
 
 Error = type[InvalidInput]
 
+_LARGEST = sys.float_info.max
+
 
 def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error = InvalidInput) -> NDArray[np.float64]:
     """A contiguous float copy of the values; `error` unless they are numbers and rows of one length."""
@@ -25,6 +28,15 @@ def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error 
         return np.array(values, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
         raise error(what, values, allowed) from None
+
+
+def as_vector(what: str, values: ArrayLike | object, size: int, meaning: str) -> NDArray[np.float64]:
+    """So many numbers as floats, (size,); InvalidInput for anything else."""
+    allowed = f"{size} numbers, {meaning}"
+    array = as_floats(what, values, allowed)
+    if array.shape != (size,):
+        raise InvalidInput(what, values, allowed)
+    return array
 
 
 def as_number(
@@ -38,9 +50,14 @@ def as_number(
 ) -> float:
     """The value as a float; `error` unless it is a finite number from `low` to `high`."""
     number = isinstance(value, Real) and not isinstance(value, bool | np.bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:  # type: ignore[arg-type, operator]
+    if not number or not max(low, -_LARGEST) <= value <= min(high, _LARGEST):  # type: ignore[operator]
         raise error(what, value, allowed or f"a finite number{_between(low, high)}")
     return float(value)  # type: ignore[arg-type]
+
+
+def as_positive(what: str, value: object, allowed: str, error: Error = InvalidInput) -> float:
+    """The value as a float; `error` unless it is a finite number above 0."""
+    return as_number(what, value, math.ulp(0.0), allowed=allowed, error=error)
 
 
 def as_integer(
@@ -83,7 +100,7 @@ def as_range(
     error: Error = InvalidInput,
 ) -> tuple[float, float]:
     """Two numbers in order from `low` to `high`; `error` for anything else."""
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.shape(value) != (2,):
         raise error(what, value, f"two numbers (low, high) [{unit}]" if unit else "two numbers (low, high)")
     first, second = (as_number(what, number, low, high, error=error) for number in value)
     if first > second:
@@ -99,6 +116,7 @@ def suggestion(word: str, valid: Sequence[str]) -> str:
 
 def _between(low: float, high: float) -> str:
     """The bounds in words, with a leading space where there are any."""
+    least, most = (f"{bound:.0f}" if abs(bound) < 1e15 and bound % 1 == 0 else f"{bound:g}" for bound in (low, high))
     if high == math.inf:
-        return "" if low == -math.inf else f" >= {low:g}"
-    return f" <= {high:g}" if low == -math.inf else f" from {low:g} to {high:g}"
+        return "" if low == -math.inf else f" >= {least}"
+    return f" <= {most}" if low == -math.inf else f" from {least} to {most}"

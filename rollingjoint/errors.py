@@ -14,16 +14,16 @@ class InvalidInput(RollingJointError, ValueError):
         what: the argument, as the caller knows it.
         value: the offending value.
         allowed: what was expected, in words.
-        mend: what to do about it (optional).
+        hint: what to do about it (optional).
     """
 
-    def __init__(self, what: str, value: object, allowed: str, mend: str = "") -> None:
-        self.what, self.value, self.allowed, self.mend = what, value, allowed, mend
-        super().__init__(what, value, allowed, mend)
+    def __init__(self, what: str, value: object, allowed: str, hint: str = "") -> None:
+        self.what, self.value, self.allowed, self.hint = what, value, allowed, hint
+        super().__init__(what, value, allowed, hint)
 
     def __str__(self) -> str:
         text = f"{self.what} = {_short(self.value)}: expected {self.allowed}."
-        return f"{text} {self.mend}" if self.mend else text
+        return f"{text} {self.hint}" if self.hint else text
 
 
 class MechanismError(InvalidInput):

@@ -69,6 +69,10 @@ class Option(NamedTuple):
     make: Callable[[int, Any], Load]
     optional: int = 0  # how many of the last numbers may be left out
 
+    def names(self, dimension: int) -> tuple[str, ...]:
+        """The numbers that follow LINK, on a mechanism in 2 or 3 dimensions."""
+        return self.spatial if dimension == 3 else self.numbers
+
 
 class Load:
     """What every kind of load has. A row names the columns that are not zero."""

@@ -1,8 +1,10 @@
-"""What the equilibria of every family of mechanisms share: how a solve ended, and what its stiffness tells."""
+"""The base class of all equilibria: status, stiffness and stability."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from typing import Any, Self
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import SolverError
+from rollingjoint.mechanism import designs_of
 
 Array = NDArray[np.float64]
 
@@ -48,12 +51,26 @@ _MESSAGES = {
 _FAR = 1e15  # eigenvalue given to joints that are held
 
 
-class Solution:
-    """One equilibrium, or many with a leading axis B on every array; each family is a frozen dataclass on top."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(ABC):
+    """One equilibrium, or many with a leading axis B on every array; each family adds to it.
+
+    Attributes:
+        mechanism: what was solved, or a tuple of mechanisms, one per row.
+        loads: load table, (rows, columns), columns of the family.
+        joint_angles: (n - 1,) angle of every joint [rad].
+        poses: of every link in the base frame: (n, 3) x, y, angle [mm, rad], or (n, 4, 4) frames [mm].
+        tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
+        tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
+        tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
+        residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
+        iterations: Newton steps. status: Status, or (B,) integers.
+    """
 
     mechanism: Any
     loads: Array
     joint_angles: Array
+    poses: Array
     tensions: Array
     lengths: Array
     tendon_rates: Array
@@ -69,23 +86,23 @@ class Solution:
         return bool(usable) if usable.ndim == 0 else usable
 
     @property
+    @abstractmethod
     def tip(self) -> Array:
         """Origin of the last link, (2,) or (3,) [mm]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def pose_jacobian(self) -> Array:
         """(n, 3 or 6, n - 1) d link poses / d joint angles [mm/rad, 1]."""
-        raise NotImplementedError
 
     @property
     def torques_per_tension(self) -> Array:
         """(n - 1, m) d residual / d tension [mm]: the rates of the lengths, where tendons have an energy."""
         return self.tendon_rates
 
+    @abstractmethod
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
         """(3 or 6, n - 1) d pose of a frame at a body point [mm], default the link's origin, / d joint angles."""
-        raise NotImplementedError
 
     @cached_property
     def free_joints(self) -> NDArray[np.bool_]:
@@ -99,10 +116,10 @@ class Solution:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = np.where(known[..., None, None], self.loads, 0.0)
-        angles = self._lanes(self.joint_angles)
+        angles = self._rows(self.joint_angles)
         H = np.empty((*angles.shape, angles.shape[1]))
-        tendons = self._lanes(self.tensions), self._lanes(self.tendon_stiffness)
-        self._fill_stiffness(*self._designs, *tendons, self._lanes(loads, axes=2), angles, H)
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        self._fill_stiffness(*self._designs, *tendons, self._rows(loads, axes=2), angles, H)
         return H.reshape(*self.joint_angles.shape, angles.shape[1])
 
     @cached_property
@@ -135,20 +152,20 @@ class Solution:
         if np.ndim(self.status):
             codes, counts = np.unique(self.status, return_counts=True)
             found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
-            return f"<{kind} of {name}, {np.size(self.status)} lanes: {found or 'none'}>"
+            return f"<{kind} of {name}, {np.size(self.status)} rows: {found or 'none'}>"
         point = ", ".join(f"{x:.3f}" for x in self.tip)
         return f"<{kind} of {name}: {Status(int(self.status)).name}, tip at ({point}) mm>"
 
     @cached_property
     def _designs(self) -> tuple[Any, NDArray[np.int64]]:
-        """The arrays of the mechanisms, and which of them each lane has."""
-        raise NotImplementedError
+        """The arrays of the mechanisms, and which of them each row has."""
+        return designs_of(self.mechanism, np.size(self.status))
 
     @staticmethod
+    @abstractmethod
     def _fill_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
-        raise NotImplementedError
 
-    def _lanes(self, values: Array, axes: int = 1) -> Array:
-        """A copy with a leading axis of lanes, in the form that kernels are compiled for."""
+    def _rows(self, values: Array, axes: int = 1) -> Array:
+        """A copy with a leading axis of rows, in the form that kernels are compiled for."""
         return np.array(values, float, order="C").reshape(np.size(self.status), *values.shape[values.ndim - axes :])

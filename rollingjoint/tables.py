@@ -26,7 +26,18 @@ def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int 
     return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]] if ruled else texts)
 
 
+def number_table(head: Sequence[str], rows: Iterable[Sequence[float]], digits: Sequence[int]) -> str:
+    """Aligned columns: an index, then numbers with that many digits each."""
+    body = [[str(row[0]), *(_fixed(value, d) for value, d in zip(row[1:], digits, strict=True))] for row in rows]
+    return text_table(head, body, left=0)
+
+
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
     """A Markdown table: the first `left` columns aligned to the left, the others to the right."""
     align = [":--" if place < left else "--:" for place in range(len(head))]
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, align, *rows])
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Fixed-point text without a negative zero."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.errors import MechanismError
 
 _T = TypeVar("_T")
@@ -39,7 +39,7 @@ class Tendon:
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
     Raises:
-        MechanismError: a hole that is neither a point nor OnSurface; an end that is no whole number; a stiffness that
+        MechanismError: a hole that is neither a point nor OnSurface; an end that is no integer; a stiffness that
             is not positive.
     """
 
@@ -57,10 +57,7 @@ class Tendon:
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
         object.__setattr__(self, "holes", holes)
-        object.__setattr__(
-            self, "end", as_integer("tendon end", self.end, allowed="the number of a link", error=MechanismError)
-        )
-        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+        _check_end_and_stiffness(self)
 
     @classmethod
     def on_surfaces(cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS) -> Tendon:
@@ -85,7 +82,7 @@ class BeadTendon:
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
     Raises:
-        MechanismError: a hole that is no point; an end that is no whole number; a stiffness that is not positive.
+        MechanismError: a hole that is no point; an end that is no integer; a stiffness that is not positive.
     """
 
     holes: Sequence[tuple[float, float]]
@@ -98,10 +95,7 @@ class BeadTendon:
         if holes.ndim != 2 or holes.shape[1] != 2 or not len(holes) or not np.all(np.isfinite(holes)):
             raise MechanismError("tendon holes", self.holes, allowed)
         object.__setattr__(self, "holes", tuple((float(x), float(y)) for x, y in holes))
-        object.__setattr__(
-            self, "end", as_integer("tendon end", self.end, allowed="the number of a link", error=MechanismError)
-        )
-        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
+        _check_end_and_stiffness(self)
 
     def last_link(self, n_links: int) -> int:
         """Index of the link where the tendon ends, counted from 0."""
@@ -112,11 +106,11 @@ class BeadTendon:
         return _one_per_link("number of tendon holes", self.holes, self.last_link(n_links) + 1)
 
 
-def _stiffness(value: object) -> float:
-    stiffness = as_floats("tendon stiffness", value, "a positive number [N/mm]", MechanismError)
-    if stiffness.ndim > 0 or not 0 < stiffness < np.inf:
-        raise MechanismError("tendon stiffness", value, "a positive number [N/mm]")
-    return float(stiffness)
+def _check_end_and_stiffness(tendon: Tendon | BeadTendon) -> None:
+    end = as_integer("tendon end", tendon.end, allowed="the number of a link", error=MechanismError)
+    stiffness = as_positive("tendon stiffness", tendon.stiffness, "a positive number [N/mm]", MechanismError)
+    object.__setattr__(tendon, "end", end)
+    object.__setattr__(tendon, "stiffness", stiffness)
 
 
 def _last_link(end: int, n_links: int) -> int:
@@ -137,10 +131,11 @@ def _one_per_link(what: str, holes: Sequence[_T], passed: int) -> Sequence[_T]:
 
 def _hole(hole: Hole) -> Hole:
     if isinstance(hole, OnSurface):
-        if not np.isfinite(hole.s):
-            raise MechanismError("hole on the surface at s", hole.s, "a finite arc length [mm]")
+        as_number("hole on the surface at s", hole.s, allowed="a finite arc length [mm]", error=MechanismError)
         return hole
-    x, y = (float(value) for value in hole)
-    if not (np.isfinite(x) and np.isfinite(y)):
-        raise MechanismError("tendon hole", hole, "a finite point (x, y) [mm]")
-    return (x, y)
+    x, y = hole
+    allowed = "a finite point (x, y) [mm]"
+    return (
+        as_number("tendon hole", x, allowed=allowed, error=MechanismError),
+        as_number("tendon hole", y, allowed=allowed, error=MechanismError),
+    )

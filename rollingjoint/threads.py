@@ -1,4 +1,4 @@
-"""Lanes of a batch spread over threads of this process; the kernels release Python's lock.
+"""Rows of a batch spread over threads of this process; the kernels release Python's lock.
 
 Plain threads, not numba's parallel loops: those compile a second time, and abort a process that was forked after one
 ran.
@@ -15,7 +15,7 @@ from queue import SimpleQueue
 
 from rollingjoint.checks import as_integer
 
-_JOINTS_WORTH_A_THREAD = 1024  # of all its lanes: some 60 µs of work, about what it takes to wake a thread
+_JOINTS_WORTH_A_THREAD = 1024  # of all its rows: some 60 µs of work, about what it takes to wake a thread
 
 _Job = tuple[Callable[[int, int], object], int, int, SimpleQueue[BaseException | None]]
 
@@ -32,13 +32,13 @@ def set_threads(count: int) -> None:
     _threads = as_integer("threads", count, 1, allowed="a whole number, 1 or more")
 
 
-def run_lanes(work: Callable[[int, int], object], n_lanes: int, n_joints: int) -> None:
-    """Call work(first, last) on ranges that cover all lanes of chains with so many joints."""
-    count = max(1, min(_threads, n_lanes, n_lanes * n_joints // _JOINTS_WORTH_A_THREAD))
+def run_in_threads(work: Callable[[int, int], object], n_rows: int, n_joints: int) -> None:
+    """Call work(first, last) on ranges that cover all rows of a batch of chains with so many joints."""
+    count = max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
     if count == 1:
-        work(0, n_lanes)
+        work(0, n_rows)
         return
-    borders = [n_lanes * i // count for i in range(count + 1)]
+    borders = [n_rows * i // count for i in range(count + 1)]
     jobs, done = _jobs(os.getpid(), count - 1), SimpleQueue[BaseException | None]()
     for first, last in itertools.pairwise(borders[:-1]):
         jobs.put((work, first, last, done))
@@ -57,11 +57,11 @@ def _jobs(process: int, count: int) -> SimpleQueue[_Job]:
     """Where threads of this process wait for work; a forked one must not wait for those of its parent."""
     jobs: SimpleQueue[_Job] = SimpleQueue()
     for _ in range(count):
-        threading.Thread(target=_labour, args=(jobs,), name="rollingjoint", daemon=True).start()
+        threading.Thread(target=_work, args=(jobs,), name="rollingjoint", daemon=True).start()
     return jobs
 
 
-def _labour(jobs: SimpleQueue[_Job]) -> None:
+def _work(jobs: SimpleQueue[_Job]) -> None:
     while True:
         work, first, last, done = jobs.get()
         try:

@@ -1,10 +1,11 @@
-"""Settings for every test: no screen is needed, and tests start their programs from the sources."""
+"""Settings for every test: no screen is needed, kernels are compiled once, programs start from the sources."""
 
 import os
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,21 +15,84 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 
 ROOT = Path(__file__).resolve().parent.parent
 
+# Two halves of the kernels that take about the same time to compile and share none.
+KERNELS = (
+    """
+from rollingjoint import five_link, solve_lengths, solve_tensions
+chain = five_link()
+solve_lengths(chain, chain.neutral_lengths + 10.0)
+taut = solve_tensions(chain, [1.0, 1.0])
+taut.stiffness, taut.arc_lengths
+""",
+    """
+import gymnasium, rj_gym
+from rollingjoint import small_arm, solve_tensions
+solve_tensions(small_arm(), [1.0] * 4).stiffness
+for name in ("FlexibleArm-v0", "RollingJoint-v0"):
+    envs = gymnasium.make_vec(f"rj_gym/{name}", 2, "vector_entry_point")
+    envs.reset(seed=0)
+    envs.step(envs.action_space.sample())
+""",
+)
+
+
+# Modules whose tests share what takes long to make: runs, a search, a process to fork from, what ribs compiles.
+ON_ONE_WORKER = {
+    f"tests/agents/{module}.py": group
+    for group, modules in {
+        "processes": ("training/test_campaign", "training/test_resume", "tuning/test_tune"),
+        "results": ("results/test_results",),
+        "search": ("search/test_command", "search/test_search"),
+        "train": ("training/test_train",),
+        "unseen": ("search/test_unseen",),
+    }.items()
+    for module in modules
+}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Tests go to any worker, groups as a whole (the marks of pytest-xdist 3.8 have no effect under pytest 9.2)."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class GroupScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return ON_ONE_WORKER.get(nodeid.partition("::")[0], nodeid)
+
+    return GroupScheduling(config, log)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the kernels before several workers would each compile all of them."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        halves = [subprocess.Popen([sys.executable, "-c", half], env=sources_first()) for half in KERNELS]
+        if any([half.wait() for half in halves]):
+            raise pytest.UsageError("the kernels do not compile")
+
+
+def sources_first() -> dict[str, str]:
+    """An environment in which a program imports the packages from the sources."""
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+
 
 @pytest.fixture
-def run_python(tmp_path: Path) -> Callable[..., str]:
-    """Runs this interpreter on some arguments in an empty folder beside `configs/`; returns what it printed.
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, empty but for the project's `configs/`."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run_python(workplace: Path) -> Callable[..., str]:
+    """Runs this interpreter on some arguments in the workplace; returns what it printed.
 
     The program has to succeed and must not warn.
     """
-    (tmp_path / "configs").symlink_to(ROOT / "configs")
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
 
     def run(*arguments: str) -> str:
-        done = subprocess.run(
-            [sys.executable, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True
-        )
+        done = subprocess.run([sys.executable, *arguments], env=sources_first(), capture_output=True, text=True)
         assert done.returncode == 0, f"{arguments} failed:\n{done.stdout}\n{done.stderr}"
         assert "Warning" not in done.stderr, f"{arguments} warned:\n{done.stderr}"
         return done.stdout

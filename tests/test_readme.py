@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.rollingjoint.command import rj
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 TARGETS = set(re.findall(r"^([a-z-]+)(?= .*:|:)", (ROOT / "Makefile").read_text(), re.MULTILINE))
@@ -38,7 +40,7 @@ def test_commands_are_of_the_kinds_that_these_tests_check():
 @pytest.mark.parametrize("words", [w for w in COMMANDS if w[0] in SHORT], ids=" ".join)
 def test_command_runs(words, run_python):
     if words[0] == "rj":
-        run_python("-c", "import sys; from rollingjoint.cli import main; sys.exit(main())", *words[1:])
+        assert rj(shlex.join(words[1:])) == 0
     else:
         run_python(*words[1:])
 

@@ -1,19 +1,19 @@
-"""The controller that every other one should beat."""
+"""A controller that does nothing: what every other one should beat."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
 
 
 class DoNothing:
     """Leaves the tendons as they are."""
 
-    def begin(self, task: Task, lanes: int) -> None:
+    def begin(self, task: TrackingTask, episodes: int) -> None:
         """Remember how many episodes and tendons there are."""
-        self.shape = lanes, task.mechanism.n_tendons
+        self.shape = episodes, task.mechanism.n_tendons
 
     def act(self, seen: Seen) -> Array:
         """No increments, (B, m)."""

@@ -1,4 +1,4 @@
-"""Damped resolved rate."""
+"""Jacobian feedback: damped resolved rate."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.solution import Solution
 
 
@@ -28,12 +28,12 @@ class JacobianFeedback:
     MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
-    def begin(self, task: Task, lanes: int) -> None:
-        """Nothing is known of the target's motion yet."""
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Reset: the motion of the target is unknown."""
         low, high = task.config.tension_range
         margin = self.MARGIN * (high - low)
         self.task, self.tension_range = task, (low + margin, high - margin)
-        self.measured = measured_by(task, lanes)
+        self.measured = measured_by(task, episodes)
         self.target: Array | None = None
 
     def act(self, seen: Seen) -> Array:

@@ -1,4 +1,4 @@
-"""Feedback that knows the load."""
+"""Jacobian feedback under an estimated load."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.baselines.jacobian_feedback import JacobianFeedback
 from agents.baselines.model_inverse import nearest_tensions
-from agents.controller import Array, Seen
+from agents.evaluation.controller import Array, Seen
 
 
 class LoadEstimate(JacobianFeedback):

@@ -1,13 +1,15 @@
-"""What a model makes of what is seen: an equilibrium there, and the load that it tells of; one way per family."""
+"""The model of a mechanism where it was measured, with or without an estimate of the load; one class per family."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 
@@ -27,12 +29,15 @@ class Measured(Protocol):
         """The model where it was measured, the load unknown."""
 
     def loaded(self, seen: Seen) -> tuple[Solution, Array]:
-        """The model under the loads that the measurements tell of, and these, (B, rows, columns)."""
+        """The model under the loads estimated from the measurements, and these loads, (B, rows, columns)."""
 
 
-def measured_by(task: Task, lanes: int) -> Measured:
+MODELS: dict[type, Callable[[TrackingTask, int], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+
+
+def measured_by(task: TrackingTask, episodes: int) -> Measured:
     """The model of a task's mechanism, for episodes that begin."""
-    return MeasuredArm(task, lanes) if isinstance(task.mechanism, HingeChain) else MeasuredChain(task.mechanism)
+    return MODELS[type(task.mechanism)](task, episodes)
 
 
 def unstretched(equilibria: Solution) -> Array:

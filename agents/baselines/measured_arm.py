@@ -1,6 +1,6 @@
-"""What the model of a flexible arm makes of its commands, a measured tip and tensions: an equilibrium, and a load.
+"""A flexible arm under its commands, and the load estimated from the measured tip and tensions.
 
-Unlike a chain whose every link is measured, an arm shows its tip alone: the pose is that of the model.
+Unlike a chain, of which every link is measured, an arm shows its tip alone: the pose is that of the model.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from agents.baselines.responses import choose
-from agents.controller import HANGING, Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import HANGING, Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
@@ -40,10 +40,10 @@ class MeasuredArm:
     TILT = 1.0  # rad: this turn of gravity,
     PAYLOAD = 1.0  # N: and this payload
 
-    def __init__(self, task: Task, lanes: int) -> None:
+    def __init__(self, task: TrackingTask, episodes: int) -> None:
         self.mechanism: HingeChain = task.mechanism
         self.nominal_loads = [self.mechanism.gravity(HANGING)]
-        self.estimate = np.zeros((lanes, 3))
+        self.estimate = np.zeros((episodes, 3))
         weights = spatial_load_table(self.nominal_loads, self.mechanism.n_links)
         payload = spatial_load_table([WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))], self.mechanism.n_links)
         self._rows = np.concatenate([weights, payload])

@@ -1,10 +1,11 @@
-"""What the model of a planar chain makes of measured poses and tensions: an equilibrium, and the load they tell of."""
+"""A planar chain at its measured poses and tensions, and the load estimated from them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agents.controller import Array, Seen
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
@@ -20,11 +21,11 @@ class MeasuredChain:
     nominal_loads = ()
     stiffens = True  # nothing but tensions holds the links together
 
-    def __init__(self, mechanism: RollingChain) -> None:
-        self.mechanism = mechanism
+    def __init__(self, task: TrackingTask, episodes: int) -> None:
+        self.mechanism: RollingChain = task.mechanism
 
     def unloaded(self, seen: Seen) -> Equilibrium:
-        """The model at the measured pose and tensions, B lanes."""
+        """The model at the measured pose and tensions, B rows."""
         return measured_equilibrium(self.mechanism, seen)
 
     def loaded(self, seen: Seen) -> tuple[Equilibrium, Array]:
@@ -36,11 +37,11 @@ class MeasuredChain:
 
 
 def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
-    """The model at the measured pose and tensions, B lanes.
+    """The model at the measured pose and tensions, B rows.
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
     Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
-    left out: where a motor holds or gives way its command follows, and the law of the elastic tendon goes on to hold.
+    left out: where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
     moments = _joint_moments(mechanism, seen)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))

@@ -1,4 +1,4 @@
-"""The tensions with which a model reaches a target best, many targets at once."""
+"""The tensions that bring a model's tip nearest to a target, many targets at once."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.baselines.responses import bounded_step, choose, tension_response
-from agents.controller import Array
+from agents.evaluation.controller import Array
 from rollingjoint.load import Load
+from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import Solution
-from rollingjoint.statics.families import Mechanism
 from rollingjoint.statics.solve import solve_tensions_batch
 
 _PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
@@ -18,7 +18,7 @@ _CLOSE = 1e-6  # of a tension: smaller steps end the search
 
 
 def nearest_tensions(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     targets: Array,
     limits: tuple[float, float],
     rest: Array,
@@ -28,7 +28,7 @@ def nearest_tensions(
 ) -> Array:
     """Tensions (B, m) [N] within `limits` at which the model's tip is nearest to the target.
 
-    Levenberg-Marquardt over the logarithms of the tensions, all lanes at once. Unloaded, only ratios of tensions
+    Levenberg-Marquardt over the logarithms of the tensions, all targets at once. Unloaded, only ratios of tensions
     matter, and more than two tendons leave a choice: a weak pull towards the tensions at rest decides.
 
     Args:
@@ -36,7 +36,7 @@ def nearest_tensions(
         targets: (B, d) [mm].
         limits: lowest and highest tension [N].
         rest, starts: tensions at rest, and the first guess, (B, m) [N].
-        loads: load tables, (B, rows, columns), or loads that act on all lanes; nothing is no load.
+        loads: load tables, (B, rows, columns), or loads that act on all rows; none by default.
         most_steps: after which it ends.
     """
     low, high = np.log(np.maximum(limits, 1e-3))

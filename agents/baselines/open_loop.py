@@ -6,8 +6,8 @@ import numpy as np
 
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
-from agents.controller import Array, Seen
-from rj_gym.tracking.task import Task
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.statics.solve import solve_tensions_batch
 
 
@@ -17,12 +17,12 @@ class OpenLoop:
     It knows the mechanism, the target and its own commands, and looks neither at the pose nor at the load.
     """
 
-    def begin(self, task: Task, lanes: int) -> None:
-        """Nothing is planned yet."""
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Reset: nothing is planned."""
         self.task = task
-        self.loads = measured_by(task, lanes).nominal_loads
-        self.target = np.full((lanes, task.dimension), np.nan)
-        self.rest = self.tensions = np.full((lanes, task.mechanism.n_tendons), task.config.start_tension)
+        self.loads = measured_by(task, episodes).nominal_loads
+        self.target = np.full((episodes, task.dimension), np.nan)
+        self.rest = self.tensions = np.full((episodes, task.mechanism.n_tendons), task.config.start_tension)
 
     def act(self, seen: Seen) -> Array:
         """One step on the straight way to the commanded lengths, (B, m)."""
@@ -33,7 +33,7 @@ class OpenLoop:
         return way / np.maximum(1.0, np.abs(way).max(axis=1, keepdims=True))
 
     def aim(self, seen: Seen) -> Array:
-        """Where the model's tip shall go, (B, d) [mm]: to the target."""
+        """Where the model's tip should go, (B, d) [mm]: to the target."""
         return seen.target
 
     def plan(self, target: Array) -> None:

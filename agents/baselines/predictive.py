@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.load_estimate import LoadEstimate
 from agents.baselines.measured import unstretched
 from agents.baselines.responses import choose
-from agents.controller import Array, Seen
+from agents.evaluation.controller import Array, Seen
 from rollingjoint.statics.solve import solve_lengths_batch
 
 

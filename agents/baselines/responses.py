@@ -1,4 +1,4 @@
-"""How tip and tensions answer to tendon increments, and increments within bounds."""
+"""Responses of tip and tensions to tendon increments, and increments within bounds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controller import Array
+from agents.evaluation.controller import Array
 from rollingjoint.solution import Solution
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
@@ -28,7 +28,7 @@ def length_responses(equilibria: Solution) -> tuple[Array, Array]:
     tips = np.zeros((*equilibria.tip.shape, len(stiffnesses)))
     tensions = np.repeat(-np.diag(stiffnesses)[None], len(usable), axis=0)
     if usable.any():
-        tips[usable], tensions[usable] = tip_and_tensions_dlengths(lanes_of(equilibria, usable))
+        tips[usable], tensions[usable] = tip_and_tensions_dlengths(rows_of(equilibria, usable))
     return tips, tensions
 
 
@@ -37,19 +37,19 @@ def tension_response(equilibria: Solution) -> Array:
     usable = np.asarray(equilibria.ok)
     tips = np.zeros((*equilibria.tip.shape, equilibria.tensions.shape[1]))
     if usable.any():
-        tips[usable] = dtip_dtensions(lanes_of(equilibria, usable))
+        tips[usable] = dtip_dtensions(rows_of(equilibria, usable))
     return tips
 
 
 def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array:
     """Steps x (B, m) within bounds that make x·hessian·x / 2 + slope·x small.
 
-    Entries that the minimum would take beyond the bounds stop there, and the others are chosen anew: the best ones
-    beside those that stopped. Measured against steps that go down for certain (straight on to the first
+    Entries that the minimum would take beyond the bounds stop there, and the others are chosen again: the best ones
+    given those that stopped. Measured against steps that go down for certain (straight on to the first
     bound, then along it), control with these got stuck less often.
 
     Args:
-        hessian: (B, m, m), positive definite but for rounding.
+        hessian: (B, m, m), positive definite up to rounding.
         slope: (B, m).
         low, high: bounds, (B, m).
     """
@@ -65,7 +65,7 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     return step
 
 
-def lanes_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
+def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
     """Some of the equilibria of one mechanism."""
     return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 

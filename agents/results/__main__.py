@@ -17,13 +17,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.command_line import exit_code
-from agents.evaluate import Evaluation
-from agents.fields import check_integer
-from agents.run_folder import PACKAGES, RunFolderError, typed_command, versions, write_bytes, write_text
+from agents.runs.checks import integer
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.files import RunFolderError, write_bytes, write_text
+from agents.runs.folder import PACKAGES, versions
 
 if TYPE_CHECKING:
-    from agents.results.runs import Task
+    from agents.results.runs import Benchmark
     from agents.results.scores import Scored
 
 LEARNING = (
@@ -53,35 +53,34 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    check_integer("--episodes", arguments.episodes, 1, 100_000)
-    check_integer("--seed", arguments.seed, 0, 2**31)
-    check_integer("--jobs", arguments.jobs, 1)
-    from agents.results.runs import find_tasks
+    episodes = integer(1, 100_000)("--episodes", arguments.episodes)
+    first, jobs = integer(0, 2**31)("--seed", arguments.seed), integer(1)("--jobs", arguments.jobs)
+    from agents.results.runs import find_benchmarks
 
-    tasks, left_out = find_tasks(arguments.runs)
+    benchmarks, left_out = find_benchmarks(arguments.runs)
     for path, reason in left_out.items():
         print(f"left out: {path}: {reason}", file=sys.stderr)
-    if not tasks:
+    if not benchmarks:
         raise RunFolderError("runs", str(arguments.runs), "a folder with at least one finished run")
-    seeds = range(arguments.seed, arguments.seed + arguments.episodes)
-    scored = _scored(tasks, seeds, arguments.jobs)
+    seeds = range(first, first + episodes)
+    scored = _scored(benchmarks, seeds, jobs)
     _write(scored, seeds, left_out, arguments)
     print(f"The page is in {arguments.out / 'results.md'}")
     return 0
 
 
-def _scored(tasks: Sequence[Task], seeds: range, jobs: int) -> list[Scored]:
-    """The scores of every task, under loads heavier than in training too; raises ConfigError for seeds of training."""
-    from agents.results.scores import driving, score_task
+def _scored(benchmarks: Sequence[Benchmark], seeds: range, jobs: int) -> list[Scored]:
+    """The scores of every benchmark, under heavier loads too; raises ConfigError for seeds of training."""
+    from agents.results.scores import driving, score_benchmark
 
-    for run in (run for task in tasks for recipe in task.recipes for run in recipe.runs):
-        Evaluation(run.folder, "best", run.config, seeds)
+    for run in (run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs):
+        run.config.check_unused(seeds)
     scored: list[Scored] = []
     with driving(jobs) as drive:
-        for task in tasks:
-            count = sum(len(recipe.runs) for recipe in task.recipes)
-            print(f"scoring: {task.title}, {count} policies", flush=True)
-            scored.append(score_task(task, seeds, drive))
+        for benchmark in benchmarks:
+            count = sum(len(recipe.runs) for recipe in benchmark.recipes)
+            print(f"scoring: {benchmark.title}, {count} policies", flush=True)
+            scored.append(score_benchmark(benchmark, seeds, drive))
     return scored
 
 
@@ -99,7 +98,7 @@ def _write(scored: Sequence[Scored], seeds: range, left_out: Mapping[Path, str],
     }
     if any(one.beyond for one in scored):
         images["results_load.png"] = (pictures.error_against_load(scored), LOADS)
-    films = {one.task.title: pictures.three_episodes(one) for one in pictures.to_film(scored)}
+    films = {one.benchmark.title: pictures.three_episodes(one) for one in pictures.to_film(scored)}
     for name, (content, _) in [*images.items(), *(film for films_of in films.values() for film in films_of.items())]:
         write_bytes(arguments.out / "images" / name, content)
     about = About(
@@ -126,7 +125,7 @@ def _commands(arguments: argparse.Namespace) -> list[str]:
 
 def _trained_with(scored: Sequence[Scored]) -> str:
     """Processors and versions of all runs; several, where they differ."""
-    runs = [run for one in scored for recipe in one.task.recipes for run in recipe.runs]
+    runs = [run for one in scored for recipe in one.benchmark.recipes for run in recipe.runs]
     found = [json.loads((run.folder.path / "versions.json").read_text()) for run in runs]
     return "; ".join(sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found}))
 

@@ -1,12 +1,13 @@
-"""What a task is, in a few sentences, from its settings."""
+"""A task described in a few sentences, from its settings."""
 
 from __future__ import annotations
 
 import math
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.config import LoadConfig, RandomizationConfig, TaskConfig
-from rj_gym.tracking.task import task_of
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.registry import task_of
+from rj_gym.planar.config import LoadConfig, RandomizationConfig
 from rollingjoint.spatial.chain import HingeChain
 
 

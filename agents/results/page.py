@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
@@ -10,12 +10,12 @@ from textwrap import fill
 
 import numpy as np
 
-from agents.controller import Array
-from agents.report import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.evaluation.controller import Array
+from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.results.description import description, load_range
-from agents.results.runs import HEAVIER, Recipe, Task
+from agents.results.runs import HEAVIER, Benchmark, Recipe
 from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
-from agents.run_folder import seeds as used_seeds
+from rollingjoint.tables import markdown_table
 
 CLEAR = 3.0  # standard errors from which on a difference counts
 ERRORS = ("mean [mm]", "median [mm]", "95 % below [mm]")
@@ -23,12 +23,7 @@ SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
 TRAINING = ("steps", "training [min]", "seeds")
 WIDTH = 120
-PAYS, BEATS_FEEDBACK, NO_DIFFERENCE, DOES_NOT = (
-    "pays",
-    "beats feedback only",
-    "no clear difference",
-    "does not pay",
-)
+PAYS, BEATS_FEEDBACK, NO_DIFFERENCE, DOES_NOT = ("pays", "beats feedback only", "no clear difference", "does not pay")
 
 
 @dataclass(frozen=True)
@@ -39,7 +34,7 @@ class About:
         commands: that rebuild it. seeds: of the episodes. machine, versions: in words.
         trained_with: in words, what the run folders say of the machine that trained.
         left_out: why, by run folder.
-        pictures: captions, by file name in images/; animations: the same, by title of a task.
+        pictures: captions, by file name in images/; animations: the same, by title of a benchmark.
     """
 
     commands: Sequence[str]
@@ -84,13 +79,13 @@ def verdict(scores: Scores) -> str:
 def _summary(scored: Sequence[Scored]) -> str:
     head = ("task", "best policy", "mean [mm]", FEEDBACK, "best baseline", FLOOR, "learning")
     rows = []
-    for task, scores in ((one.task, one.scores) for one in scored):
+    for benchmark, scores in ((one.benchmark, one.scores) for one in scored):
         policy, baseline = scores.best_policy, scores.best_baseline
-        link = f"[{task.title}](#{task.title.replace(' ', '-')})"
+        link = f"[{benchmark.title}](#{benchmark.title.replace(' ', '-')})"
         errors = [_mm(scores.errors(name).mean()) for name in (policy, FEEDBACK, baseline)]
         best = f"{baseline} {errors[2]}"
         rows.append((link, policy, errors[0], errors[1], best, _mm(_finite(scores.floors).mean()), verdict(scores)))
-    return _table(head, rows)
+    return markdown_table(head, rows)
 
 
 def _reading(seeds: range) -> str:
@@ -107,40 +102,45 @@ def _reading(seeds: range) -> str:
 
 
 def _section(scored: Scored, about: About) -> list[str]:
-    task, scores, beyond = scored.task, scored.scores, scored.beyond
-    parts = [f"## {task.title[0].upper()}{task.title[1:]}", description(task.config), score_table(task, scores)]
+    benchmark, scores, beyond = scored.benchmark, scored.scores, scored.beyond
+    parts = [
+        f"## {benchmark.title[0].upper()}{benchmark.title[1:]}",
+        description(benchmark.config),
+        score_table(benchmark, scores),
+    ]
     parts += [_early(scores), verdict_text(scores)]
     if beyond:
-        low = task.config.load.magnitude[1]
+        low = benchmark.config.load.magnitude[1]
         parts += [
-            f"**Heavier loads than in training**, {load_range(task.config.load, low, HEAVIER * low)}:",
-            _heavier_table(task, beyond),
+            f"**Heavier loads than in training**, {load_range(benchmark.config.load, low, HEAVIER * low)}:",
+            _heavier_table(benchmark, beyond),
             verdict_text(beyond),
         ]
-    return [part for part in parts if part] + _pictures(about.animations.get(task.title, {}))
+    return [part for part in parts if part] + _pictures(about.animations.get(benchmark.title, {}))
 
 
-def score_table(task: Task, scores: Scores) -> str:
-    """The table of a task: a line per configuration, baseline, and the floor."""
+def score_table(benchmark: Benchmark, scores: Scores) -> str:
+    """The table of a benchmark: a line per configuration, baseline, and the floor."""
     rows = [
-        (recipe.name, *_spread_columns(scores.of_policy(recipe.name)), *_training(recipe)) for recipe in task.recipes
+        (recipe.name, *_spread_columns(scores.of_policy(recipe.name)), *_training(recipe))
+        for recipe in benchmark.recipes
     ]
     rows += [(name, *_columns(scores.of_baseline(name)), "", "", "") for name in scores.baselines]
     floors = _finite(scores.floors)
     numbers = (_mm(floors.mean()), _mm(np.median(floors)), _mm(np.percentile(floors, 95)))
     rows.append((FLOOR, *numbers, _share(float(np.mean(floors <= CLOSE_MM))), "", "", "", "", ""))
-    return _table(("controller", *ERRORS, *SHARES, REGRET, *TRAINING), rows)
+    return markdown_table(("controller", *ERRORS, *SHARES, REGRET, *TRAINING), rows)
 
 
-def _heavier_table(task: Task, scores: Scores) -> str:
+def _heavier_table(benchmark: Benchmark, scores: Scores) -> str:
     def short(columns: Sequence[str]) -> tuple[str, ...]:
         return columns[0], columns[1], columns[3], columns[5]
 
-    rows = [(recipe.name, *short(_spread_columns(scores.of_policy(recipe.name)))) for recipe in task.recipes]
+    rows = [(recipe.name, *short(_spread_columns(scores.of_policy(recipe.name)))) for recipe in benchmark.recipes]
     rows += [(name, *short(_columns(scores.of_baseline(name)))) for name in scores.baselines]
     floors = _finite(scores.floors)
     rows.append((FLOOR, _mm(floors.mean()), _mm(np.median(floors)), _share(float(np.mean(floors <= CLOSE_MM))), ""))
-    return _table(("controller", *ERRORS[:2], SHARES[0], REGRET), rows)
+    return markdown_table(("controller", *ERRORS[:2], SHARES[0], REGRET), rows)
 
 
 def _columns(score: Score) -> list[str]:
@@ -207,7 +207,7 @@ def _pictures(captions: Mapping[str, str]) -> list[str]:
 
 
 def _measured(scored: Sequence[Scored], about: About) -> str:
-    recipes = [recipe for one in scored for recipe in one.task.recipes]
+    recipes = [recipe for one in scored for recipe in one.benchmark.recipes]
     single = [recipe.name for recipe in recipes if len(recipe.runs) == 1]
     lines = [
         f"Scored on {about.machine}. {about.versions}.",
@@ -232,8 +232,8 @@ def _seeds_of(recipes: Sequence[Recipe]) -> str:
 def _used(recipes: Sequence[Recipe]) -> str:
     texts = []
     for key, text in (("training_environments", "training"), ("evaluation_during_training", "evaluations during it")):
-        ranges = [used_seeds(run.config)[key] for recipe in recipes for run in recipe.runs]
-        texts.append(f"{text} {min(low for low, _ in ranges)} to {max(high for _, high in ranges)}")
+        used = [run.config.seeds[key] for recipe in recipes for run in recipe.runs]
+        texts.append(f"{text} {min(seeds[0] for seeds in used)} to {max(seeds[-1] for seeds in used)}")
     return ", ".join(texts)
 
 
@@ -254,11 +254,6 @@ def _share(value: float) -> str:
 def _spread(values: Sequence[float], form: Callable[[float], str]) -> str:
     around = f" ({form(min(values))} to {form(max(values))})" if len(values) > 1 else ""
     return f"{form(mean(values))}{around}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, [":--", *["--:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _wrapped(part: str) -> str:

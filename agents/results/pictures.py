@@ -9,20 +9,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from agents.campaign import content
-from agents.controller import Array
-from agents.pictures import COLOURS, SMALLEST_MM, animation, png
-from agents.policy import Policy
-from agents.report import FLOOR
+from agents.evaluation.controller import Array
+from agents.evaluation.pictures import COLOURS, SMALLEST_MM, animation, figure_of, png, tidy
+from agents.evaluation.policy import Policy
+from agents.evaluation.report import OPEN_LOOP
+from agents.evaluation.rollout import film
+from agents.evaluation.score import FLOOR
 from agents.results.runs import POLICY, Recipe
 from agents.results.scores import FEEDBACK, Scored
-from agents.rollout import film
 
-OPEN_LOOP = "open loop"
 POLICY_LABEL = "best policy"
 STYLES: dict[str, dict[str, Any]] = {  # dashes where lines lie on each other
     POLICY_LABEL: {"color": COLOURS[0], "linewidth": 2.4},
@@ -42,16 +40,16 @@ LONGEST = 60  # pictures in an animation; of longer episodes every second one is
 
 
 def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
-    """PNG: mean tip error in the evaluations during training, over steps or over processor time; a panel per task.
+    """PNG: mean tip error in the evaluations during training, over steps or over processor time; a panel per benchmark.
 
     Line: median over the seeds; band: smallest to largest.
     """
     label = "minutes of processor time" if over_time else "thousand steps"
     figure, panels = _panels(len(scored), label, "mean tip error [mm]")
     for axes, one in zip(panels, scored, strict=True):
-        axes.set(title=one.task.title)
+        axes.set(title=one.benchmark.title)
         _logarithmic(axes, "xy", (1, 2, 5))
-        for recipe, colour in zip(one.task.recipes, cycle(LEARNED), strict=False):
+        for recipe, colour in zip(one.benchmark.recipes, cycle(LEARNED), strict=False):
             _draw_curve(axes, recipe, colour, over_time)
         for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=True):
             axes.axhline(max(error, SMALLEST_MM), color="black", linestyle=dashes, linewidth=1, label=name)
@@ -72,15 +70,15 @@ def _draw_curve(axes: Axes, recipe: Recipe, colour: str, over_time: bool) -> Non
 def error_against_load(scored: Sequence[Scored]) -> bytes:
     """PNG: median tip error at the end over the magnitude of the load then; loads of training shaded.
 
-    A panel per task that has been scored under heavier loads, too.
+    A panel per benchmark that has been scored under heavier loads, too.
     """
-    with_loads = [(one.task, one.scores, one.beyond) for one in scored if one.beyond]
+    with_loads = [(one.benchmark, one.scores, one.beyond) for one in scored if one.beyond]
     figure, panels = _panels(len(with_loads), "load at the end [N]", "median tip error [mm]")
-    for axes, (task, scores, beyond) in zip(panels, with_loads, strict=True):
-        low, high = task.config.load.magnitude
-        axes.set(title=task.title)
+    for axes, (benchmark, scores, beyond) in zip(panels, with_loads, strict=True):
+        low, high = benchmark.config.load.magnitude
+        axes.set(title=benchmark.title)
         _logarithmic(axes, "y")
-        axes.axvspan(0 if task.config.load.process == "ou" else low, high, color="black", alpha=0.06, linewidth=0)
+        axes.axvspan(0 if benchmark.config.load.process == "ou" else low, high, color="black", alpha=0.06, linewidth=0)
         inside, outside = scores.loads <= high, beyond.loads > high
         loads = np.concatenate([scores.loads[inside], beyond.loads[outside]])
         for name, label in ((scores.best_policy, POLICY_LABEL), (FEEDBACK, FEEDBACK), (OPEN_LOOP, OPEN_LOOP)):
@@ -104,7 +102,7 @@ def distributions(scored: Sequence[Scored]) -> bytes:
     figure, panels = _panels(len(scored), "tip error at the end [mm]", "share of episodes below")
     for axes, one in zip(panels, scored, strict=True):
         scores = one.scores
-        axes.set(title=one.task.title, ylim=(0, 1))
+        axes.set(title=one.benchmark.title, ylim=(0, 1))
         _logarithmic(axes, "x")
         axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
         _draw_shares(axes, POLICY_LABEL, scores.errors(scores.best_policy))
@@ -121,10 +119,10 @@ def _draw_shares(axes: Axes, label: str, errors: Array) -> None:
 
 
 def to_film(scored: Sequence[Scored]) -> list[Scored]:
-    """The first task of every kind: of every mechanism, with fixed and with moving targets."""
+    """The first benchmark of every kind: of every mechanism, with fixed and with moving targets."""
     kinds: dict[str, Scored] = {}
     for one in scored:
-        settings = content(one.task.recipes[0].config)["env"]["settings"]
+        settings = one.benchmark.recipes[0].config.env.complete_settings()
         kinds.setdefault(repr((settings["mechanism"], settings["target"]["process"])), one)
     return list(kinds.values())
 
@@ -134,8 +132,8 @@ def three_episodes(scored: Scored) -> dict[str, tuple[bytes, str]]:
 
     Of the best configuration's run that did best in the evaluations during training.
     """
-    task, scores = scored.task, scored.scores
-    recipe = next(recipe for recipe in task.recipes if recipe.name == scores.best_policy)
+    benchmark, scores = scored.benchmark, scored.scores
+    recipe = next(recipe for recipe in benchmark.recipes if recipe.name == scores.best_policy)
     run = recipe.chosen
     episodes = scores.policies[recipe.name][list(recipe.runs).index(run)]
     order = np.argsort(episodes.final_errors, kind="stable")
@@ -148,7 +146,7 @@ def three_episodes(scored: Scored) -> dict[str, tuple[bytes, str]]:
     }
     told = ", ".join(f"{name} (seed {seed})" for name, seed in seeds.items())
     caption = f"{recipe.name}, training seed {run.config.seed}: of the episodes of the table the {told}."
-    return {f"results_{task.file}.gif": (animation(frames, PICTURE_WIDTH), caption)}
+    return {f"results_{benchmark.file}.gif": (animation(frames, PICTURE_WIDTH), caption)}
 
 
 def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
@@ -157,16 +155,14 @@ def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
 
 
 def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, three in a row."""
+    """A figure with `count` panels, three in a row."""
     columns = min(3, count)
     rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, 3.4 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = figure_of(4.2 * columns, 3.4 * rows)
     panels = [figure.add_subplot(rows, columns, place + 1) for place in range(count)]
     for place, axes in enumerate(panels):
         axes.set(xlabel=x_label if place >= count - columns else "", ylabel=y_label if place % columns == 0 else "")
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        tidy(axes)
     return figure, panels
 
 
@@ -178,7 +174,7 @@ def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
 
 
 def _logarithmic(axes: Axes, names: str, marks: Sequence[float] = (1,)) -> None:
-    """Make these of its axes, "x", "y" or "xy", logarithmic ones with marks at so many times the powers of ten."""
+    """Make these of its axes, "x", "y" or "xy", logarithmic, with ticks at these multiples of the powers of ten."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = axes.xaxis if name == "x" else axes.yaxis

@@ -1,4 +1,4 @@
-"""The runs below a folder, sorted: tasks, for each the configurations that were trained for it, for each its seeds."""
+"""The finished runs below a folder, grouped: benchmarks, their recipes (configurations), the recipes' seeds."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from agents.campaign import content, is_finished, rows, training_seconds
-from agents.config import EnvConfig, TrainConfig
-from agents.controller import Array
-from agents.parameters import PARAMETERS
-from agents.policy import Policy
-from agents.rollout import is_tracking
-from agents.run_folder import PROCESSOR, RunFolder, RunFolderError
+from agents.evaluation.controller import Array
+from agents.evaluation.policy import Policy
+from agents.runs.algorithms import PARAMETERS
+from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig
+from agents.runs.files import RunFolderError, read_rows
+from agents.runs.folder import PROCESSOR, RunFolder
 from rj_gym import IDS
-from rj_gym.config import TaskConfig
+from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training
@@ -44,14 +44,14 @@ class Run:
         """The run in the folder at `path`; raises RollingJointError if it is broken or not finished."""
         folder = RunFolder.open(path)
         config = folder.config()
-        if not is_tracking(config.env):
+        if not config.env.is_tracking:
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
-        if not is_finished(folder):
-            mend = f"To go on: python -m agents.train --resume {path}"
-            raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", mend)
+        if not folder.is_finished:
+            hint = f"To go on: python -m agents.train --resume {path}"
+            raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
             Policy.load(folder, POLICY)
-            return cls(folder, config, training_seconds(folder), _curve(folder))
+            return cls(folder, config, folder.training_seconds, _curve(folder))
         except RollingJointError:
             raise
         except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
@@ -87,8 +87,8 @@ class Recipe:
 
 
 @dataclass(frozen=True)
-class Task:
-    """The same episodes for all: equal environment settings, but for the reward. `title` for headings and files."""
+class Benchmark:
+    """Recipes for the same episodes: equal environment settings except the reward; `title` for headings and files."""
 
     title: str
     recipes: Sequence[Recipe]
@@ -114,8 +114,8 @@ class Task:
     def complexity(self) -> tuple[int, int]:
         """Which environment it is, planar chains first, and in how many settings it differs from the default one."""
         env_id = self.env.id
-        default = content(TrainConfig(env=EnvConfig(env_id)))["env"]["settings"]
-        settings = content(self.recipes[0].config)["env"]["settings"]
+        default = EnvConfig(env_id).complete_settings()
+        settings = self.recipes[0].config.env.complete_settings()
         return list(IDS).index(env_id), _differences(settings, default)
 
     @property
@@ -131,8 +131,8 @@ def heavier(env: EnvConfig) -> EnvConfig:
     return EnvConfig(env.id, env.n_envs, dict(env.settings) | {"load": load})
 
 
-def find_tasks(root: Path) -> tuple[list[Task], dict[Path, str]]:
-    """The tasks of all finished runs below `root`, simple ones first; and why other run folders are left out."""
+def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
+    """The benchmarks of all finished runs below `root`, simple ones first; why other run folders are left out."""
     groups: dict[str, list[Run]] = {}
     left_out: dict[Path, str] = {}
     for path in _run_folders(root):
@@ -144,15 +144,15 @@ def find_tasks(root: Path) -> tuple[list[Task], dict[Path, str]]:
             same.append(run)
         except RollingJointError as error:
             left_out[path] = str(error)
-    tasks: dict[str, list[Recipe]] = {}
+    grouped: dict[str, list[Recipe]] = {}
     names = _distinct([_name(runs[0].folder.path, root) for runs in groups.values()])
     for name, runs in zip(names, groups.values(), strict=True):
         recipe = Recipe(name, sorted(runs, key=lambda run: run.config.seed))
-        tasks.setdefault(_episodes_key(recipe.config), []).append(recipe)
-    sorted_recipes = [sorted(recipes, key=lambda recipe: recipe.order) for recipes in tasks.values()]
+        grouped.setdefault(_episodes_key(recipe.config), []).append(recipe)
+    sorted_recipes = [sorted(recipes, key=lambda recipe: recipe.order) for recipes in grouped.values()]
     titles = _distinct([_title(recipes) for recipes in sorted_recipes])
-    found = [Task(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
-    return sorted(found, key=lambda task: (task.complexity, task.title)), left_out
+    found = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
+    return sorted(found, key=lambda one: (one.complexity, one.title)), left_out
 
 
 def _run_folders(root: Path) -> Iterator[Path]:
@@ -163,21 +163,21 @@ def _run_folders(root: Path) -> Iterator[Path]:
 
 
 def _curve(folder: RunFolder) -> Array:
-    found = rows(folder.evaluations)
+    found = read_rows(folder.evaluations)
     steps, errors = (np.array([float(row[name]) for row in found]) for name in ("steps", "mean_mm"))
     names = ("time/total_timesteps", PROCESSOR)
-    log = [[float(row[name]) for name in names] for row in rows(folder.progress) if all(row.get(n) for n in names)]
+    log = [[float(row[name]) for name in names] for row in read_rows(folder.progress) if all(row.get(n) for n in names)]
     done, seconds = np.array(log).T
     return np.stack([steps, errors, np.interp(steps, done, seconds)])
 
 
 def _without_seed(config: TrainConfig) -> str:
-    return repr(content(config) | {"seed": 0})
+    return repr(config.content() | {"seed": 0})
 
 
 def _episodes_key(config: TrainConfig) -> str:
     """Equal for configurations with the same episodes and the same observations of them."""
-    return repr((_without_goal(config.env.id), content(config)["env"]["settings"] | {"reward": None}))
+    return repr((_without_goal(config.env.id), config.env.complete_settings() | {"reward": None}))
 
 
 def _without_goal(env_id: str) -> str:

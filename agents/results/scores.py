@@ -1,4 +1,4 @@
-"""What all controllers of a task do in the same episodes, and comparisons of them episode by episode."""
+"""What all controllers of a benchmark do in the same episodes, and comparisons of them episode by episode."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from agents.baselines import baselines
-from agents.config import EnvConfig
-from agents.controller import Array
-from agents.floor import episode_floor
-from agents.policy import Policy
-from agents.report import FLOOR, Score
-from agents.results.runs import POLICY, Task, heavier
-from agents.rollout import Episodes, run_episodes
-from agents.run_folder import RunFolder
+from agents.evaluation.controller import Array
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import Episodes, run_episodes
+from agents.evaluation.score import FLOOR, Score
+from agents.results.runs import POLICY, Benchmark, heavier
+from agents.runs.environment import EnvConfig
+from agents.runs.folder import RunFolder
 from rollingjoint import set_threads
 
 FEEDBACK = "jacobian feedback"
@@ -61,7 +61,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Scores:
-    """What all controllers of a task did in the same E episodes.
+    """What all controllers of a benchmark did in the same E episodes.
 
     Args:
         policies: by name of the configuration, the episodes of each of its runs.
@@ -109,14 +109,14 @@ class Scores:
 
 @dataclass(frozen=True)
 class Scored:
-    """A task with what was found.
+    """A benchmark with what was found.
 
     Args:
         scores: in the episodes of the tables. beyond: in those with heavier loads; None where there are none.
         levels: mean errors of Jacobian feedback and floor in the evaluations during training [mm], by name.
     """
 
-    task: Task
+    benchmark: Benchmark
     scores: Scores
     beyond: Scores | None
     levels: Mapping[str, float]
@@ -139,29 +139,29 @@ class _Part:
         return replace(episodes, loads=None, link=None, targets=None)  # the same as those of the baselines
 
 
-def score_task(task: Task, seeds: Sequence[int], drive: Drive) -> Scored:
-    """All that the page says of a task, in the episodes with these seeds."""
-    beyond = score(task, seeds, drive, heavier) if task.has_heavier else None
-    evaluation = task.recipes[0].config.evaluation
+def score_benchmark(benchmark: Benchmark, seeds: Sequence[int], drive: Drive) -> Scored:
+    """All that the page says of a benchmark, in the episodes with these seeds."""
+    beyond = score(benchmark, seeds, drive, heavier) if benchmark.has_heavier else None
+    evaluation = benchmark.recipes[0].config.evaluation
     during = range(evaluation.seed, evaluation.seed + evaluation.episodes)
-    feedback, floors = drive([_Part(task.env, driver, during) for driver in (FEEDBACK, None)])
+    feedback, floors = drive([_Part(benchmark.env, driver, during) for driver in (FEEDBACK, None)])
     levels = {FEEDBACK: float(feedback.final_errors.mean()), FLOOR: float(floors[np.isfinite(floors)].mean())}
-    return Scored(task, score(task, seeds, drive), beyond, levels)
+    return Scored(benchmark, score(benchmark, seeds, drive), beyond, levels)
 
 
-def score(task: Task, seeds: Sequence[int], drive: Drive, change: Change = lambda env: env) -> Scores:
-    """The scores of all controllers of a task in the episodes with these seeds, its environments changed so."""
+def score(benchmark: Benchmark, seeds: Sequence[int], drive: Drive, change: Change = lambda env: env) -> Scores:
+    """The scores of all controllers of a benchmark in the episodes with these seeds, its environments changed so."""
     driven: list[tuple[EnvConfig, RunFolder | str | None]] = []
-    driven += [(run.config.env, run.folder) for recipe in task.recipes for run in recipe.runs]
-    driven += [(task.env, driver) for driver in (*baselines(), None)]
+    driven += [(run.config.env, run.folder) for recipe in benchmark.recipes for run in recipe.runs]
+    driven += [(benchmark.env, driver) for driver in (*baselines(), None)]
     found = drive([_Part(change(env), driver, seeds) for env, driver in driven])
-    policies = {recipe.name: [next(found) for _ in recipe.runs] for recipe in task.recipes}
+    policies = {recipe.name: [next(found) for _ in recipe.runs] for recipe in benchmark.recipes}
     return Scores(policies, {name: next(found) for name in baselines()}, next(found))
 
 
 @contextmanager
 def driving(jobs: int) -> Iterator[Drive]:
-    """Works through parts in order, so many of them at a time, each in a process of its own if more than one."""
+    """Works through parts in order, `jobs` at a time, in processes of their own if more than one."""
     if jobs == 1:
         yield lambda parts: iter([part() for part in parts])
         return

@@ -1,10 +1,25 @@
-"""Search designs: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
+"""Design search: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
 
-    agents.search.config      what a search file says, checked
-    agents.search.problem     its space, objectives and limits as a Problem of rollingjoint.design
-    agents.search.optimiser   the protocol of an optimiser: ask, tell
-    agents.search.methods     the optimisers by name
-    agents.search.compare     python -m agents.search.compare DIR ...: the page docs/design_search.md
+Modules:
+    config: what a search file says, checked.
+    problem: its space, objectives and limits as a Problem of rollingjoint.design.
+    optimiser: the protocol of an optimiser: ask, tell.
+    methods: the optimisers by name.
+    sampling: random designs, and Latin hypercubes.
+    cma_es: CMA-ES.
+    bayesian: Bayesian search.
+    gradient: L-BFGS from several starts.
+    sqp: sequential quadratic programming.
+    map_elites: MAP-Elites.
+    folder: the folder of a run, with its journal.
+    run: a run from its beginning, or continued.
+    workers: runs in several processes.
+    outcome: what the runs below a folder found.
+    verdicts: what the runs say, in sentences.
+    report: the report of a search.
+    pictures: pictures of a search.
+    compare: python -m agents.search.compare: the page docs/design_search.md.
+    unseen: python -m agents.search.unseen: a design policy compared with the methods on unseen tasks.
 
 Nothing is imported here: torch and the libraries of single methods are loaded by the modules that need them.
 """

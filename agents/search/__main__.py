@@ -1,7 +1,7 @@
 """Search designs: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
 
 Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md says what was found. The same
-command goes on with a search: finished runs stay, interrupted ones continue after their last batch.
+command continues a search: finished runs are kept, interrupted ones continue after their last batch.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.command_line import FAILED, INTERRUPTED, exit_code, signals_seen
-from agents.fields import check_choice, check_integer
-from agents.run_folder import typed_command
+from agents.runs.checks import choice, integer
+from agents.runs.command_line import FAILED, INTERRUPTED, exit_code, signals_seen, typed_command
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from agents.search.run import Progress
@@ -34,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: processors)")
-    parser.add_argument("--force", action="store_true", help="begin runs anew that are there")
+    parser.add_argument("--force", action="store_true", help="restart existing runs")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
 
@@ -45,16 +44,16 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.search.problem import check
     from agents.search.report import write_report
 
-    check_integer("--jobs", arguments.jobs, 1)
+    jobs = integer(1)("--jobs", arguments.jobs)
     torch.set_num_threads(1)
     config = _chosen(load_search(arguments.config), arguments.methods)
     check(config)
     out = arguments.out or Path("runs/search") / arguments.config.stem
     runs = [SearchRun.begin(out / one.run_name, one, command, arguments.force) for one in config.runs()]
     left = [run.path for run in runs if not run.is_finished]
-    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {arguments.jobs} at a time", flush=True)
+    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {jobs} at a time", flush=True)
     with signals_seen() as signals:
-        failed = _work(left, config.budget, arguments.jobs, signals)
+        failed = _work(left, config.budget, jobs, signals)
     again = " ".join(word for word in command if word != "--force")
     for path, reason in failed.items():
         print(f"failed: {path}: {reason}", file=sys.stderr)
@@ -71,7 +70,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig:
     for name in methods or ():
-        check_choice("--methods", name, tuple(config.methods))
+        choice(*config.methods)("--methods", name)
     return replace(config, methods={name: config.methods[name] for name in methods}) if methods else config
 
 

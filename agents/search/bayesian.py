@@ -1,4 +1,4 @@
-"""Bayesian search: a model of the cost says where the next designs promise most; by Optuna.
+"""Bayesian search: a model of the cost proposes the next designs; by Optuna.
 
 "tpe" models where good designs lie (Bergstra et al., "Algorithms for hyper-parameter optimization", NeurIPS 2011);
 "gp" models the cost itself by a Gaussian process, whose time grows with the cube of the evaluations.
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from agents.fields import check_choice, check_integer
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, choice, integer
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -29,7 +29,7 @@ class Bayesian:
         batch: designs asked for at a time.
     """
 
-    task: Task
+    setup: Setup
     sampler: str = "tpe"
     startup: int = 20
     batch: int = 10
@@ -39,20 +39,18 @@ class Bayesian:
     def __post_init__(self) -> None:
         import optuna
 
-        check_choice("sampler", self.sampler, ("tpe", "gp"))
-        check_integer("startup", self.startup, 1)
-        check_integer("batch", self.batch, 1)
+        check_fields(self, sampler=choice("tpe", "gp"), startup=integer(1), batch=integer(1))
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             samplers = {
                 "tpe": lambda: optuna.samplers.TPESampler(
-                    n_startup_trials=self.startup, multivariate=True, constant_liar=True, seed=self.task.seed
+                    n_startup_trials=self.startup, multivariate=True, constant_liar=True, seed=self.setup.seed
                 ),
-                "gp": lambda: optuna.samplers.GPSampler(n_startup_trials=self.startup, seed=self.task.seed),
+                "gp": lambda: optuna.samplers.GPSampler(n_startup_trials=self.startup, seed=self.setup.seed),
             }
             self.study = optuna.create_study(sampler=samplers[self.sampler]())
-        names = [str(place) for place in range(self.task.dimensions)]
+        names = [str(place) for place in range(self.setup.dimensions)]
         self.space: dict[str, BaseDistribution] = dict.fromkeys(
             names, optuna.distributions.FloatDistribution(-1.0, 1.0)
         )

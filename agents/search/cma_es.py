@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, integer, number
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 
 @dataclass
@@ -24,24 +24,23 @@ class CmaEs:
         spread: first standard deviation in every coordinate, of a box that is 2 wide.
     """
 
-    task: Task
+    setup: Setup
     population: int = 0
     spread: float = 0.5
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_integer("population", self.population, 0)
-        check_number("spread", self.spread, 1e-3, 2.0)
-        self.generator = self.task.generator
-        size = max(self.population or 4 + int(3 * np.log(self.task.dimensions)), 4)
-        self.strategy = self._strategy(np.zeros(self.task.dimensions), size)
+        check_fields(self, population=integer(0), spread=number(1e-3, 2.0))
+        self.generator = self.setup.generator
+        size = max(self.population or 4 + int(3 * np.log(self.setup.dimensions)), 4)
+        self.strategy = self._strategy(np.zeros(self.setup.dimensions), size)
 
     def ask(self, most: int) -> Array:
         """The next generation, (B, d), or as much of it as the budget leaves."""
         stopped = self.strategy.stop(check=True, ignore_list=("maxiter", "maxfevals", "timeout"))
         if stopped:
-            centre = self.generator.uniform(-1.0, 1.0, self.task.dimensions)
+            centre = self.generator.uniform(-1.0, 1.0, self.setup.dimensions)
             self.strategy = self._strategy(centre, 2 * self.strategy.popsize)
         return np.clip(np.array(self.strategy.ask()), -1.0, 1.0)[:most]
 

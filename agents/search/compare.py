@@ -11,8 +11,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.command_line import exit_code
-from agents.run_folder import RunFolderError, write_bytes, write_text
+from agents.runs.command_line import exit_code
+from agents.runs.files import RunFolderError, write_bytes, write_text
+from rollingjoint.tables import markdown_table
 
 PAGE = Path("docs/design_search.md")
 BEGIN, END = "<!-- begin: python -m agents.search.compare -->", "<!-- end -->"
@@ -31,23 +32,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(searches: Sequence[Path], page: Path) -> int:
     from agents.search.outcome import Search, words
-    from agents.search.report import Report, draw, table
+    from agents.search.report import Findings, draw
 
     before, after = around(page, BEGIN, END)
-    reports = [Report(Search.read(out)) for out in searches]
+    found = [Findings(Search.read(out)) for out in searches]
     sections = []
-    for report in reports:
-        name, pictures = report.search.name, {}
-        for picture, content in draw(report.search).items():
+    for one in found:
+        name, pictures = one.search.name, {}
+        for picture, content in draw(one.search).items():
             pictures[picture] = f"images/design_search_{name}_{picture}"
             write_bytes(page.parent / pictures[picture], content)
-        sections.append(report.markdown(3, pictures))
-    rows = [
-        [f"[{words(report.search.name)}](#{report.search.name.replace('_', '-')})", *report.in_short()]
-        for report in reports
-    ]
+        sections.append(one.markdown(3, pictures))
+    rows = [[f"[{words(one.search.name)}](#{one.search.name.replace('_', '-')})", *one.in_short()] for one in found]
     head = ["search", "best value", "found by", "reference", "held out", "reference, held out"]
-    write_text(page, "\n\n".join([before + BEGIN, table(head, rows), *map(str.strip, sections), END + after]))
+    write_text(page, "\n\n".join([before + BEGIN, markdown_table(head, rows), *map(str.strip, sections), END + after]))
     print(f"The page is {page}")
     return 0
 

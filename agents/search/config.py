@@ -1,4 +1,4 @@
-"""What a search file says: frozen, checked once when built, read from YAML."""
+"""The content of a search file: frozen, checked once when built, read from YAML."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.fields import check_integer
+from agents.runs.checks import check_fields, integer, integers, prefixed
 from agents.search.methods import METHODS
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError
@@ -47,9 +47,8 @@ class SearchConfig:
         if not self.methods:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
         text("reference", self.reference)
-        check_integer("budget", self.budget, 1, 10_000_000)
-        for seed in entries("seeds", self.seeds):
-            check_integer("seeds", seed, 0, 2**31 - 1)
+        entries("seeds", self.seeds)
+        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1))
         if len(set(self.seeds)) < len(self.seeds):
             raise ConfigError("seeds", list(self.seeds), "every seed once")
         settings = {name: dict(settings or {}) for name, settings in self.methods.items()}
@@ -80,10 +79,8 @@ def load_search(path: Path) -> SearchConfig:
 
     agents.search.problem.check builds the problem and the optimisers.
     """
-    try:
+    with prefixed(f"{path}: "):
         return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error.what}", error.value, error.allowed, error.mend) from error
 
 
 def _plain(value: Any) -> Any:

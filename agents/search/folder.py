@@ -1,15 +1,14 @@
 """A run of a search: one method with one seed, in a folder of its own.
 
 config.yaml          the search, with this method and this seed alone
-command.txt          what was typed; a line more whenever the run goes on
+command.txt          what was typed; one more line whenever the run is continued
 versions.json        Python, packages, platform
-evaluations.jsonl    a line per batch: designs, what was found, processor time; one without its end does not count
+evaluations.jsonl    a line per batch: designs, what was found, processor time; an incomplete one is ignored
 lock                 held by the process that searches
 """
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import shlex
@@ -23,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.file_lock import file_lock
-from agents.run_folder import RunFolderError, versions, write_json, write_text
+from agents.runs.files import RunFolderError, write_json, write_text
+from agents.runs.folder import versions
+from agents.runs.locks import alone_in
 from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml
@@ -40,7 +40,7 @@ class SearchRun:
 
     @classmethod
     def begin(cls, path: Path, config: SearchConfig, command: Sequence[str], force: bool = False) -> SearchRun:
-        """The run at `path`, new or begun; `force` begins it anew.
+        """The run at `path`, new or existing; `force` restarts it.
 
         Raises RunFolderError where the folder holds something else, another search, or a run that a process works on.
         """
@@ -52,10 +52,10 @@ class SearchRun:
                 with run.locked():
                     shutil.rmtree(path)
             elif run.config.to_dict() != config.to_dict():
-                mend = "Another --out begins a new search, --force replaces the runs that are there."
-                raise RunFolderError("run", str(path), "a run of the search that the file describes now", mend)
+                hint = "Another --out begins a new search, --force replaces the runs that are there."
+                raise RunFolderError("run", str(path), "a run of the search that the file describes now", hint)
         if not run.is_there:
-            write_json(path / "versions.json", versions() | _versions("cma", "ribs", "optuna"))
+            write_json(path / "versions.json", versions("cma", "ribs", "optuna"))
             write_text(path / "config.yaml", dump_yaml(config.to_dict()))
         run = cls(path)
         if not run.is_finished:
@@ -92,12 +92,8 @@ class SearchRun:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run alone; raises RunFolderError where another process holds it."""
-        try:
-            with file_lock(self.path / "lock"):
-                yield
-        except BlockingIOError:
-            mend = "Wait for its end, or stop it."
-            raise RunFolderError("run", str(self.path), "one in which no other process searches", mend) from None
+        with alone_in(self.path, "run", "one in which no other process searches"):
+            yield
 
     def batches(self) -> list[tuple[Evaluated, float]]:
         """All batches, the processor time after each [s]; raises RunFolderError for a broken journal."""
@@ -107,8 +103,8 @@ class SearchRun:
         try:
             return [_batch(json.loads(line)) for line in lines]
         except (ValueError, KeyError, TypeError) as error:
-            mend = f"{error}. --force begins the run anew."
-            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", mend) from error
+            hint = f"{error}. --force begins the run anew."
+            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", hint) from error
 
     def append(self, evaluated: Evaluated, seconds: float) -> None:
         """Add a batch: after this it is on the disk, whole."""
@@ -130,13 +126,3 @@ class SearchRun:
 def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:
     columns = {name: np.array(values[name], kind) for name, kind in COLUMNS.items() if name in values}
     return Evaluated(**columns), float(values["seconds"])
-
-
-def _versions(*packages: str) -> dict[str, str]:
-    found = {}
-    for name in packages:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found

@@ -1,6 +1,6 @@
 """Descent along the gradient from many starts side by side: L-BFGS in the box.
 
-Every start goes down by itself; one batch holds the next point of each. A start that has come to rest begins anew
+Descents are independent; one batch holds the next point of each. A descent that has converged restarts
 elsewhere. Source: Nocedal and Wright, Numerical Optimization (2006), algorithm 7.4 (two loops); projection onto the box
 and Armijo's condition along it: Bertsekas, SIAM J. Control Optim. 20 (1982).
 """
@@ -13,8 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, integer, number
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 ARMIJO = 1e-4  # share of the decrease promised by the slope that a step has to keep
 SMALLEST_STEP = 1e-6  # largest entry of a step below which a start is at rest
@@ -31,7 +31,7 @@ class Gradient:
         longest_step: largest change of any coordinate in a step.
     """
 
-    task: Task
+    setup: Setup
     starts: int = 8
     memory: int = 10
     longest_step: float = 0.5
@@ -39,10 +39,8 @@ class Gradient:
     wants: ClassVar[Derivatives] = "gradient"
 
     def __post_init__(self) -> None:
-        check_integer("starts", self.starts, 1)
-        check_integer("memory", self.memory, 1)
-        check_number("longest_step", self.longest_step, 1e-3, 2.0)
-        self.generator = self.task.generator
+        check_fields(self, starts=integer(1), memory=integer(1), longest_step=number(1e-3, 2.0))
+        self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 
     def ask(self, most: int) -> Array:
@@ -50,7 +48,7 @@ class Gradient:
         return np.array([descent.point for descent in self.descents[:most]])
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Every descent goes on, and begins anew where it is at rest."""
+        """Advance every descent; those that have converged restart elsewhere."""
         assert evaluated.gradient is not None, "this optimiser wants gradients"
         gradients = np.where(np.isfinite(evaluated.gradient), evaluated.gradient, 0.0)
         for place, (cost, gradient) in enumerate(zip(evaluated.cost, gradients, strict=True)):
@@ -59,7 +57,7 @@ class Gradient:
                 self.descents[place] = self._descent()
 
     def _descent(self) -> Descent:
-        start = self.generator.uniform(-1.0, 1.0, self.task.dimensions)
+        start = self.generator.uniform(-1.0, 1.0, self.setup.dimensions)
         return Descent(start, self.memory, self.longest_step)
 
 

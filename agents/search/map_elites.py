@@ -1,4 +1,4 @@
-"""MAP-Elites: the best design of every kind, where two measured values say of what kind a design is.
+"""MAP-Elites: the best design in every cell of an archive over two measured values.
 
 Source: Mouret and Clune, "Illuminating search spaces by mapping elites" (2015); emitters that improve the archive by
 CMA-ES: Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior space" (GECCO 2020). By
@@ -13,8 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.fields import check_choice, check_integer, check_number
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, choice, integer, integers, number
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 from rollingjoint.checked_yaml import entries, point
 from rollingjoint.errors import ConfigError
 
@@ -31,7 +31,7 @@ class MapElites:
         spread: first standard deviation of the CMA-ES emitters.
     """
 
-    task: Task
+    setup: Setup
     measures: Sequence[str]
     ranges: Sequence[Sequence[float]]
     cells: Sequence[int] = (20, 20)
@@ -45,14 +45,11 @@ class MapElites:
             if len(entries(what, getattr(self, what))) != 2:
                 raise ConfigError(what, getattr(self, what), "two entries, one per measure")
         for name in self.measures:
-            check_choice("measures", name, self.task.names)
+            choice(*self.setup.names)("measures", name)
         for low, high in (point("ranges", one) for one in self.ranges):
-            check_number("ranges", high - low, 1e-12)
-        for count in self.cells:
-            check_integer("cells", count, 1, 1000)
-        check_integer("batch", self.batch, 2)
-        check_number("spread", self.spread, 1e-3, 2.0)
-        self.columns = [self.task.names.index(name) for name in self.measures]
+            number(1e-12)("ranges", high - low)
+        check_fields(self, cells=integers(1, 1000), batch=integer(2), spread=number(1e-3, 2.0))
+        self.columns = [self.setup.names.index(name) for name in self.measures]
         self._fill()
 
     def _fill(self) -> None:
@@ -60,7 +57,7 @@ class MapElites:
         from ribs.emitters import EvolutionStrategyEmitter, IsoLineEmitter
         from ribs.schedulers import Scheduler
 
-        d, seed = self.task.dimensions, self.task.seed
+        d, seed = self.setup.dimensions, self.setup.seed
         ranges = [(low, high) for low, high in self.ranges]
         archive = GridArchive(solution_dim=d, dims=self.cells, ranges=ranges, seed=seed)
         box, start = [(-1.0, 1.0)] * d, np.zeros(d)
@@ -70,7 +67,7 @@ class MapElites:
             )
             for place in (1, 2)
         ]
-        first = self.task.generator.uniform(-1.0, 1.0, (self.batch, d))
+        first = self.setup.generator.uniform(-1.0, 1.0, (self.batch, d))
         mixing = IsoLineEmitter(archive, initial_solutions=first, bounds=box, batch_size=self.batch, seed=1000 * seed)
         self.scheduler = Scheduler(archive, [*improving, mixing])
 

@@ -1,7 +1,7 @@
-"""What an optimiser is: it asks for designs to be evaluated, and is told what was found.
+"""The protocol of an optimiser: it asks for designs to be evaluated and is told the results.
 
-An optimiser is deterministic: the same task, settings and answers make it ask the same. That is how an interrupted
-search goes on: a new optimiser is told what the journal holds, and stands where the old one stood.
+An optimiser is deterministic: the same setup, settings and answers make it ask the same. That is how an interrupted
+search is resumed: a new optimiser is told what the journal holds, and reaches the state of the old one.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ Derivatives = Literal["", "gradient", "jacobian"]
 
 
 @dataclass(frozen=True)
-class Task:
-    """What an optimiser knows beforehand.
+class Setup:
+    """What an optimiser is given at the start.
 
     Args:
         dimensions: d of the box [-1, 1]^d that is searched.
@@ -45,7 +45,7 @@ class Evaluated:
     Args:
         x: (B, d), in the box.
         cost: (B,), to be minimised; designs that fail or break a limit have a high one.
-        measured: (B, m) physical values, in the order of Task.names; of no meaning where not `ok`.
+        measured: (B, m) physical values, in the order of Setup.names; of no meaning where not `ok`.
         ok: (B,) the design can be built and all its equilibria were found.
         feasible: (B,) it keeps all limits, too.
         worth, constraints: (B,), (B, c) what the cost is without penalty; the constraints, 0 or more where kept.
@@ -81,14 +81,14 @@ class Evaluated:
 
 
 class Optimiser(Protocol):
-    """Searches the box. A dataclass whose first field is `task` and whose others are settings with defaults.
+    """Searches the box. A dataclass whose first field is `setup` and whose others are settings with defaults.
 
     Failed designs, broken limits, equal costs and populations without one valid design raise nothing.
     """
 
     @property
     def wants(self) -> Derivatives:
-        """What `tell` needs beside the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
+        """What `tell` needs besides the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
 
     def ask(self, most: int) -> Array:
         """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""

@@ -1,4 +1,4 @@
-"""What the runs below a folder found: curves, comparisons, the best designs scored again. Only the folders are read."""
+"""What the runs below a folder found: curves, comparisons, the best designs scored again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from agents.run_folder import RunFolderError
+from agents.runs.files import RunFolderError
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
@@ -198,7 +198,7 @@ class Search:
 
     @cached_property
     def front(self) -> Mask:
-        """Which feasible designs of `everything` no other one beats in all objectives."""
+        """Which feasible designs of `everything` are Pareto-optimal."""
         values = self.everything.measured[:, : len(self.problem.objectives)]
         kept = np.zeros(len(values), bool)
         feasible = np.flatnonzero(self.everything.feasible)

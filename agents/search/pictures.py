@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from agents.pictures import COLOURS, png
+from agents.evaluation.pictures import COLOURS, figure_of, png, tidy
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array
 from agents.search.outcome import Outcome, Search, words
@@ -27,7 +25,7 @@ DPI = 110
 
 def progress(search: Search) -> bytes:
     """PNG: best feasible design so far over evaluations and over seconds, per method: median and range of the seeds."""
-    figure = _figure(10.5, 4.4)
+    figure = figure_of(10.5, 4.4)
     left, right = figure.subplots(1, 2, sharey=True)
     lowest = min(outcome.seconds[0] for outcome in search.all)
     seconds = np.geomspace(max(lowest, 1e-3), max(one.seconds[-1] for one in search.all), 300)
@@ -39,8 +37,7 @@ def progress(search: Search) -> bytes:
     for axes, label in ((left, "evaluations"), (right, "seconds")):
         axes.set(xlabel=label, xscale="log")
         axes.xaxis.set_major_formatter("{x:,g}")
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        tidy(axes)
     left.set_ylabel(f"best {search.shown_name}")
     _focus(left, search)
     figure.legend(*left.get_legend_handles_labels(), loc="outside right upper", frameon=False)
@@ -75,7 +72,7 @@ def _focus(axes: Axes, search: Search) -> None:
 def shapes(search: Search, best: RollingChain | None) -> bytes:
     """PNG: the best design beside the reference, each under the same five pairs of tensions."""
     drawn = [mechanism for mechanism in (best, reference(search.config)) if mechanism is not None]
-    figure = _figure(5.2 * len(drawn), 5.0)
+    figure = figure_of(5.2 * len(drawn), 5.0)
     panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
     for axes, mechanism in zip(panels, drawn, strict=True):
         tensions = [(TENSION * ratio / (1 + ratio), TENSION / (1 + ratio)) for ratio in RATIOS]
@@ -104,7 +101,7 @@ def archive(search: Search) -> bytes | None:
         place = np.clip(np.floor(share * cells).astype(int), 0, np.array(cells) - 1)
         kept = place[some.feasible]
         np.minimum.at(grid, (kept[:, 0], kept[:, 1]), some.cost[some.feasible])
-    figure = _figure(6.6, 5.0)
+    figure = figure_of(6.6, 5.0)
     axes = figure.subplots()
     shown = search.shown(np.where(np.isfinite(grid), grid, np.nan)).T
     extent = (ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1])
@@ -120,15 +117,14 @@ def front(search: Search) -> bytes | None:
     """PNG: all feasible designs over the first two objectives, those that no other beats marked; None for one."""
     if len(search.problem.objectives) < 2 or not search.front.any():
         return None
-    figure = _figure(7.0, 4.8)
+    figure = figure_of(7.0, 4.8)
     axes = figure.subplots()
     x, y = search.everything.measured[:, :2].T
     feasible = search.everything.feasible
     axes.scatter(x[feasible], y[feasible], s=4, color="0.75", label="feasible designs")
     axes.scatter(x[search.front], y[search.front], s=18, color=COLOURS[1], label="none is better in all")
     axes.set(xlabel=_label(search, 0), ylabel=_label(search, 1))
-    axes.grid(alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
     figure.legend(loc="outside right upper", frameon=False)
     return png(figure, DPI)
 
@@ -144,9 +140,3 @@ def best_mechanism(search: Search) -> RollingChain | None:
         return search.problem.space.mechanism(search.winner.best_x)
     except MechanismError:
         return None
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

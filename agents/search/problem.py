@@ -8,30 +8,23 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
+from agents.runs.checks import prefixed
 from agents.search.config import SearchConfig
 from agents.search.methods import make
-from agents.search.optimiser import Optimiser, Task
+from agents.search.optimiser import Optimiser, Setup
 from rollingjoint.checked_yaml import mapping, number
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
 from rollingjoint.design.objectives import BendingShapes, Objective, TendonTravel, TipRotation, TipTravel
 from rollingjoint.design.problem import Limit, Problem, Term
 from rollingjoint.design.space import DesignSpace
-from rollingjoint.errors import ConfigError, InvalidInput, SolverError
+from rollingjoint.errors import ConfigError, SolverError
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.planar.chain import RollingChain
 
 KINDS: dict[str, Any] = {
     kind.name: kind
-    for kind in (
-        BendingShapes,
-        TipTravel,
-        TipRotation,
-        LateralStiffness,
-        LoadCapacity,
-        TendonTravel,
-        PeakTension,
-    )
+    for kind in (BendingShapes, TipTravel, TipRotation, LateralStiffness, LoadCapacity, TendonTravel, PeakTension)
 }
 REFERENCE = "reference"
 
@@ -64,7 +57,7 @@ def check(config: SearchConfig) -> None:
 def optimiser(run: SearchConfig, problem: Problem) -> Optimiser:
     """The optimiser of a run of one method and one seed; raises ConfigError."""
     ((name, settings),) = run.methods.items()
-    return make(name, Task(problem.dimensions, names(problem), run.seeds[0]), settings)
+    return make(name, Setup(problem.dimensions, names(problem), run.seeds[0]), settings)
 
 
 def measured(problem: Problem) -> list[Objective]:
@@ -148,10 +141,9 @@ def _frozen(value: Any) -> Any:
 def _located(where: str) -> Iterator[None]:
     """Says where in the file a complaint arose; a missing or misplaced field is one, too."""
     try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
-    except InvalidInput as error:
-        raise ConfigError(f"{where}: {error.what}", error.value, error.allowed, error.mend) from error
+        with prefixed(f"{where}: "):
+            yield
+    except ConfigError:
+        raise
     except (TypeError, ValueError) as error:
         raise ConfigError(where, str(error), "numbers and lists as docs/design_search.md describes them") from error

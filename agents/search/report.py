@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.run_folder import write_bytes, write_json, write_text
+from agents.runs.files import write_bytes, write_json, write_text
 from agents.search import verdicts
 from agents.search.optimiser import Evaluated
 from agents.search.outcome import YARDSTICK, Search, median, plain_number, words
 from rollingjoint.io.mechanism_file import dump_mechanism
+from rollingjoint.tables import markdown_table
 
 SHOWN = 15  # designs of the Pareto set in the table
 CAPTIONS = {
@@ -31,15 +32,15 @@ def write_report(out: Path) -> None:
     """Write report.md, report.json, best.yaml and pictures into the folder of a search, from its runs alone."""
     from agents.search import pictures
 
-    report = Report(Search.read(out))
-    images = draw(report.search)
+    findings = Findings(Search.read(out))
+    images = draw(findings.search)
     for name, content in images.items():
         write_bytes(out / name, content)
-    best = pictures.best_mechanism(report.search)
+    best = pictures.best_mechanism(findings.search)
     if best is not None:
         write_text(out / "best.yaml", dump_mechanism(best))
-    write_text(out / "report.md", report.markdown(1, {name: name for name in images}))
-    write_json(out / "report.json", report.to_dict())
+    write_text(out / "report.md", findings.markdown(1, {name: name for name in images}))
+    write_json(out / "report.json", findings.to_dict())
 
 
 def draw(search: Search) -> dict[str, bytes]:
@@ -56,7 +57,7 @@ def draw(search: Search) -> dict[str, bytes]:
 
 
 @dataclass(frozen=True)
-class Report:
+class Findings:
     """What is to be said of a search."""
 
     search: Search
@@ -83,11 +84,11 @@ class Report:
             self._about(),
             "\n".join(f"- {verdict}" for verdict in self.verdicts()),
             f"{below} Methods: {words(search.name)}",
-            table(*self._methods()),
+            markdown_table(*self._methods()),
             self._reading(),
             _picture("progress.png", pictures),
             f"{below} Best design: {words(search.name)}",
-            table(*self._winner()),
+            markdown_table(*self._winner()),
             _picture("shapes.png", pictures),
             _picture("archive.png", pictures),
             self._front(below),
@@ -97,7 +98,7 @@ class Report:
         return "\n\n".join(part for part in parts if part) + "\n"
 
     def in_short(self) -> list[str]:
-        """Best value, who found it, the reference's; both again in what was not searched."""
+        """Best value, who found it, the reference's; the same on held-out cases."""
         search, place = self.search, self.search.single
         cells = [f"{plain_number(search.shown(search.winner.best))}", words(search.winner.method)]
         if place is None:
@@ -209,7 +210,7 @@ class Report:
         head = [f"{words(n)} [{u}]" for n, u in zip(search.names[:count], search.units[:count], strict=True)]
         text = f"{len(values)} designs are not beaten by another one in all objectives; of them {len(shown)}:"
         rows = [list(map(plain_number, row)) for row in shown]
-        return f"{heading} Pareto set: {words(search.name)}\n\n{text}\n\n{table(head, rows)}"
+        return f"{heading} Pareto set: {words(search.name)}\n\n{text}\n\n{markdown_table(head, rows)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for report.json."""
@@ -240,12 +241,6 @@ class Report:
             "reference_held_out": None if self.held_out is None else [_finite(value) for value in self.held_out[1]],
             "pareto": search.everything.measured[search.front, : len(search.problem.objectives)].tolist(),
         }
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table: the first column to the left, the others to the right."""
-    lines = [head, [":--", *["--:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _picture(name: str, pictures: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""A run from its beginning, or from where it was interrupted, to the end of its budget."""
+"""A run of a search, new or resumed, to the end of its budget."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.run_folder import RunFolderError
+from agents.runs.files import RunFolderError
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Evaluated, Optimiser
 
@@ -24,7 +24,7 @@ class Progress(NamedTuple):
 
 
 def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
-    """Go on with a run; yields after every batch, and once before the first.
+    """Run to the end of the budget; yields after every batch, and once before the first.
 
     Its seconds are processor time of this process with all its threads: what other processes do does not count, what
     this one does between two batches would.
@@ -67,9 +67,9 @@ def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
     for batch, seconds in run.batches():
         asked = optimiser.ask(budget - now.evaluations) if now.evaluations < budget else np.empty(0)
         if asked.shape != batch.x.shape or np.abs(asked - batch.x).max() > AGREEMENT:
-            mend = "Other versions of the packages may have written it (versions.json); --force begins the run anew."
+            hint = "Other versions of the packages may have written it (versions.json); --force begins the run anew."
             allowed = f"after {now.evaluations} evaluations the designs that the method asks for"
-            raise RunFolderError("journal", str(run.journal), allowed, mend)
+            raise RunFolderError("journal", str(run.journal), allowed, hint)
         optimiser.tell(batch)
         now = _advanced(now, batch, seconds)
     return now

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from agents.fields import check_integer, check_number
-from agents.search.optimiser import Array, Derivatives, Evaluated, Task
+from agents.runs.checks import check_fields, integer, number
+from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest
 RESERVE = 1e-2  # by how much constraints are to be kept at first
@@ -27,23 +27,22 @@ MOST_STEPS = 200
 
 @dataclass
 class Sqp:
-    """SLSQP from several starts, each begun anew elsewhere when it is at rest.
+    """SLSQP from several starts, each restarted elsewhere once it has converged.
 
     Args:
         starts: descents side by side, from random designs.
         share: of the box, around its middle, in which they begin; far out fewer designs have an equilibrium.
     """
 
-    task: Task
+    setup: Setup
     starts: int = 2
     share: float = 0.5
 
     wants: ClassVar[Derivatives] = "jacobian"
 
     def __post_init__(self) -> None:
-        check_integer("starts", self.starts, 1)
-        check_number("share", self.share, 1e-3, 1.0)
-        self.generator = self.task.generator
+        check_fields(self, starts=integer(1), share=number(1e-3, 1.0))
+        self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 
     def ask(self, most: int) -> Array:
@@ -51,7 +50,7 @@ class Sqp:
         return np.array([descent.point for descent in self.descents[:most]])
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Every descent goes on, and begins anew where it is at rest."""
+        """Advance every descent; those that have converged restart elsewhere."""
         assert evaluated.worth is not None, "this optimiser wants Jacobians"
         assert evaluated.constraints is not None and evaluated.jacobian is not None
         rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, evaluated.ok, strict=True)
@@ -60,7 +59,7 @@ class Sqp:
                 self.descents[place] = self._descent()
 
     def _descent(self) -> Descent:
-        return Descent(self.generator.uniform(-self.share, self.share, self.task.dimensions))
+        return Descent(self.generator.uniform(-self.share, self.share, self.setup.dimensions))
 
 
 class _Answer(NamedTuple):

@@ -1,4 +1,4 @@
-"""A policy that designs beside other methods, on tasks that none has seen: python -m agents.search.unseen runs/design.
+"""A design policy compared with other methods on unseen tasks: python -m agents.search.unseen runs/design.
 
 Tasks are episodes of the policy's environment. Every method evaluates as many designs, the policy that with which the
 episode begins and those of its changes. A result is the smallest error of a valid design among them. With --page the
@@ -17,15 +17,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.command_line import exit_code
-from agents.config import EnvConfig
-from agents.fields import check_integer
-from agents.run_folder import RunFolder, typed_command, write_text
+from agents.runs.checks import integer
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.environment import EnvConfig
+from agents.runs.files import write_text
+from agents.runs.folder import RunFolder
 from agents.search.compare import around
 from agents.search.methods import make
-from agents.search.optimiser import Array, Task
+from agents.search.optimiser import Array, Setup
 from agents.search.run import evaluated_by
 from rollingjoint.errors import ConfigError
+from rollingjoint.tables import markdown_table
 
 if TYPE_CHECKING:
     from rj_gym import CurvatureDesignVectorEnv
@@ -53,16 +55,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    check_integer("--tasks", arguments.tasks, 1)
+    tasks = integer(1)("--tasks", arguments.tasks)
     run = RunFolder.open(arguments.run)
     env = run.config().env
     from rj_gym import DESIGN_IDS
 
     if env.id not in DESIGN_IDS:
         raise ConfigError("env.id", env.id, f"a policy trained on {', '.join(DESIGN_IDS)}")
-    check_integer("--budget", arguments.budget, 2, env.arguments()["config"].episode_steps + 1)
+    budget = integer(2, env.arguments()["config"].episode_steps + 1)("--budget", arguments.budget)
     parts = around(arguments.page, BEGIN, END) if arguments.page else ("", "")
-    text = compared(run, env, arguments.tasks, arguments.budget)
+    text = compared(run, env, tasks, budget)
     print(text)
     if arguments.page:
         about = f"```sh\n{shlex.join(command)}\n```"
@@ -78,15 +80,13 @@ def compared(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> str:
     found = {"policy": _timed(lambda: _policy_errors(run, env, tasks, budget))}
     for name in METHODS:
         found[name] = _timed(lambda name=name: _method_errors(name, env, tasks, budget))  # type: ignore[misc]
-    head = (
-        "| method | mean | median | 95 % below | better than the policy | seconds a task |\n|:--|--:|--:|--:|--:|--:|"
-    )
+    head = ["method", "mean", "median", "95 % below", "better than the policy", "seconds a task"]
     rows = [_row(name, errors, found["policy"][0], seconds / tasks) for name, (errors, seconds) in found.items()]
     says = (
         f"Smallest error [mm] of a valid design among {budget}, on {tasks} tasks (seeds from {FIRST_SEED:,}); a method "
         "has the seed of its task. Seconds are processor time; the policy works on all tasks at once."
     )
-    return "\n".join([head, *rows]) + "\n\n" + says
+    return f"{markdown_table(head, rows)}\n\n{says}"
 
 
 def _timed(work: Callable[[], Array]) -> tuple[Array, float]:
@@ -94,16 +94,16 @@ def _timed(work: Callable[[], Array]) -> tuple[Array, float]:
     return work(), time.process_time() - begin
 
 
-def _row(name: str, errors: Array, policy: Array, seconds: float) -> str:
+def _row(name: str, errors: Array, policy: Array, seconds: float) -> list[str]:
     numbers = [f"{value:.2f}" for value in (errors.mean(), np.median(errors), np.percentile(errors, 95))]
     better = "" if name == "policy" else f"{100 * np.mean(errors < policy):.0f} %"
-    return "| " + " | ".join([name.replace("_", " "), *numbers, better, f"{seconds:.2f}"]) + " |"
+    return [name.replace("_", " "), *numbers, better, f"{seconds:.2f}"]
 
 
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
-    from agents.controller import Seen
-    from agents.policy import Policy
+    from agents.evaluation.controller import Seen
+    from agents.evaluation.policy import Policy
 
     policy, envs = Policy.load(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)
@@ -125,7 +125,7 @@ def _method_errors(name: str, env: EnvConfig, tasks: int, budget: int) -> Array:
         origins = np.pad(sampled["targets"][task], ((0, 0), (1, 0), (0, 0)))  # the base stays at the origin
         wanted = (sampled["tensions"][task], origins, sampled["forces"][task])
         problem = Problem(space, (Term(BendingShapes(*(part.tolist() for part in wanted))),))
-        optimiser, left = make(name, Task(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
+        optimiser, left = make(name, Setup(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
         while left:
             evaluated = evaluated_by(problem, optimiser, optimiser.ask(left))
             optimiser.tell(evaluated)
@@ -134,10 +134,10 @@ def _method_errors(name: str, env: EnvConfig, tasks: int, budget: int) -> Array:
     return errors
 
 
-def _environments(env: EnvConfig, lanes: int) -> CurvatureDesignVectorEnv:
+def _environments(env: EnvConfig, count: int) -> CurvatureDesignVectorEnv:
     from rj_gym import CurvatureDesignVectorEnv
 
-    return CurvatureDesignVectorEnv(lanes, **env.arguments())
+    return CurvatureDesignVectorEnv(count, **env.arguments())
 
 
 if __name__ == "__main__":

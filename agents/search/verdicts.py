@@ -1,4 +1,4 @@
-"""What the runs of a search say, in sentences; each is computed."""
+"""Conclusions from the runs of a search, in sentences; each is computed."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _many(search: Search, reference: list[float], who: str) -> Iterator[str]:
 
 
 def _gain(search: Search, scores: Scores, place: int) -> str:
-    """How the winner does beside the reference in one objective."""
+    """How the winner compares with the reference in one objective."""
     evaluated, reference = scores
     row, unit, name = search.all.index(search.winner), search.units[place], search.config.reference
     ours, theirs = float(evaluated.measured[row, place]), reference[place]

@@ -1,4 +1,4 @@
-"""Runs of a search in several processes: each works on one run at a time and says how far it is.
+"""Runs of a search in several processes: each works on one run at a time and reports its progress.
 
 Parent and worker talk through a pipe. A worker is given the folder of a run; anything that arrives before the run is
 done, the end of the pipe too, makes it stop after the batch that it works on. So no worker outlives its parent.
@@ -121,5 +121,7 @@ def _searched(path: Path) -> Iterator[Progress]:
     torch.set_num_threads(1)
     run = SearchRun(path)
     problem, first = design_problem(run.config), optimiser(run.config, design_problem(run.config))
-    first.tell(evaluated_by(problem, first, first.ask(run.config.budget)))  # what is compiled once is no run's time
+    first.tell(
+        evaluated_by(problem, first, first.ask(run.config.budget))
+    )  # compilation does not count as time of a run
     return search(run, problem, optimiser(run.config, problem), run.config.budget)

@@ -15,7 +15,7 @@ from scipy.optimize import root
 
 from rollingjoint import Equilibrium, RollingChain
 from rollingjoint.load import Load
-from rollingjoint.planar.published_equations import Problem, State, body_load
+from rollingjoint.planar.published_equations import Configuration, PublishedChain, body_load
 from rollingjoint.planar.se2 import transform
 
 Array = NDArray[np.float64]
@@ -35,12 +35,12 @@ def solve_by_root(
     Raises:
         RuntimeError: SciPy gives up.
     """
-    unloaded, load_rows = Problem(mechanism, ()), Problem(mechanism, loads).load_rows
+    unloaded, load_rows = PublishedChain(mechanism, ()), PublishedChain(mechanism, loads).load_rows
     nothing = np.zeros(mechanism.n_tendons)
 
     def residual(unknowns: Array) -> Array:
         poses, s, forces = _unpacked(unknowns)
-        state = State(unloaded, s, forces, nothing)
+        state = Configuration(unloaded, s, forces, nothing)
         tensions = np.clip(mechanism.stiffnesses * (state.lengths - lengths), *tension_limits)
         frames = [np.eye(3), *(transform(pose[:2], pose[2]) for pose in poses)]
         closure, balance = np.empty_like(poses), np.empty_like(poses)

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.build import build_model, close
-from agents.config import TrainConfig, load_config
+from agents.runs.config import TrainConfig, load_config
+from agents.training.build import build_model, close
 from speed_rows import machine
 from speed_rows.processes import ROOT
 from speed_rows.row import Peer, Row

@@ -86,8 +86,8 @@ class CompiledWalk:
         laws = lanes.TendonLaw(walk.commands, np.tile(mechanism.stiffnesses, (count, 1)), low, high)
         self._count = count
         self.results = lanes.new_results(count, mechanism.n_joints, mechanism.n_tendons)
-        chain, designs = lanes.stack([mechanism]), np.zeros(count, np.int64)
-        problem = lanes.Problem(chain, designs, laws, walk.load_tables(), walk.starts, self.results)
+        designs = np.zeros(count, np.int64)
+        problem = lanes.BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, self.results)
         self._solve = lanes.PinnedRange(problem)
 
     def one_by_one(self) -> None:

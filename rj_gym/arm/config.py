@@ -1,4 +1,4 @@
-"""Frozen settings of the arm's environments, on top of what every tracking task has."""
+"""Settings of the arm's tracking task; what every tracking task has is in rj_gym/core/config.py."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from rj_gym.config import Randomization, RewardConfig, TargetConfig, TaskConfig, check_load
-from rj_gym.settings import Range, Settings, assign, checked_number, checked_range
+from rj_gym.core.config import LoadSettings, Randomization, RewardConfig, TargetConfig, TaskConfig
+from rj_gym.core.settings import Range, Settings
+from rollingjoint.checks import as_number, as_range
 from rollingjoint.spatial.chain import HingeChain
 
 
@@ -20,15 +21,16 @@ class GravityConfig(Settings):
             the sphere [rad].
     """
 
+    _SECTION: ClassVar[str] = "gravity."
     tilt: Range = (0.0, 0.5)
 
     def __post_init__(self) -> None:
-        assign(self, "tilt", checked_range("gravity.tilt", self.tilt, low=0.0, high=math.pi, unit="rad"))
+        self._check(as_range, "tilt", low=0.0, high=math.pi, unit="rad")
 
 
 @dataclass(frozen=True)
-class PayloadConfig(Settings):
-    """What hangs from the tip: a dead force along gravity.
+class PayloadConfig(LoadSettings):
+    """The payload at the tip: a dead force along gravity.
 
     Args:
         magnitude: range of its uniform size [N].
@@ -42,9 +44,6 @@ class PayloadConfig(Settings):
     process: str = "constant"
     hold_steps: float = 15.0
     correlation_steps: float = 15.0
-
-    def __post_init__(self) -> None:
-        check_load(self)
 
 
 @dataclass(frozen=True)
@@ -70,9 +69,8 @@ class ArmRewardConfig(RewardConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        assign(self, "angle_scale_rad", checked_number("reward.angle_scale_rad", self.angle_scale_rad, low=1e-6))
-        tolerance = checked_number("reward.goal_tolerance_rad", self.goal_tolerance_rad, low=1e-9)
-        assign(self, "goal_tolerance_rad", tolerance)
+        self._check(as_number, "angle_scale_rad", low=1e-6)
+        self._check(as_number, "goal_tolerance_rad", low=1e-9)
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ class ArmRandomizationConfig(Randomization):
 
 @dataclass(frozen=True)
 class FlexibleArmConfig(TaskConfig):
-    """Everything that defines the arm's task: the fields of TrackingConfig with other defaults, and two more.
+    """Everything that defines the arm's task: the fields of every tracking task, see TaskConfig, and two more.
 
     Args:
         mechanism: preset name, mechanism file, or a HingeChain.
@@ -132,15 +130,8 @@ class FlexibleArmConfig(TaskConfig):
         "gravity": GravityConfig,
     }
     mechanism: str | HingeChain = "flexible_arm"
-    episode_steps: int = 50
-    action_scale_mm: float = 1.0
-    tension_range: Range = (0.5, 15.0)
-    start: str = "equal"
-    start_tension: float = 3.0
     start_tension_range: Range = (1.0, 5.0)
     command_scale_mm: float = 30.0
-    observe_tensions: bool = True
-    observe_load: bool = False
     load: PayloadConfig = field(default_factory=PayloadConfig)
     target: ArmTargetConfig = field(default_factory=ArmTargetConfig)
     reward: ArmRewardConfig = field(default_factory=ArmRewardConfig)

@@ -1,15 +1,17 @@
-"""The scalar environments of the arm."""
+"""The scalar environments of the arm's tracking task."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TaskConfig
-from rj_gym.tracking.env import GoalSteps, TrackingEnv
+from rj_gym.arm.episodes import ArmEpisodeBuffer
+from rj_gym.core.env import GoalTaskEnv, TaskEnv
+from rj_gym.core.episodes import EpisodeBuffer
+from rj_gym.core.settings import Settings
 
 
-class FlexibleArmEnv(TrackingEnv):
+class FlexibleArmEnv(TaskEnv):
     """Bring the tip of a hanging tendon-driven arm to a target, under unknown gravity and an unknown payload.
 
     An arm of n - 1 beads on elastic hinges, m tendons, length L (0.7 m, 32 beads and m = 8 for the default one, in two
@@ -18,8 +20,8 @@ class FlexibleArmEnv(TrackingEnv):
 
     ## Action space
     `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (1 mm); negative
-    pays out. Values beyond [-1, 1] are clipped. Motors hold at least 0.5 N and give way at 15 N (`tension_range`);
-    there the command follows the tendon, so commands do not wind up.
+    pays out. Values beyond [-1, 1] are clipped. Tensions stay between 0.5 N and 15 N (`tension_range`); at these
+    limits the command follows the tendon, so commands do not wind up.
 
     ## Observation space
     `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.arm_observation_entries` lists them.
@@ -76,10 +78,11 @@ class FlexibleArmEnv(TrackingEnv):
     * v0: first version.
     """  # noqa: E501
 
-    settings: ClassVar[type[TaskConfig]] = FlexibleArmConfig
+    settings: ClassVar[type[Settings]] = FlexibleArmConfig
+    buffer: ClassVar[type[EpisodeBuffer]] = ArmEpisodeBuffer
 
 
-class FlexibleArmGoalEnv(GoalSteps, FlexibleArmEnv):
+class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
     """The arm's task with goals, for hindsight relabelling: as FlexibleArmEnv but for what follows.
 
     ## Observation space

@@ -1,4 +1,4 @@
-"""The formulas of the arm's task, compiled: what it has of its own beside tracking/kernels.py.
+"""The formulas of the arm's task, compiled: what it has of its own beside core/kernels.py.
 
 A step is `prepare`, the solve, and `finish`; each works on lanes first to last - 1, and lanes do not see each other.
 """
@@ -6,11 +6,11 @@ A step is `prepare`, the solve, and `finish`; each works on lanes first to last 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rj_gym.tracking.kernels import (
+from rj_gym.core.kernels import (
     ERROR,
     FORCE,
     REFUSED,
@@ -24,8 +24,7 @@ from rj_gym.tracking.kernels import (
     reward_terms,
     settle_tendons,
 )
-from rollingjoint._numba.borrowed import borrow, carve
-from rollingjoint._numba.jit import kernel, part
+from rollingjoint.compiled import Floats, Integers, Singles, borrow, carve, kernel, part
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
@@ -52,47 +51,47 @@ class Rules(NamedTuple):
     observe_tensions: bool
     observe_target: bool  # and the errors
     observe_load: bool  # gravity and payload
-    neutral_lengths: np.ndarray  # (m,) mm
-    low: np.ndarray  # (entries,) of the observation, float32
-    high: np.ndarray  # (entries,)
+    neutral_lengths: Annotated[Floats, "m"]  # mm
+    low: Annotated[Singles, "entries"]  # of the observation
+    high: Annotated[Singles, "entries"]
 
 
 class Course(NamedTuple):
     """What is fixed when an episode begins; series have one entry where nothing changes over time."""
 
-    targets: np.ndarray  # (B, 1 or T + 1, 3 or 12) mm, and rotation matrices with `orientation`
-    forces: np.ndarray  # (B, 1 or T + 1, 3) N
-    stiffnesses: np.ndarray  # (B, m) N/mm
-    actuator_offsets: np.ndarray  # (B, m) mm
-    noise: np.ndarray  # (B, 0 or T + 1, 6) mm, rad
+    targets: Annotated[Floats, "B", "1 or T + 1 targets", "3 or 12"]  # mm, and rotation matrices with `orientation`
+    forces: Annotated[Floats, "B", "1 or T + 1 forces", 3]  # N
+    stiffnesses: Annotated[Floats, "B", "m"]  # N/mm
+    actuator_offsets: Annotated[Floats, "B", "m"]  # mm
+    noise: Annotated[Floats, "B", "0 or T + 1", 6]  # mm, rad
 
 
 class State(NamedTuple):
     """Where running episodes are."""
 
-    angles: np.ndarray  # (B, J) hinge angles of the last usable equilibrium, rad
-    poses: np.ndarray  # (B, n, 4, 4) its poses, mm
-    actions: np.ndarray  # (B, 2, m) the last action and the one before, within [-1, 1]
-    readings: np.ndarray  # (B, TENSIONS + 2 m + OWN) columns above
+    angles: Annotated[Floats, "B", "J"]  # hinge angles of the last usable equilibrium, rad
+    poses: Annotated[Floats, "B", "n", 4, 4]  # its poses, mm
+    actions: Annotated[Floats, "B", 2, "m"]  # the last action and the one before, within [-1, 1]
+    readings: Annotated[Floats, "B", "columns"]  # TENSIONS + 2 m + OWN, named above
 
 
 class Inputs(NamedTuple):
     """What goes into a step and into its solve."""
 
-    actions: np.ndarray  # (B, m) not yet clipped
-    starts: np.ndarray  # (B, J) hinge angles from which the solver starts, rad
-    commands: np.ndarray  # (B, m) tendon lengths, mm
-    loads: np.ndarray  # (B, rows, 20) weights, and in the last row the payload
+    actions: Annotated[Floats, "B", "m"]  # not yet clipped
+    starts: Annotated[Floats, "B", "J"]  # hinge angles from which the solver starts, rad
+    commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
+    loads: Annotated[Floats, "B", "rows", 20]  # weights, and in the last row the payload
 
 
 class Solved(NamedTuple):
     """The parts of the solver's results that the task reads."""
 
-    joint_angles: np.ndarray  # (B, J)
-    poses: np.ndarray  # (B, n, 4, 4)
-    tensions: np.ndarray  # (B, m)
-    lengths: np.ndarray  # (B, m)
-    status: np.ndarray  # (B,)
+    joint_angles: Annotated[Floats, "B", "J"]
+    poses: Annotated[Floats, "B", "n", 4, 4]
+    tensions: Annotated[Floats, "B", "m"]
+    lengths: Annotated[Floats, "B", "m"]
+    status: Annotated[Integers, "B"]
 
 
 @kernel(nogil=True)

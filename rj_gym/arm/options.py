@@ -1,27 +1,38 @@
-"""What `reset(options=...)` may hold fixed for an arm, checked before anything changes."""
+"""Options of `reset` that hold something of the arm's task fixed, checked before anything changes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.arm.sampling import NOTHING_FIXED, Fixed
-from rj_gym.tracking.options import check_keys, finite_floats, like_mechanism, start_option
+from rj_gym.core.options import TrackingOptions, checked_keys, finite_floats, shared_options, vector_series
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
-ARM_OPTIONS = ("target", "load", "gravity", "mechanism", "start")
+OPTIONS = ("target", "load", "gravity", "mechanism", "start")
 
 _ROTATION = 1e-6  # how far a target's rotation matrix may be from one
 
 
-def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig, nominal: HingeChain) -> Fixed:
+@dataclass(frozen=True)
+class ArmOptions(TrackingOptions):
+    """What the caller of reset holds fixed: see TrackingOptions, and the loads."""
+
+    gravity: Array | None = None
+    payloads: Array | None = None
+
+
+NOTHING_FIXED = ArmOptions()
+
+
+def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig, nominal: HingeChain) -> ArmOptions:
     """What the options hold fixed.
 
     Args:
@@ -36,28 +47,18 @@ def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig
     """
     if options is None:
         return NOTHING_FIXED
-    check_keys(options, ARM_OPTIONS)
+    checked_keys(options, OPTIONS)
     times = config.episode_steps + 1
-    fixed: dict[str, Any] = {}
-    if "target" in options:
-        fixed["targets"] = (_poses if config.orientation else _points)(options["target"], times)
+    fixed = shared_options(options, config, nominal)
+    if "target" in options and config.orientation:
+        fixed["targets"] = _poses(options["target"], times)
+    elif "target" in options:
+        fixed["targets"] = vector_series("options['target']", options["target"], "xyz", times, "mm")
     if "load" in options:
         fixed["payloads"] = _payloads(options["load"], times)
     if "gravity" in options:
         fixed["gravity"] = _direction(options["gravity"])
-    if "mechanism" in options:
-        fixed["mechanism"] = like_mechanism(options["mechanism"], nominal, config)
-    if "start" in options:
-        fixed["start_tensions"] = start_option(options["start"], config, nominal.n_tendons)
-    return Fixed(**fixed)
-
-
-def _points(value: object, times: int) -> Array:
-    """Positions over time, (T + 1, 3), or (1, 3): one for the whole episode."""
-    array = finite_floats("options['target']", value)
-    if array.shape not in ((3,), (times, 3)):
-        raise InvalidInput("options['target']", value, f"(x, y, z) or an array of shape ({times}, 3) over time [mm]")
-    return np.atleast_2d(array)
+    return ArmOptions(**fixed)
 
 
 def _poses(value: object, times: int) -> Array:

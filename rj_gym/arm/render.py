@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.arm.kernels import GRAVITY, OWN
-from rj_gym.canvas import (
+from rj_gym.rendering.canvas import (
     BACKGROUND,
     BASE,
     EDGE,
@@ -19,20 +18,15 @@ from rj_gym.canvas import (
     SIZE,
     SUPERSAMPLING,
     TARGET,
-    Canvas,
     Color,
-    Screen,
     blend,
     tension_color,
 )
-from rj_gym.tracking.kernels import FORCE, STEP, TENSIONS
-from rj_gym.tracking.task_lanes import over_time
+from rj_gym.rendering.tracking import TrackingCanvas, TrackingScene
 from rollingjoint.spatial.chain import HingeChain
 
 if TYPE_CHECKING:
     import pygame
-
-    from rj_gym.arm.lanes import ArmLanes
 
 Array = NDArray[np.float64]
 _Piece = tuple[float, list[tuple[Array, Color]]]  # depth, polygons in pixels
@@ -48,70 +42,25 @@ _BRIGHT: Color = (238, 242, 248)
 _TO_LIGHT = np.array([-0.45, 0.62, 0.64])  # right, up, towards the viewer
 
 
-@dataclass(frozen=True)
-class ArmScene:
-    """What a picture shows.
+@dataclass(frozen=True, kw_only=True)
+class ArmScene(TrackingScene):
+    """What a picture shows: see TrackingScene, with poses (n, 4, 4), and the fields below.
 
     Args:
-        mechanism: the arm.
-        poses: (n, 4, 4) [mm]. tensions: (m,) [N]. tension_range: what motors hold at least and at most [N].
-        targets: tip targets over the episode, (T + 1, 3) [mm].
         target_frame: where the tip's frame should be now, (3, 3), or None.
         gravity: its direction, (3,). payload: force on the tip, (3,) [N].
-        trail: tip positions so far, (K, 3) [mm].
-        step: steps taken.
     """
 
-    mechanism: HingeChain
-    poses: Array
-    tensions: Array
-    tension_range: tuple[float, float]
-    targets: Array
     target_frame: Array | None
     gravity: Array
     payload: Array
-    trail: Array
-    step: int
-
-    @property
-    def target(self) -> Array:
-        """Where the tip should be now, (3,) [mm]."""
-        return self.targets[self.step]
-
-    @property
-    def tip(self) -> Array:
-        """Where the tip is, (3,) [mm]."""
-        return self.poses[-1, :3, 3]
 
 
-def arm_scene(lanes: ArmLanes, trail: Array, lane: int) -> ArmScene:
-    """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
-    readings, config = lanes.state.readings[lane], lanes.task.config
-    m, step, gravity = lanes.task.mechanism.n_tendons, int(readings[STEP]), len(readings) - OWN + GRAVITY
-    targets = over_time(lanes.course.targets[lane], config.episode_steps + 1)
-    return ArmScene(
-        mechanism=lanes.mechanisms[lanes.designs[lane]],
-        poses=lanes.state.poses[lane],
-        tensions=readings[TENSIONS : TENSIONS + m],
-        tension_range=config.tension_range,
-        targets=targets[:, :3],
-        target_frame=targets[step, 3:].reshape(3, 3) if config.orientation else None,
-        gravity=readings[gravity : gravity + 3],
-        payload=readings[FORCE : FORCE + 3],
-        trail=trail,
-        step=step,
-    )
+class ArmCanvas(TrackingCanvas):
+    """The drawing of the arm's task; the view is fixed, so pictures of a run line up.
 
-
-class ArmRenderer(Screen[ArmScene]):
-    """Draws scenes of an arm; the view is fixed, so pictures of a run line up."""
-
-    def __init__(self, arm: HingeChain) -> None:
-        super().__init__(_ArmCanvas(arm))
-
-
-class _ArmCanvas(Canvas):
-    """The drawing of the arm's task. Points in space are seen from above the horizon, with z downwards."""
+    Points in space are seen from above the horizon, with z downwards.
+    """
 
     def __init__(self, arm: HingeChain) -> None:
         super().__init__(arm.length)
@@ -128,8 +77,7 @@ class _ArmCanvas(Canvas):
         """The scene at the picture's size."""
         self._surface.fill(BACKGROUND)
         self._floor(scene)
-        if np.any(scene.targets != scene.targets[0]):
-            self.line(self._seen(scene.targets), 0.6, blend(BACKGROUND, TARGET, 0.45))
+        self.path(scene.targets, self._seen)
         self._arm(scene)
         self._plate(scene.mechanism.beads[0].gap)
         if len(scene.trail) > 1:
@@ -137,7 +85,7 @@ class _ArmCanvas(Canvas):
         self._frames(scene)
         self._forces(scene)
         self.aim(self._seen(scene.tip), self._seen(scene.target))
-        self._caption(scene)
+        self._facts(scene)
         return self.finished()
 
     def _seen(self, points: ArrayLike) -> Array:
@@ -239,15 +187,10 @@ class _ArmCanvas(Canvas):
             end = scene.tip + scene.payload / size * (0.07 + 0.2 * size) * self._length
             self.arrow(self._seen(scene.tip), self._seen(end), LOAD)
 
-    def _caption(self, scene: ArmScene) -> None:
+    def _facts(self, scene: ArmScene) -> None:
         tilt = np.degrees(np.arccos(np.clip(scene.gravity[2], -1.0, 1.0)))
-        error = float(np.linalg.norm(scene.tip - scene.target))
-        self.text(f"step {scene.step} / {len(scene.targets) - 1}", (24, 22), 30, INK)
-        self.text(f"error {error:.1f} mm", (24, 54), 30, TARGET)
-        self.text(f"payload {np.linalg.norm(scene.payload):.2f} N", (24, 86), 30, LOAD)
-        self.text(f"gravity {tilt:.0f}° off", (24, 118), 30, _GRAVITY)
-        for j, tension in enumerate(scene.tensions):
-            self.tension_bar(j, float(tension), scene.tension_range, pitch=24, width=70)
+        payload = f"payload {np.linalg.norm(scene.payload):.2f} N", LOAD
+        self.facts(scene, payload, (f"gravity {tilt:.0f}° off", _GRAVITY), pitch=24, width=70)
 
 
 def _lit(cosine: float) -> Color:

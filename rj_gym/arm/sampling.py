@@ -9,75 +9,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.tracking.draws import (
+from rj_gym.arm.options import NOTHING_FIXED, ArmOptions
+from rj_gym.core.draws import (
+    Block,
+    TrackingDraws,
     Uniforms,
+    blocks_of,
     fading_walk,
-    held_draws,
     hold,
+    load_shapes,
+    loads_over_time,
     normal,
-    start_tensions,
+    of_lanes,
+    shared_draws,
     symmetric,
     target_shape,
-    target_tensions,
 )
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """What the caller of reset holds fixed, the same in every lane; None is drawn.
+@dataclass(frozen=True, kw_only=True)
+class ArmDraws(TrackingDraws):
+    """What was drawn for B episodes of the arm's task: see TrackingDraws, and the fields below.
 
-    Shapes as in Episodes without the lane axis. A fixed mechanism is not randomised.
-    """
-
-    mechanism: HingeChain | None = None
-    start_tensions: Array | None = None
-    targets: Array | None = None
-    gravity: Array | None = None
-    payloads: Array | None = None
-
-
-NOTHING_FIXED = Fixed()
-
-
-@dataclass(frozen=True)
-class Episodes:
-    """What was drawn for B episodes; T is the number of steps, time 0 the start.
-
-    A series has one entry where it does not change over time.
+    Targets are tip positions, with `orientation` followed by the rotation matrix row by row; noise is that of the tip:
+    position and rotation vector.
 
     Args:
-        mechanisms: the arms that occur: one, or one per lane.
-        designs: which of them each lane has, (B,).
-        targets: tip positions [mm], with `orientation` followed by the rotation matrix row by row, (B, 1 or T + 1, 3 or
-            12); or None: those of the equilibria without payload at target_tensions.
-        target_tensions: (B, 1 or T + 1, m) [N].
         gravity: direction of gravity in the base frame, unit vectors (B, 3).
-        payloads: what hangs from the tip, (B, 1 or T + 1) [N].
-        start_tensions: tensions before the payload acts, (B, m) [N].
-        stiffnesses: of the tendons, (B, m) [N/mm].
+        payloads: weight at the tip, (B, 1 or T + 1) [N].
         hinge_stiffnesses: (B, n - 1) [N·mm/rad]. weights: of the beads, (B, n - 1) [N].
-        actuator_offsets: what the motors add to every length command, (B, m) [mm].
-        noise: measurement error of the tip: position and rotation vector, (B, T + 1, 6) [mm, rad], or None.
     """
 
-    mechanisms: tuple[HingeChain, ...]
-    designs: NDArray[np.int64]
-    targets: Array | None
-    target_tensions: Array
     gravity: Array
     payloads: Array
-    start_tensions: Array
-    stiffnesses: Array
     hinge_stiffnesses: Array
     weights: Array
-    actuator_offsets: Array
-    noise: Array | None
-
-    def __len__(self) -> int:
-        return len(self.designs)
 
     @property
     def links(self) -> NDArray[np.int64]:
@@ -95,25 +64,18 @@ class Episodes:
         return np.concatenate([self.start_tensions, self.gravity], axis=1)
 
 
-def uniform_shapes(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str, tuple[int, ...]]:
-    """Shapes of the uniform numbers that one episode needs, in the order in which they are drawn."""
+def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str, Block]:
+    """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
     times, n_joints, m = config.episode_steps + 1, mechanism.n_joints, mechanism.n_tendons
-    shapes: dict[str, tuple[int, ...]] = {"target": target_shape(config, m), "gravity": (2,)}
-    if config.load.process == "ou":
-        shapes["walk"] = (times, 2)
-    else:
-        shapes["magnitude"] = (times if config.load.process == "step" else 1,)
-        if config.load.process == "step":
-            shapes["jump"] = (times,)
+    shapes = {"target": target_shape(config, m), "gravity": (2,)}
+    shapes |= load_shapes(config.load, times, ("magnitude",), walk=())
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "hinge": (n_joints,), "weight": (n_joints,)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, 6, 2)
-    return shapes
+    return blocks_of(shapes)
 
 
-def sample_episodes(
-    config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: Fixed = NOTHING_FIXED
-) -> Episodes:
+def sample_episodes(config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: ArmOptions) -> ArmDraws:
     """B episodes of the task, with what `fixed` holds in place of what was drawn.
 
     Args:
@@ -124,27 +86,21 @@ def sample_episodes(
     """
     randomization = config.randomization
     mechanisms, designs = _mechanisms(randomization, nominal, uniforms, fixed)
-    drawn = Episodes(
-        mechanisms,
-        designs,
-        None,
-        target_tensions(config, uniforms["target"]),
-        gravity_directions(config.gravity.tilt, uniforms["gravity"]),
-        payloads(config.load, uniforms),
-        start_tensions(config, uniforms["start"]),
-        _of_lanes([arm.stiffnesses for arm in mechanisms], designs),
-        _of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
-        _of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
-        symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
-        _sensor_noise(randomization, uniforms["noise"]) if randomization.sensor_noise else None,
+    noise = [randomization.position_noise_mm] * 3 + [randomization.angle_noise_rad] * 3
+    drawn = ArmDraws(
+        **shared_draws(config, mechanisms, designs, uniforms, noise),
+        gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
+        payloads=payloads(config.load, uniforms),
+        hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
+        weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
     )
-    return hold(drawn, fixed, ("targets", "payloads", "gravity", "start_tensions"))
+    return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
 
 
 def _mechanisms(
-    randomization: ArmRandomizationConfig, nominal: HingeChain, uniforms: Uniforms, fixed: Fixed
+    randomization: ArmRandomizationConfig, nominal: HingeChain, uniforms: Uniforms, fixed: ArmOptions
 ) -> tuple[tuple[HingeChain, ...], NDArray[np.int64]]:
-    """Mechanisms and designs of Episodes."""
+    """Mechanisms and designs of ArmDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:
         return (fixed.mechanism or nominal,), np.zeros(lanes, np.int64)
@@ -152,10 +108,6 @@ def _mechanisms(
     drawn = (uniforms[name] for name in ("hinge", "stiffness", "weight"))
     factors = [1 + symmetric(spread, numbers) for spread, numbers in zip(spreads, drawn, strict=True)]
     return tuple(nominal.scaled(*each) for each in zip(*factors, strict=True)), np.arange(lanes)
-
-
-def _of_lanes(values: list[Array] | list[list[float]], designs: NDArray[np.int64]) -> Array:
-    return np.array(values, float).take(designs, axis=0)
 
 
 def gravity_directions(tilt: tuple[float, float], uniforms: Array) -> Array:
@@ -167,16 +119,9 @@ def gravity_directions(tilt: tuple[float, float], uniforms: Array) -> Array:
 
 
 def payloads(config: PayloadConfig, uniforms: Uniforms) -> Array:
-    """What hangs from the tip, (B, 1 or T + 1) [N]."""
+    """Payloads at the tip, (B, 1 or T + 1) [N]."""
     low, high = config.magnitude
     if config.process == "ou":
         walk = fading_walk(normal(uniforms["walk"]), config.correlation_steps)
         return np.clip(0.5 * (low + high) + 0.25 * (high - low) * walk, low, high)
-    drawn = low + (high - low) * uniforms["magnitude"]
-    if config.process == "constant":
-        return drawn
-    return np.take_along_axis(drawn, held_draws(uniforms["jump"], config.hold_steps), axis=1)
-
-
-def _sensor_noise(config: ArmRandomizationConfig, uniforms: Array) -> Array:
-    return np.repeat([config.position_noise_mm, config.angle_noise_rad], 3) * normal(uniforms)
+    return loads_over_time(config, low + (high - low) * uniforms["magnitude"], uniforms)

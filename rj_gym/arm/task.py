@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,16 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.kernels import ANGLE, FX, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME, Rules
-from rj_gym.arm.lanes import ArmLanes
-from rj_gym.arm.observation import arm_observation_entries, payload_scale
-from rj_gym.arm.options import checked_options
-from rj_gym.arm.sampling import NOTHING_FIXED, Episodes, Fixed, sample_episodes, uniform_shapes
-from rj_gym.tracking import info
-from rj_gym.tracking.draws import Block, Uniforms, blocks_of
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.observation import Entry
-from rj_gym.tracking.task import Task
-from rj_gym.tracking.task_lanes import TaskLanes, over_time
+from rj_gym.arm.observation import arm_observation_entries
+from rj_gym.arm.options import NOTHING_FIXED, ArmOptions, checked_options
+from rj_gym.arm.sampling import ArmDraws, sample_episodes, uniform_blocks
+from rj_gym.core import info
+from rj_gym.core.draws import Block, Uniforms
+from rj_gym.core.generators import Random
+from rj_gym.core.observation import Entry, load_scale
+from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.spatial.chain import HingeChain
 
@@ -29,7 +27,7 @@ _PZ = SPATIAL_LOAD_COLUMNS.index("pz")
 _COLUMNS = [0, 3, 6, 1, 4, 7]  # of a rotation matrix, row by row: its first two columns
 
 
-class ArmTask(Task):
+class ArmTask(TrackingTask):
     """The arm's task."""
 
     dimension: ClassVar[int] = 3
@@ -42,29 +40,14 @@ class ArmTask(Task):
 
     def rules(self, goal: bool = False) -> Rules:
         """The numbers that all lanes share, as the kernels want them."""
-        config, reward = self.config, self.config.reward
-        low, high = self.observation_bounds(goal)
         return Rules(
-            action_scale=config.action_scale_mm,
-            length=self.length,
-            command_scale=config.command_scale_mm,
-            error_scale=reward.error_scale_mm,
-            angle_scale=reward.angle_scale_rad,
-            highest_tension=config.tension_range[1],
-            payload_scale=payload_scale(config),
-            effort=reward.effort,
-            smoothness=reward.smoothness,
-            failure_penalty=reward.failure_penalty,
-            orientation=config.orientation,
-            observe_tensions=config.observe_tensions,
-            observe_target=not goal,
-            observe_load=config.observe_load,
-            neutral_lengths=self.neutral_lengths,
-            low=low.astype(np.float32),
-            high=high.astype(np.float32),
+            angle_scale=self.config.reward.angle_scale_rad,
+            payload_scale=load_scale(self.config),
+            orientation=self.config.orientation,
+            **self._shared_rules(goal),
         )
 
-    def sample(self, rngs: Sequence[np.random.Generator] | Generators, fixed: Fixed | None = None) -> Episodes:
+    def sample(self, rngs: Random, fixed: ArmOptions | None = None) -> ArmDraws:
         """One episode per generator; each takes the same count of numbers from its own."""
         uniforms = Uniforms(self._blocks, rngs)
         return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
@@ -77,7 +60,7 @@ class ArmTask(Task):
         rows[:-1, FX : FX + 3] = np.array([bead.weight for bead in arm.beads])[:, None] * gravity
         return rows
 
-    def load_tables(self, episodes: Episodes, step: int) -> Array:
+    def load_tables(self, episodes: ArmDraws, step: int) -> Array:
         """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 20)."""
         nowhere = np.zeros(3)
         tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
@@ -85,23 +68,13 @@ class ArmTask(Task):
         tables[:, -1, FX : FX + 3] = episodes.forces[:, min(step, episodes.payloads.shape[1] - 1)]
         return tables
 
-    def base_load_tables(self, episodes: Episodes) -> Array:
+    def base_load_tables(self, episodes: ArmDraws) -> Array:
         """Loads of the unloaded states: weights alone, tables (E, n - 1, 20)."""
         return np.ascontiguousarray(self.load_tables(episodes, 0)[:, :-1])
 
-    def lanes(self, capacity: int, goal: bool) -> ArmLanes:
-        """Room for so many episodes side by side."""
-        return ArmLanes(self, capacity, goal)
-
-    def checked_options(self, options: Mapping[str, Any] | None) -> Fixed:
+    def checked_options(self, options: Mapping[str, Any] | None) -> ArmOptions:
         """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
         return checked_options(options, self.config, self.mechanism)
-
-    def renderer(self) -> Any:
-        """What draws the scenes of the lanes."""
-        from rj_gym.arm.render import ArmRenderer
-
-        return ArmRenderer(self.mechanism)
 
     def goal_bounds(self) -> Array:
         """Largest size of every entry of a goal: position and, with orientation, two columns of a rotation matrix."""
@@ -151,20 +124,6 @@ class ArmTask(Task):
         said["gravity"] = _own(readings)[GRAVITY : GRAVITY + 3]
         return said
 
-    def sampled_info(self, lanes: TaskLanes, episodes: Episodes) -> dict[str, Any]:
-        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
-        times, count = self.config.episode_steps + 1, len(episodes)
-        drawn = {
-            "payloads": over_time(episodes.payloads[..., None], times)[..., 0],
-            "gravity": episodes.gravity.copy(),
-            "hinge_stiffnesses": episodes.hinge_stiffnesses,
-            "weights": episodes.weights,
-        }
-        if self.config.orientation:
-            rotations = over_time(lanes.course.targets[:count, :, 3:], times)
-            drawn["target_rotations"] = rotations.reshape(count, times, 3, 3)
-        return super().sampled_info(lanes, episodes) | drawn
-
     def _own_info(self, readings: Array) -> dict[str, Any]:
         own = _own(readings)
         said = {"gravity": own[:, GRAVITY : GRAVITY + 3]}
@@ -177,7 +136,7 @@ class ArmTask(Task):
         return np.concatenate([places, np.clip(columns, -1.0, 1.0).astype(np.float32)], axis=-1)
 
     def _uniform_blocks(self) -> dict[str, Block]:
-        return blocks_of(uniform_shapes(self.config, self.mechanism))
+        return uniform_blocks(self.config, self.mechanism)
 
 
 def goal_angles(first: Array, second: Array) -> Array:

@@ -1,1 +1,13 @@
-"""The design task: change the curvatures of a mechanism until it bends as wanted. It needs torch."""
+"""The design task: change the contact surfaces of a chain until it bends as wanted. It needs torch.
+
+Modules:
+    config: its settings.
+    env: its scalar environment, with the decision process in its docstring.
+    episodes: its episode buffer.
+    observation: entries of its observation, and their values.
+    options: options of reset.
+    render: its drawing.
+    sampling: its random episodes.
+    task: the task: what designs are worth.
+    vector: its native vector environment.
+"""

@@ -1,15 +1,15 @@
-"""Frozen settings of the design environments: built from keywords, dictionaries or YAML, checked once."""
+"""Settings of the design task."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rj_gym.settings import Range, Settings, assign, check_choice, checked_count, checked_number, checked_range
-from rollingjoint.checks import as_floats, suggestion
+from rj_gym.core.settings import Range, Settings, check_keys
+from rollingjoint.checks import as_choice, as_floats, as_integer, as_number, as_range
 from rollingjoint.design import DesignSpace
 from rollingjoint.errors import ConfigError
 
@@ -29,6 +29,7 @@ class DesignRewardConfig(Settings):
         failure: subtracted where a valid design has no equilibrium in some case.
     """
 
+    _SECTION: ClassVar[str] = "reward."
     improvement: str = "log"
     offset_mm: float = 0.5
     error_scale_mm: float = 10.0
@@ -36,11 +37,9 @@ class DesignRewardConfig(Settings):
     failure: float = 1.0
 
     def __post_init__(self) -> None:
-        check_choice("reward.improvement", self.improvement, ("log", "linear"))
-        for name in ("offset_mm", "error_scale_mm"):
-            assign(self, name, checked_number(f"reward.{name}", getattr(self, name), low=1e-3))
-        for name in ("violation", "failure"):
-            assign(self, name, checked_number(f"reward.{name}", getattr(self, name)))
+        self._check(as_choice, "improvement", choices=("log", "linear"))
+        self._check(as_number, "offset_mm", "error_scale_mm", low=1e-3)
+        self._check(as_number, "violation", "failure", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -71,19 +70,16 @@ class DesignConfig(Settings):
 
     def __post_init__(self) -> None:
         if isinstance(self.space, Mapping):
-            assign(self, "space", changed_space(DesignSpace(symmetric=False), self.space))
+            self._set("space", changed_space(DesignSpace(symmetric=False), self.space))
         if not isinstance(self.space, DesignSpace):
             raise ConfigError("space", self.space, "a DesignSpace or a dictionary of its fields")
-        assign(self, "tensions", tension_rows("tensions", self.tensions))
-        assign(self, "force", checked_range("force", self.force, low=0.0, unit="N"))
-        check_choice("start", self.start, ("random", "reference"))
-        assign(self, "episode_steps", checked_count("episode_steps", self.episode_steps, low=1))
-        assign(self, "action_scale", checked_number("action_scale", self.action_scale, low=1e-6, high=2.0))
-        assign(self, "largest_error_mm", checked_number("largest_error_mm", self.largest_error_mm, low=1e-3))
-        if isinstance(self.reward, Mapping):
-            assign(self, "reward", DesignRewardConfig.from_dict(self.reward))
-        if not isinstance(self.reward, DesignRewardConfig):
-            raise ConfigError("reward", self.reward, "a dictionary or a DesignRewardConfig")
+        self._set("tensions", tension_rows("tensions", self.tensions))
+        self._check(as_range, "force", low=0.0, unit="N")
+        self._check(as_choice, "start", choices=("random", "reference"))
+        self._check(as_integer, "episode_steps", low=1)
+        self._check(as_number, "action_scale", low=1e-6, high=2.0)
+        self._check(as_number, "largest_error_mm", low=1e-3)
+        self._check_nested({"reward": DesignRewardConfig})
 
     def updated(self, values: Mapping[str, Any]) -> Self:
         """These settings with `values` on top; a nested dictionary changes only the keys that it names."""
@@ -99,10 +95,7 @@ class DesignConfig(Settings):
 
 def changed_space(space: DesignSpace, values: Mapping[str, Any]) -> DesignSpace:
     """The space with these fields changed; ConfigError for keys and values that it does not have."""
-    valid = [f.name for f in fields(space)]
-    for key in values:
-        if key not in valid:
-            raise ConfigError("space key", key, f"one of {', '.join(valid)}", suggestion(str(key), valid))
+    check_keys("space key", values, [f.name for f in fields(space)])
     return replace(space, **values)
 
 

@@ -1,29 +1,17 @@
-"""The scalar design environment: a Gymnasium shell around a single lane."""
+"""The scalar environment of the design task."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, SupportsFloat
+from typing import ClassVar
 
-import gymnasium
-import numpy as np
-from gymnasium import spaces
-from gymnasium.error import ResetNeeded
-from numpy.typing import ArrayLike, NDArray
-
+from rj_gym.core.env import TaskEnv
+from rj_gym.core.episodes import EpisodeBuffer
+from rj_gym.core.settings import Settings
 from rj_gym.design.config import DesignConfig
-from rj_gym.design.lanes import Lanes, sampled_info
-from rj_gym.design.observation import observation_space
-from rj_gym.design.options import checked_options
-from rj_gym.design.render import DesignRenderer, scene
-from rj_gym.design.task import design_task
-from rj_gym.tracking.info import every_lane
-from rollingjoint.errors import InvalidInput
-
-_ALONE = np.zeros(1, np.int64)
+from rj_gym.design.episodes import DesignEpisodeBuffer
 
 
-class CurvatureDesignEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+class CurvatureDesignEnv(TaskEnv):
     """Change the contact surfaces of a chain, step by step, until it bends into given shapes: inverse design.
 
     A design is a vector of d numbers in [-1, 1], a point of a `rollingjoint.design.DesignSpace`: by default the
@@ -88,84 +76,6 @@ class CurvatureDesignEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     * v0: first version.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 (Gymnasium's own form)
-
-    def __init__(
-        self,
-        render_mode: str | None = None,
-        config: DesignConfig | Mapping[str, Any] | None = None,
-        **overrides: Any,
-    ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InvalidInput("render_mode", render_mode, f"None or one of {self.metadata['render_modes']}")
-        self.task = design_task(config, overrides)
-        self.render_mode = render_mode
-        self.action_space = spaces.Box(-1.0, 1.0, (self.task.space.dimensions,), np.float32)
-        self.observation_space: spaces.Space[Any] = observation_space(self.config)
-        self._lanes = Lanes(self.task, 1)
-        self._begun = False
-        self._over = True
-        self._renderer: DesignRenderer | None = None
-
-    @property
-    def config(self) -> DesignConfig:
-        """The settings."""
-        return self.task.config
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """First observation and info of a new episode.
-
-        Args:
-            seed: of the environment's random numbers.
-            options: what to hold fixed; see rj_gym.design.options.checked_options.
-        Raises:
-            InvalidInput: options that cannot be used; the running episode goes on then.
-        """
-        fixed = checked_options(options, self.task)
-        super().reset(seed=seed)
-        episodes = self._lanes.begin(_ALONE, [self.np_random], fixed)
-        self._begun, self._over = True, False
-        if self.render_mode == "human":
-            self.render()
-        (info,) = every_lane(self._lanes.state_info() | {"sampled": sampled_info(episodes)}, [0])
-        return self._lanes.observe()[0], info
-
-    def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Observation, reward, terminated, truncated and info after one change of the design.
-
-        Raises:
-            InvalidInput: an action that is not (d,) finite numbers; nothing has changed then.
-            gymnasium.error.ResetNeeded: before the first reset, or after the end of an episode.
-        """
-        if self._over:
-            raise ResetNeeded("No episode is running: call reset() before step().")
-        lanes = self._lanes
-        lanes.advance(_ALONE, lanes.checked("action", action, (self.task.space.dimensions,))[None])
-        self._over = bool(lanes.steps[0] >= self.config.episode_steps)
-        if self.render_mode == "human":
-            self.render()
-        (info,) = every_lane(lanes.state_info() | {"reward_terms": lanes.reward_info()}, [0])
-        return lanes.observe()[0], float(lanes.rewards[0]), False, self._over, info
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """The picture (H, W, 3) in mode "rgb_array"; in mode "human" it goes to the window."""
-        if self.render_mode is None:
-            gymnasium.logger.warn('render() needs render_mode "human" or "rgb_array" in gymnasium.make.')
-            return None
-        if not self._begun:
-            raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
-        if self._renderer is None:
-            self._renderer = DesignRenderer(self.task.length)
-        if self.render_mode == "rgb_array":
-            return self._renderer.picture(scene(self._lanes))
-        self._renderer.show(scene(self._lanes), self.metadata["render_fps"])
-        return None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_renderer": None}
+    metadata = TaskEnv.metadata | {"render_fps": 4}
+    settings: ClassVar[type[Settings]] = DesignConfig
+    buffer: ClassVar[type[EpisodeBuffer]] = DesignEpisodeBuffer

@@ -1,19 +1,19 @@
-"""What the agent of the design task sees: the entries of the observation, their bounds, and their values."""
+"""Entries of the design task's observation, and their values."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
+from rj_gym.core.observation import POSITION_BOUND, Entry
 from rj_gym.design.config import DesignConfig
-from rj_gym.design.task import DesignTask, Episodes, Judged
-from rj_gym.tracking.observation import Entry
+from rj_gym.design.sampling import DesignDraws
 from rollingjoint.design import MARGINS
 
 Array = NDArray[np.float64]
 
-_POSITION_BOUND = 2.0
 _ERROR_UNIT = 10.0  # mm
 _DEVIATION_BOUND = 5.0
 
@@ -31,38 +31,25 @@ def design_observation_entries(config: DesignConfig) -> list[Entry]:
         *(Entry(f"case {case} error", unit, 0.0, worst) for case in cases),
         Entry("error", unit, 0.0, worst),
         *(Entry(f"{name} deviation", unit, -_DEVIATION_BOUND, _DEVIATION_BOUND) for name in places),
-        *(Entry(f"{name} target", "L", -_POSITION_BOUND, _POSITION_BOUND) for name in places),
+        *(Entry(f"{name} target", "L", -POSITION_BOUND, POSITION_BOUND) for name in places),
         *(Entry(name, f"{_force_unit(config):g} N", -1.0, 1.0) for name in loads),
         *(Entry(name, f"{np.max(config.tensions):g} N", 0.0, 1.0) for name in tendons),
     ]
 
 
-def observation_space(config: DesignConfig) -> spaces.Box:
-    """Space of one lane's observation."""
-    low, high = (np.array(bound, np.float32) for bound in zip(*_bounds(config), strict=True))
-    return spaces.Box(low, high, dtype=np.float32)
-
-
-def observe(task: DesignTask, designs: Array, episodes: Episodes, judged: Judged) -> NDArray[np.float32]:
-    """Fresh observations of B lanes, (B, entries)."""
-    config = task.config
+def observation_values(config: DesignConfig, length: float, read: Callable[[str], Array], draws: DesignDraws) -> Array:
+    """The values of the entries in B lanes, (B, entries); `read` gives a part of their readings by name."""
     parts = (
-        designs,
-        judged.margins,
-        judged.case_errors / _ERROR_UNIT,
-        judged.error[:, None] / _ERROR_UNIT,
-        (episodes.targets - judged.positions) / _ERROR_UNIT,
-        episodes.targets / task.length,
-        episodes.forces / _force_unit(config),
-        episodes.tensions / np.max(config.tensions),
+        read("design"),
+        read("margins"),
+        read("case_errors") / _ERROR_UNIT,
+        read("error") / _ERROR_UNIT,
+        (draws.targets - read("positions")) / _ERROR_UNIT,
+        draws.targets / length,
+        draws.forces / _force_unit(config),
+        draws.tensions / np.max(config.tensions),
     )
-    values = np.concatenate([part.reshape(len(designs), -1) for part in parts], axis=1)
-    low, high = np.array(_bounds(config)).T
-    return np.clip(values, low, high).astype(np.float32)
-
-
-def _bounds(config: DesignConfig) -> list[tuple[float, float]]:
-    return [(entry.low, entry.high) for entry in design_observation_entries(config)]
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
 
 def _force_unit(config: DesignConfig) -> float:

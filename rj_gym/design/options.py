@@ -1,16 +1,16 @@
-"""What `reset(options=...)` may hold fixed in the design task, checked before anything changes."""
+"""Options of `reset` that hold something of the design task fixed, checked before anything changes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.design.task import DesignTask, Fixed
+from rj_gym.core.options import checked_keys
+from rj_gym.design.config import DesignConfig
 from rollingjoint.checks import as_floats
-from rollingjoint.design import MARGINS
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -18,33 +18,32 @@ Array = NDArray[np.float64]
 OPTIONS = ("design", "target_design", "forces", "tensions")
 
 
-def checked_options(options: Mapping[str, Any] | None, task: DesignTask) -> Fixed:
-    """What the options hold fixed.
+class DesignOptions(NamedTuple):
+    """What the caller of reset holds fixed, the same in every lane; None is drawn. Shapes as in DesignDraws, no B."""
+
+    start_design: Array | None = None
+    target_design: Array | None = None
+    tensions: Array | None = None
+    forces: Array | None = None
+
+
+def checked_options(options: Mapping[str, Any] | None, config: DesignConfig) -> DesignOptions:
+    """What the options hold fixed; whether the target design is valid remains to be checked.
 
     Args:
         options: any of "design" (d,), to begin with, in [-1, 1], valid or not; "target_design" (d,), a valid one whose
             shapes are the targets; "forces" (K, 2) [N]; "tensions" (K, 2), above 0 [N].
-        task: the task.
+        config: the settings.
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.
     """
-    if options is None:
-        return Fixed()
-    if not isinstance(options, Mapping):
-        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(OPTIONS)}")
-    for key in options:
-        if key not in OPTIONS:
-            raise InvalidInput("reset options key", key, f"one of {', '.join(OPTIONS)}")
-    vector, pairs = (task.space.dimensions,), (task.config.cases, 2)
-    fixed = Fixed(
+    options, vector, pairs = checked_keys(options, OPTIONS), (config.space.dimensions,), (config.cases, 2)
+    return DesignOptions(
         _numbers(options, "design", vector, -1.0, 1.0),
         _numbers(options, "target_design", vector, -1.0, 1.0),
         _numbers(options, "tensions", pairs, np.nextafter(0.0, 1.0), 1e12),
         _numbers(options, "forces", pairs, -1e12, 1e12),
     )
-    if fixed.target_design is not None:
-        _check_valid(fixed.target_design, task)
-    return fixed
 
 
 def _numbers(options: Mapping[str, Any], key: str, shape: tuple[int, ...], low: float, high: float) -> Array | None:
@@ -56,11 +55,3 @@ def _numbers(options: Mapping[str, Any], key: str, shape: tuple[int, ...], low: 
     if numbers.shape != shape or not np.all((low <= numbers) & (numbers <= high)):
         raise InvalidInput(what, options[key], allowed)
     return numbers
-
-
-def _check_valid(design: Array, task: DesignTask) -> None:
-    margins = task.margins(design)
-    worst = int(margins.argmin())
-    if margins[worst] < 0:
-        what = f"margin {MARGINS[worst]!r} of options['target_design']"
-        raise InvalidInput(what, float(margins[worst]), "0 or more", "Take a valid design, see DesignSpace.margins.")

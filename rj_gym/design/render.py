@@ -1,4 +1,4 @@
-"""The drawing of the design task: what the present design does in every case, over what it should do."""
+"""The drawing of the design task: the shape of the present design in every case, over the shape it should have."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, Screen, blend
-from rj_gym.design.lanes import Lanes
+from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.planar.outline import link_outline, to_world
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ _CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80
 
 
 @dataclass(frozen=True)
-class Scene:
+class DesignScene:
     """What a picture shows.
 
     Args:
@@ -49,38 +47,10 @@ class Scene:
     steps: int
 
 
-def scene(lanes: Lanes, lane: int = 0) -> Scene:
-    """What a picture of one lane shows."""
-    task, episodes, judged = lanes.task, lanes.episodes, lanes.judged
-    valid = bool((judged.margins[lane] >= 0).all())
-    design = lanes.designs[lane] if valid else task.space.reference()
-    mechanism, poses = task.drawn(design, episodes.tensions[lane], episodes.forces[lane])
-    return Scene(
-        mechanism=mechanism,
-        poses=poses,
-        ok=judged.status[lane] <= Status.AT_LIMIT,
-        targets=episodes.targets[lane],
-        tensions=episodes.tensions[lane],
-        forces=episodes.forces[lane],
-        case_errors=judged.case_errors[lane],
-        error=float(judged.error[lane]),
-        valid=valid,
-        step=int(lanes.steps[lane]),
-        steps=task.config.episode_steps,
-    )
+class DesignCanvas(Canvas):
+    """The drawing of the design task; the view is fixed, so pictures of a run line up."""
 
-
-class DesignRenderer(Screen[Scene]):
-    """Draws scenes of mechanisms of about this length [mm]; the view is fixed, so pictures of a run line up."""
-
-    def __init__(self, length: float) -> None:
-        super().__init__(_DesignCanvas(length))
-
-
-class _DesignCanvas(Canvas):
-    """The drawing of the design task."""
-
-    def draw(self, scene: Scene) -> pygame.Surface:
+    def draw(self, scene: DesignScene) -> pygame.Surface:
         """The scene at the picture's size."""
         self.begin(scene.mechanism.links[0])
         for places in scene.targets:
@@ -118,10 +88,9 @@ class _DesignCanvas(Canvas):
             self.line([begin, end], 1.0, LOAD)
             self.disc(end, 1.4, LOAD)
 
-    def _caption(self, scene: Scene) -> None:
-        self.text(f"step {scene.step} / {scene.steps}", (24, 22), 30, INK)
+    def _caption(self, scene: DesignScene) -> None:
         text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
-        self.text(text, (24, 54), 30, TARGET)
+        self.captions((f"step {scene.step} / {scene.steps}", INK), (text, TARGET))
         for case, (left, right) in enumerate(scene.tensions):
             self.text(f"{left:.1f} N, {right:.1f} N", (500, 24 + 26 * case), 24, FAINT)
             self.text(f"{scene.case_errors[case]:.2f} mm", (620, 24 + 26 * case), 24, _color(case))

@@ -1,42 +1,38 @@
-"""The design task of one configuration: what designs are worth, and random episodes."""
+"""The design task: change the curvatures of a chain until it bends as wanted. It needs torch."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rj_gym.design.config import DesignConfig
+from rj_gym.core.draws import blocks_of
+from rj_gym.core.generators import Random
+from rj_gym.core.info import STATUS_NAMES
+from rj_gym.core.kernels import ERROR, STATUS
+from rj_gym.core.observation import Entry
+from rj_gym.core.task import Task
+from rj_gym.design.config import DesignConfig, DesignRewardConfig
+from rj_gym.design.observation import design_observation_entries
+from rj_gym.design.options import DesignOptions, checked_options
+from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_pairs
+from rollingjoint.design import MARGINS
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 
+TERMS = ("improvement", "violation", "failure")
+
 _DECIMALS = 6  # of positions [mm] and margins; differences between batches are about 1e-13
 _LANES = 2048  # designs × cases that are solved together
-_CANDIDATES = 6  # designs drawn at a time for a lane
-_MOST_ROUNDS = 20_000
 _MOST_TARGETS = 100
-
-
-class Episodes(NamedTuple):
-    """What was drawn for B episodes: arrays with the lane first.
-
-    Fields: the hidden design and the one to begin with, (B, d); tensions (B, K, 2) [N]; force on the tip in every case,
-    (B, K, 2) [N]; origins of the hidden design's moving links, (B, K, n - 1, 2) [mm].
-    """
-
-    target_design: Array
-    start_design: Array
-    tensions: Array
-    forces: Array
-    targets: Array
 
 
 class Judged(NamedTuple):
@@ -59,40 +55,80 @@ class Judged(NamedTuple):
         return np.maximum(-self.margins, 0.0).sum(-1)
 
 
-class Fixed(NamedTuple):
-    """What the caller of reset holds fixed, the same in every lane; None is drawn. Shapes as in Episodes, without B."""
-
-    start_design: Array | None = None
-    target_design: Array | None = None
-    tensions: Array | None = None
-    forces: Array | None = None
-
-
-class DesignTask:
+class DesignTask(Task):
     """The design task of one configuration; no method changes anything.
 
+    Attributes:
+        space: the designs. moving: number of moving links.
+        columns: where the parts of readings are; the first four are those of every task.
     Raises:
         InvalidInput: a space in which hardly any design is valid.
     """
+
+    last_status: ClassVar[int] = int(max(Status))  # a bad design does not end an episode
+    config: DesignConfig
 
     def __init__(self, config: DesignConfig) -> None:
         self.config, self.space = config, config.space
         self.moving = config.space.n_links - 1
         self.length = config.space.n_links * 0.5 * sum(config.space.height)
+        self.action_size = config.space.dimensions
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("step", "status", "error", "reward"), (1,))
+        shapes |= {"terms": (len(TERMS),), "case_errors": (config.cases,), "margins": (len(MARGINS),)}
+        shapes |= {"design": (self.action_size,), "positions": (config.cases, self.moving, 2), "cases": (config.cases,)}
+        self.columns = blocks_of(shapes)
         config.space.sample(1, np.random.default_rng(0))
 
-    def judge(self, designs: Array, episodes: Episodes) -> Judged:
+    def part(self, readings: Array, name: str) -> Array:
+        """A part of the readings (B, columns), (B, ...), not copied."""
+        start, stop, shape = self.columns[name]
+        return readings[:, start:stop].reshape(-1, *shape)
+
+    def entries(self, goal: bool = False) -> list[Entry]:
+        """The entries of the observation vector."""
+        return design_observation_entries(self.config)
+
+    def checked_options(self, options: Mapping[str, Any] | None) -> DesignOptions:
+        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        fixed = checked_options(options, self.config)
+        if fixed.target_design is not None:
+            margins = self.margins(fixed.target_design)
+            worst = int(margins.argmin())
+            if margins[worst] < 0:
+                what = f"margin {MARGINS[worst]!r} of options['target_design']"
+                hint = "Take a valid design, see DesignSpace.margins."
+                raise InvalidInput(what, float(margins[worst]), "0 or more", hint)
+        return fixed
+
+    def state_info(self, readings: Array) -> dict[str, Any]:
+        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        margins = self.part(readings, "margins")
+        return {
+            "error_mm": readings[:, ERROR],
+            "case_errors_mm": self.part(readings, "case_errors"),
+            "valid": (margins >= 0).all(-1),
+            "status": STATUS_NAMES[readings[:, STATUS].astype(np.intp)],
+            "margins": margins,
+            "design": self.part(readings, "design"),
+            "positions": self.part(readings, "positions"),
+        }
+
+    def reward_info(self, readings: Array) -> dict[str, Array]:
+        """The terms of the reward, (B,) each: parts of the readings."""
+        return dict(zip(TERMS, self.part(readings, "terms").T, strict=True))
+
+    def judge(self, designs: Array, draws: DesignDraws) -> Judged:
         """What designs (B, d) are worth in the cases of their episodes; rows do not depend on each other."""
         count, cap = len(designs), self.config.largest_error_mm
         margins = self.margins(designs)
         valid = (margins >= 0).all(-1)
-        positions = episodes.targets.copy()
+        positions = draws.targets.copy()
         status = np.full((count, self.config.cases), int(Status.INVALID_INPUT))
-        shapes = self.shapes(designs[valid], episodes.tensions[valid], episodes.forces[valid])
+        shapes = self.shapes(designs[valid], draws.tensions[valid], draws.forces[valid])
         status[valid] = shapes[1]
         ok = status <= Status.AT_LIMIT
         positions[valid] = np.where(ok[valid][..., None, None], shapes[0], positions[valid])
-        square = np.square(positions - episodes.targets).sum(-1).sum(-1) / self.moving
+        square = np.square(positions - draws.targets).sum(-1).sum(-1) / self.moving
         errors = np.where(ok, np.minimum(np.sqrt(square), cap), cap)
         whole = np.minimum(np.sqrt(square.sum(-1) / self.config.cases), cap)
         return Judged(margins, positions, status, errors, np.where(ok.all(-1), whole, cap))
@@ -123,22 +159,20 @@ class DesignTask:
         chain = self.space.chain(torch.as_tensor(design)[None])
         return chain.mechanism(), _solved(chain, tensions[None], forces[None]).poses[0].numpy()
 
-    def sample(self, rngs: Sequence[np.random.Generator], fixed: Fixed = Fixed()) -> Episodes:  # noqa: B008 - immutable
+    def sample(self, rngs: Random, fixed: DesignOptions | None = None) -> DesignDraws:
         """One episode per generator. An episode depends on its own generator alone, whatever the batch around it.
 
         Raises:
             InvalidInput: no equilibrium of the hidden design under the forces, however often they are drawn.
         """
-        config, count = self.config, len(rngs)
-        blank = np.zeros((count, self.space.dimensions))
-        forces = np.zeros((count, config.cases, 2))
-        tensions = np.array(config.tensions) if fixed.tensions is None else fixed.tensions
-        targets = np.zeros((count, config.cases, self.moving, 2))
-        drawn = Episodes(blank, blank.copy(), np.tile(tensions, (count, 1, 1)), forces, targets)
-        left = list(range(count))
+        fixed, drawn = fixed or DesignOptions(), blank_draws(self.config, len(rngs))
+        if fixed.tensions is not None:
+            drawn.tensions[:] = fixed.tensions
+        left = list(range(len(rngs)))
         for _ in range(_MOST_TARGETS):
-            drawn.forces[left] = self._forces([rngs[lane] for lane in left]) if fixed.forces is None else fixed.forces
-            pairs = self._valid_pairs([rngs[lane] for lane in left])
+            own: list[Any] = [rngs[lane] for lane in left]
+            drawn.forces[left] = tip_forces(self.config, own) if fixed.forces is None else fixed.forces
+            pairs = valid_pairs(self.margins, self.space.dimensions, own)
             drawn.target_design[left] = pairs[:, 0] if fixed.target_design is None else fixed.target_design
             drawn.start_design[left] = self._starts(pairs[:, 1], fixed)
             drawn.targets[left], status = self.shapes(
@@ -147,41 +181,24 @@ class DesignTask:
             left = [lane for lane, ends in zip(left, status, strict=True) if (ends > Status.AT_LIMIT).any()]
             if not left:
                 return drawn
-        mend = "Take smaller forces or larger tensions."
-        raise InvalidInput("targets", f"none in {_MOST_TARGETS} draws", "a design with equilibria in all cases", mend)
+        hint = "Take smaller forces or larger tensions."
+        raise InvalidInput("targets", f"none in {_MOST_TARGETS} draws", "a design with equilibria in all cases", hint)
 
-    def _starts(self, drawn: Array, fixed: Fixed) -> Array:
+    def _starts(self, drawn: Array, fixed: DesignOptions) -> Array:
         if fixed.start_design is not None:
             return fixed.start_design
         return self.space.reference() if self.config.start == "reference" else drawn
 
-    def _forces(self, rngs: Sequence[np.random.Generator]) -> Array:
-        """Forces of all cases, (len(rngs), K, 2) [N]."""
-        low, high = self.config.force
-        uniform = np.array([rng.random((self.config.cases, 2)) for rng in rngs])
-        size, angle = low + (high - low) * uniform[..., 0], 2.0 * np.pi * uniform[..., 1]
-        return size[..., None] * np.stack([np.cos(angle), np.sin(angle)], -1)
 
-    def _valid_pairs(self, rngs: Sequence[np.random.Generator]) -> Array:
-        """Two valid designs from every generator, uniform in the box by rejection, (len(rngs), 2, d)."""
-        found: list[list[Array]] = [[] for _ in rngs]
-        for _ in range(_MOST_ROUNDS):
-            left = [lane for lane, own in enumerate(found) if len(own) < 2]
-            if not left:
-                return np.array([own[:2] for own in found])
-            shape = _CANDIDATES, self.space.dimensions
-            drawn = np.array([rngs[lane].uniform(-1.0, 1.0, shape) for lane in left])
-            good = np.all(self.margins(drawn) >= 0, axis=-1)
-            for place, lane in enumerate(left):
-                found[lane] += list(drawn[place][good[place]])
-        raise InvalidInput("designs", "hardly any valid", "a space with valid designs", "Narrow its ranges.")
-
-
-def design_task(config: DesignConfig | Mapping[str, Any] | None, overrides: Mapping[str, Any]) -> DesignTask:
-    """The task of settings with overrides on top; raises ConfigError for settings that it does not have."""
-    if not isinstance(config, DesignConfig):
-        config = DesignConfig.from_dict(config or {})
-    return DesignTask(config.updated(overrides))
+def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> Array:
+    """TERMS of designs that had these errors (B,) [mm] a step before, (B, 3)."""
+    if reward.improvement == "log":
+        improvement = np.log((before + reward.offset_mm) / (judged.error + reward.offset_mm))
+    else:
+        improvement = (before - judged.error) / reward.error_scale_mm
+    violation = judged.violation
+    failed = (violation == 0) & (judged.status > Status.AT_LIMIT).any(-1)
+    return np.stack([improvement, -reward.violation * violation, -reward.failure * failed], -1) + 0.0
 
 
 def _solved(chain: DifferentiableChain, tensions: Array, forces: Array) -> Equilibria:

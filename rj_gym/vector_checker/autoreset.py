@@ -1,4 +1,4 @@
-"""What happens where an episode ends, in each autoreset mode."""
+"""Checks of what happens where an episode ends, in each autoreset mode."""
 
 from __future__ import annotations
 

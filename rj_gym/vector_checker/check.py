@@ -1,4 +1,4 @@
-"""The checks, in order, and the function that runs them."""
+"""The table of checks, in order, and the function that runs them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole episodes: their length, and the scalar environments they are made of."""
+"""Checks of whole episodes: their length, and equality with scalar environments."""
 
 from __future__ import annotations
 

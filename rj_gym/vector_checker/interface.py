@@ -1,4 +1,4 @@
-"""What the environment states about itself, and the form of what it returns."""
+"""Checks of the attributes, spaces and types that the environment states and returns."""
 
 from __future__ import annotations
 

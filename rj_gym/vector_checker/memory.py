@@ -1,4 +1,4 @@
-"""Who may write where: what was returned belongs to the caller, what was given too."""
+"""Checks of memory: returned arrays belong to the caller, arguments stay as they are."""
 
 from __future__ import annotations
 

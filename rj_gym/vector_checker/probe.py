@@ -1,4 +1,4 @@
-"""One autoreset mode of the environment under test: building it, playing it, and remembering one rollout."""
+"""The environment under test in one autoreset mode, and a rollout that checks share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checker found: one outcome per check and autoreset mode, and a table of them."""
+"""The report of the checker: one outcome per check and autoreset mode, and a table of them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Literal
 from gymnasium.vector import AutoresetMode
 
 from rollingjoint.errors import RollingJointError
+from rollingjoint.tables import text_table
 
 Result = Literal["passed", "failed", "skipped"]
 
@@ -71,20 +72,16 @@ class Report:
     def __str__(self) -> str:
         counts = f"{len(self.passed)} passed, {len(self.failed)} failed, {len(self.skipped)} skipped"
         notes = _notes(self.failed) + _notes(self.skipped)
-        return "\n".join([f"{self.env}: {counts}", *self._table(), *notes])
+        return "\n".join([f"{self.env}: {counts}", self._table(), *notes])
 
     def _with(self, result: Result) -> tuple[Outcome, ...]:
         return tuple(outcome for outcome in self.outcomes if outcome.result == result)
 
-    def _table(self) -> list[str]:
-        names = list(dict.fromkeys(outcome.check for outcome in self.outcomes))
-        width = max(map(len, names), default=0)
+    def _table(self) -> str:
+        names = dict.fromkeys(outcome.check for outcome in self.outcomes)
         results = {(outcome.check, outcome.mode): outcome.result for outcome in self.outcomes}
         rows = [[name, *(results.get((name, mode), "") for mode in self.modes)] for name in names]
-        header = ["check", *map(_mode_name, self.modes)]
-        return [
-            f"{name:{width}}  {'  '.join(f'{cell:8}' for cell in cells)}".rstrip() for name, *cells in [header, *rows]
-        ]
+        return text_table(["check", *map(_mode_name, self.modes)], rows, left=1 + len(self.modes))
 
 
 class VectorEnvError(RollingJointError, RuntimeError):

@@ -1,4 +1,4 @@
-"""Random numbers: what a seed decides, and what it leaves alone."""
+"""Checks of seeds and random numbers."""
 
 from __future__ import annotations
 

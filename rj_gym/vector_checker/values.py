@@ -1,4 +1,4 @@
-"""Nested observations and infos: comparing them, and finding faults in their form."""
+"""Comparison of nested observations and infos, and faults in their form."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Eight numbers side by side in compiled kernels: arithmetic on `Lanes` works like arithmetic on a float.
+"""Eight numbers side by side in compiled kernels: arithmetic on SIMD lanes works like arithmetic on a float.
 
-A kernel written for arrays of floats serves eight lanes when it is given arrays of Lanes (borrowed.py). Comparisons
+A kernel written for arrays of floats serves eight lanes when it is given arrays of them (borrowed.py). Comparisons
 give a mask; `where` chooses by it. No operation lets one lane see another, and every operation rounds as the one on
 floats does. LLVM maps eight doubles to the vector registers of the processor, whatever their width.
 """
@@ -17,21 +17,21 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
 WIDTH = 8  # lanes side by side
-COLUMNS = 8  # numbers in a row of a table
+COLUMNS = 8  # numbers in a row of a table, as many as lanes: `columns` transposes a square
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _ROW = ir.VectorType(ir.DoubleType(), COLUMNS)
 
 
-class _LanesType(types.Type):
+class _SimdType(types.Type):
     """One double per lane."""
 
     def __init__(self) -> None:
-        super().__init__(name="Lanes")
+        super().__init__(name="Simd")
 
 
-class _RowType(types.Type):
+class _TableRowType(types.Type):
     """Eight doubles, a row of a joint's table."""
 
     def __init__(self) -> None:
@@ -45,17 +45,17 @@ class _MaskType(types.Type):
         super().__init__(name="Mask")
 
 
-lanes_type, mask_type, row_type = _LanesType(), _MaskType(), _RowType()
+simd_type, mask_type, row_type = _SimdType(), _MaskType(), _TableRowType()
 
 
-@register_model(_LanesType)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, lanes: Any) -> None:
-        super().__init__(manager, lanes, _DOUBLES)
+@register_model(_SimdType)
+class _SimdModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _DOUBLES)
 
 
-@register_model(_RowType)
-class _RowModel(models.PrimitiveModel):
+@register_model(_TableRowType)
+class _TableRowModel(models.PrimitiveModel):
     def __init__(self, manager: Any, row: Any) -> None:
         super().__init__(manager, row, _ROW)
 
@@ -74,31 +74,31 @@ def _spread(builder: Any, value: Any, width: int = WIDTH) -> Any:
     return builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), order)
 
 
-def _as_lanes(context: Any, builder: Any, value: Any, kind: Any) -> Any:
-    if kind == lanes_type:
+def _as_simd(context: Any, builder: Any, value: Any, kind: Any) -> Any:
+    if kind == simd_type:
         return value
     return _spread(builder, context.cast(builder, value, kind, types.float64))
 
 
 def _is_number(kind: Any) -> bool:
-    return kind == lanes_type or isinstance(kind, types.Float | types.Integer)
+    return kind == simd_type or isinstance(kind, types.Float | types.Integer)
 
 
 def _binary(function: Any, instruction: str, result: Any, *extra: Any) -> None:
-    """Type and lower a function of two numbers, at least one of them Lanes."""
+    """Type and lower a function of two numbers, at least one of them SIMD."""
 
     @infer_global(function)
     class _Template(AbstractTemplate):  # type: ignore[misc]
         def generic(self, args: Any, keywords: Any) -> Any:
-            if len(args) == 2 and lanes_type in args and all(map(_is_number, args)):
+            if len(args) == 2 and simd_type in args and all(map(_is_number, args)):
                 return signature(result, *args)
             return None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        left, right = (_as_lanes(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
+        left, right = (_as_simd(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
         return getattr(builder, instruction)(*extra, left, right)
 
-    for kinds in ((lanes_type, lanes_type), (lanes_type, types.Number), (types.Number, lanes_type)):
+    for kinds in ((simd_type, simd_type), (simd_type, types.Number), (types.Number, simd_type)):
         lower_builtin(function, *kinds)(lower)
 
 
@@ -108,8 +108,8 @@ for _plain, _inplace, _instruction in (
     (operator.mul, operator.imul, "fmul"),
     (operator.truediv, operator.itruediv, "fdiv"),
 ):
-    _binary(_plain, _instruction, lanes_type)
-    _binary(_inplace, _instruction, lanes_type)
+    _binary(_plain, _instruction, simd_type)
+    _binary(_inplace, _instruction, simd_type)
 for _compare, _symbol in (
     (operator.lt, "<"),
     (operator.le, "<="),
@@ -153,22 +153,22 @@ def _intrinsic_call(name: str) -> Any:
     return lower
 
 
-_unary(operator.neg, lanes_type, lambda context, builder, sig, args: builder.fneg(args[0]))
+_unary(operator.neg, simd_type, lambda context, builder, sig, args: builder.fneg(args[0]))
 _unary(operator.invert, mask_type, lambda context, builder, sig, args: builder.not_(args[0]))
-_unary(math.sqrt, lanes_type, _intrinsic_call("sqrt"))
-_unary(abs, lanes_type, _intrinsic_call("fabs"))
+_unary(math.sqrt, simd_type, _intrinsic_call("sqrt"))
+_unary(abs, simd_type, _intrinsic_call("fabs"))
 
 
-@lower_cast(types.Float, lanes_type)
-def _float_to_lanes(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
+@lower_cast(types.Float, simd_type)
+def _float_to_simd(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
     return _spread(builder, context.cast(builder, value, source, types.float64))
 
 
 @intrinsic
 def where(typing_context, condition, yes, no):  # type: ignore[no-untyped-def]
-    """`yes` where the condition holds, else `no`; for masks and Lanes, or for a bool and floats."""
+    """`yes` where the condition holds, else `no`; for masks and SIMD lanes, or for a bool and floats."""
     wide = condition == mask_type
-    result = lanes_type if wide else types.float64
+    result = simd_type if wide else types.float64
     if wide and mask_type in (yes, no):
         result = mask_type
 
@@ -179,7 +179,7 @@ def where(typing_context, condition, yes, no):  # type: ignore[no-untyped-def]
                     value if kind == mask_type else _spread(builder, context.cast(builder, value, kind, types.boolean))
                 )
             if wide:
-                return _as_lanes(context, builder, value, kind)
+                return _as_simd(context, builder, value, kind)
             return context.cast(builder, value, kind, types.float64)
 
         test = args[0] if wide else context.cast(builder, args[0], sig.args[0], types.boolean)
@@ -216,27 +216,20 @@ def any_lane(typing_context, mask):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def columns(typing_context, rows):  # type: ignore[no-untyped-def]
-    """The eight columns of one row per lane, a tuple of eight Lanes."""
-    result = types.UniTuple(lanes_type, COLUMNS)
+    """The eight columns of one row per lane, a tuple of eight SIMD numbers."""
+    result = types.UniTuple(simd_type, COLUMNS)
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        data = builder.extract_value(args[0], 0)
-        squares = [_transposed_square(builder, data, start) for start in range(0, WIDTH, COLUMNS)]
-        while len(squares) > 1:
-            squares = [
-                [_joined(builder, a, b) for a, b in zip(*pair, strict=True)]
-                for pair in zip(squares[::2], squares[1::2], strict=True)
-            ]
-        return context.make_tuple(builder, result, squares[0])
+        return context.make_tuple(builder, result, _transposed(builder, builder.extract_value(args[0], 0)))
 
     return result(rows), lower
 
 
-def _transposed_square(builder: Any, data: Any, start: int) -> list[Any]:
+def _transposed(builder: Any, data: Any) -> list[Any]:
     """Eight rows in memory, transposed by exchanging halves of pairs of rows, then quarters, then eighths."""
     block = []
     for i in range(COLUMNS):
-        row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), start + i)]))
+        row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), i)]))
         row.align = 8
         block.append(row)
     span = 1
@@ -249,10 +242,6 @@ def _transposed_square(builder: Any, data: Any, start: int) -> list[Any]:
                 block[i], block[i + span] = (_shuffled(builder, a, b, order) for order in (low, high))
         span *= 2
     return block
-
-
-def _joined(builder: Any, a: Any, b: Any) -> Any:
-    return _shuffled(builder, a, b, list(range(2 * a.type.count)))
 
 
 def _shuffled(builder: Any, a: Any, b: Any, order: list[int]) -> Any:

@@ -86,13 +86,13 @@ def _body(mechanism: RollingChain, i: int, link: Link, making: Fabrication) -> B
 def _check_outline(i: int, body: Body) -> None:
     shapely = package("shapely")
     polygon = shapely.Polygon(body.outline)
-    mend = "Narrow the surface limits, or move the surfaces apart."
+    hint = "Narrow the surface limits, or move the surfaces apart."
     if not polygon.is_valid:
         found, allowed = shapely.is_valid_reason(polygon), "an outline that does not cross itself"
-        raise MechanismError(f"outline of link {i}", found, allowed, mend)
+        raise MechanismError(f"outline of link {i}", found, allowed, hint)
     if body.area <= 0:
         allowed = "a child surface that lies above the parent surface, and x that grows with s"
-        raise MechanismError(f"signed area of link {i}", round(body.area, 4), allowed, mend)
+        raise MechanismError(f"signed area of link {i}", round(body.area, 4), allowed, hint)
 
 
 def _check_spacing(i: int, channels: tuple[Channel, ...], wall: float) -> None:

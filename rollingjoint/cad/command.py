@@ -1,4 +1,4 @@
-"""What `rj export` takes beside a mechanism and its actuation, and its files."""
+"""The options of `rj export`, and the files that it writes."""
 
 from __future__ import annotations
 

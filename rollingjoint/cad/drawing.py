@@ -18,8 +18,8 @@ from rollingjoint.cad.tables import different_parts, draw_tables, millimetres, r
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.plotting.figure import check_figure_path
 from rollingjoint.plotting.parts import PALETTE
-from rollingjoint.plotting.planar import check_figure_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

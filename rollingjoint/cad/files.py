@@ -1,4 +1,4 @@
-"""Writing a mechanism into a folder of files for the workshop: all of them, or none."""
+"""The files of an export, written all together or not at all."""
 
 from __future__ import annotations
 
@@ -72,12 +72,12 @@ def _known(formats: Iterable[str]) -> list[str]:
 
 def _check_free(folder: Path, names: Iterable[str], overwrite: bool) -> None:
     if not folder.is_dir() and (folder.exists() or not folder.parent.is_dir()):
-        mend = "It is a file." if folder.exists() else f"Create {folder.parent} first."
-        raise InvalidInput("folder", str(folder), "a folder, or a new one in an existing folder", mend)
+        hint = "It is a file." if folder.exists() else f"Create {folder.parent} first."
+        raise InvalidInput("folder", str(folder), "a folder, or a new one in an existing folder", hint)
     taken = [name for name in names if (folder / name).exists()]
     if taken and not overwrite:
-        mend = "Choose another folder, or overwrite."
-        raise InvalidInput("file", str(folder / taken[0]), "a name that is free", mend)
+        hint = "Choose another folder, or overwrite."
+        raise InvalidInput("file", str(folder / taken[0]), "a name that is free", hint)
 
 
 def _writers(assembly: Assembly, formats: list[str]) -> Iterator[tuple[str, Callable[[Path], None]]]:

@@ -1,4 +1,4 @@
-"""Packages that only an export needs."""
+"""Imports of the optional packages that an export needs."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ def package(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        allowed, mend = "a package that is installed", 'Run: pip install "rollingjoint[cad]".'
-        raise InvalidInput("package for the export", name.partition(".")[0], allowed, mend) from None
+        allowed, hint = "a package that is installed", 'Run: pip install "rollingjoint[cad]".'
+        raise InvalidInput("package for the export", name.partition(".")[0], allowed, hint) from None

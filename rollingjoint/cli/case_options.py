@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.statics.families import Mechanism, Start
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.statics.batch import Start
+from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 _IDLE = (*(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits")
@@ -54,7 +55,7 @@ def actuated(args: argparse.Namespace) -> bool:
     return False
 
 
-def equilibrium(args: argparse.Namespace, mechanism: Mechanism) -> Any:
+def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
     """The Equilibrium or HingeEquilibrium that the options ask for."""
     loads, start = _loads(args, mechanism), _start(args, mechanism)
     if args.tensions is not None:
@@ -67,41 +68,41 @@ def equilibrium(args: argparse.Namespace, mechanism: Mechanism) -> Any:
     return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
 
 
-def _start(args: argparse.Namespace, mechanism: Mechanism) -> Start:
+def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
     if args.start is None:
         return None
     values = _counted("--start", args.start, mechanism.n_joints)
-    return mechanism.joint_angles(values) if isinstance(mechanism, RollingChain) else values
+    return family_of(mechanism).start_angles(mechanism, values)
 
 
-def _loads(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
-    arm = isinstance(mechanism, HingeChain)
+def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
+    family = family_of(mechanism)
     loads = [
         option.make(link, numbers)
         for option in OPTIONS
-        for link, numbers in _each(args, option, option.spatial if arm else option.numbers, mechanism.n_links)
+        for link, numbers in _each(
+            args, option, option.spatial if family.dimension == 3 else option.numbers, mechanism.n_links
+        )
     ]
-    return loads + _gravity(args, mechanism)
+    return loads + _gravity(args, mechanism, family)
 
 
-def _gravity(args: argparse.Namespace, mechanism: Mechanism) -> list[Load]:
-    weights, direction, n_links = args.gravity, args.gravity_direction, mechanism.n_links
+def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) -> list[Load]:
+    weights, n_links = args.gravity, mechanism.n_links
     if weights is None:
-        if direction:
-            raise InvalidInput("--gravity-direction", direction, "--gravity beside it")
+        if args.gravity_direction:
+            raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
         return []
-    if isinstance(mechanism, HingeChain):
+    down = [0.0] * (family.dimension - 1) + [-1.0]
+    direction: Any = tuple(_counted("--gravity-direction", args.gravity_direction or down, family.dimension))
+    if family.own_weight is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
-        return [mechanism.gravity(_direction(direction or [0.0, 0.0, -1.0], 3))]
+        return [family.own_weight(mechanism, direction)]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
-    return [Gravity(weights, _direction(direction or [0.0, -1.0], 2))]
-
-
-def _direction(numbers: list[float], count: int) -> Any:
-    return tuple(_counted("--gravity-direction", numbers, count))
+    return [Gravity(weights, direction)]
 
 
 def _each(

@@ -13,20 +13,19 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import NoReturn
 
-from rollingjoint._numba.jit import cache_directory
+import numpy as np
+
+from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.presets import PRESETS, five_link, small_arm
+from rollingjoint.presets import PRESETS
 from rollingjoint.solution import Solution
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
-from rollingjoint.statics.families import Mechanism
+from rollingjoint.statics.families import FAMILIES, family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
@@ -59,8 +58,8 @@ def _solve(args: argparse.Namespace) -> int:
     return OK if found.ok else NOT_USABLE
 
 
-def _friction(given: float | None, mechanism: Mechanism) -> float:
-    if given is not None and isinstance(mechanism, HingeChain):
+def _friction(given: float | None, mechanism: AnyMechanism) -> float:
+    if given is not None and not family_of(mechanism).slips:
         raise InvalidInput("--friction", given, "a planar chain", "Hinges do not slip.")
     friction = report.FRICTION if given is None else given
     if not 0 <= friction <= _LARGEST_FRICTION:
@@ -99,12 +98,11 @@ def _mechanisms(args: argparse.Namespace) -> int:
 
 def _warmup(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    chain, arm = five_link(), small_arm()
-    taut = solve_tensions(chain, [1.0, 1.0])
-    slack = solve_lengths(chain, chain.neutral_lengths + 10.0)  # the solver for all cases
-    bent = solve_lengths(arm, arm.neutral_lengths - (1.0, 0.0, 0.0, 0.0))
-    assert slack.arc_lengths.shape == (chain.n_joints,)
-    assert taut.stiffness.shape == (chain.n_joints,) * 2 and bent.stiffness.shape == (arm.n_joints,) * 2
+    for family in FAMILIES:
+        mechanism = next(iter(family.presets.values()))()
+        taut = solve_tensions(mechanism, np.ones(mechanism.n_tendons))
+        slack = solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the solver for all cases
+        assert report.as_dict(taut) and report.as_dict(slack)
     print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
     return OK
 
@@ -122,26 +120,15 @@ def _check(args: argparse.Namespace) -> int:
 
 def _check_picture(path: str | None) -> None:
     if path:
-        from rollingjoint.plotting.planar import check_figure_path
+        from rollingjoint.plotting.figure import check_figure_path
 
         check_figure_path(path)
 
 
-def _draw(what: Mechanism | Equilibrium | HingeEquilibrium, path: str) -> None:
-    from matplotlib.figure import Figure
+def _draw(what: AnyMechanism | Solution, path: str) -> None:
+    from rollingjoint.plotting.figure import figure_of, save_figure
 
-    from rollingjoint.plotting.planar import plot_mechanism, save_figure
-    from rollingjoint.plotting.spatial import plot_arm
-
-    figure = Figure(figsize=(6.4, 6.4))
-    if isinstance(what, HingeChain | HingeEquilibrium):
-        ax = plot_arm(what, figure.add_subplot(projection="3d"))
-        if isinstance(what, HingeEquilibrium) and what.loads[:, SPATIAL_LOAD_COLUMNS.index("fz")].sum() > 0:
-            ax.invert_zaxis()  # it hangs
-    else:
-        ax = plot_mechanism(what, figure.subplots())
-    ax.set_title(report.title(what))
-    save_figure(figure, path)
+    save_figure(figure_of(what), path)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,19 +1,20 @@
-"""Designing mechanisms: spaces of designs, what a design is judged by, problems that a search can solve.
+"""Designing mechanisms: design spaces, objectives, and problems that a search can solve.
 
 Needs torch, which nothing else in the project imports with it; docs/design.md shows it.
 
-    space.py       DesignSpace: vectors to mechanisms and back
-    ranges.py      its fields, checked
-    numbers.py     the numbers of designs, and how links share them
-    curve.py       matrices from knot values to curvature, turning and points
-    margins.py     validity as smooth margins
-    faults.py      validity by an independent check
-    inverse.py     a mechanism back to the numbers of a design
-    objectives.py  bending shapes, what the tip reaches, tendon travel
-    loads.py       stiffness, load capacity, peak tension
-    sweeps.py      sweeps of tensions that several objectives share
-    comparison.py  objectives of any mechanism; designs that no other one beats
-    problem.py     Problem: space, objectives and limits to an Evaluation
+Modules:
+    comparison: objectives of any mechanism; Pareto-optimal designs.
+    curve: matrices from knot values to curvature, turning and points.
+    faults: validity by an independent check.
+    inverse: a mechanism back to the numbers of a design.
+    loads: objectives under lateral forces: stiffness, load capacity, peak tension.
+    margins: validity as smooth margins.
+    numbers: the numbers of designs, and how links share them.
+    objectives: bending shapes, tip travel and rotation, tendon travel.
+    problem: a space, objectives and limits as a problem, and its evaluation.
+    ranges: the fields of a design space, checked.
+    space: vectors to mechanisms and back.
+    sweeps: sweeps of tensions that several objectives share.
 """
 
 from rollingjoint.design.comparison import measure, nondominated

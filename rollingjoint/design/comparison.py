@@ -1,4 +1,4 @@
-"""Comparing designs: objectives of any mechanism, and designs that no other one beats."""
+"""Comparing designs: objectives of any mechanism, and Pareto-optimal designs."""
 
 from __future__ import annotations
 

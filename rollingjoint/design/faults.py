@@ -1,4 +1,4 @@
-"""What is wrong with a mechanism as a thing to be made: a second opinion on the margins, by other means.
+"""Faults that keep a mechanism from being manufactured: an independent check of the margins.
 
 It reads the exact surfaces of a mechanism, finely sampled, and looks up nearest points in trees; no torch.
 """

@@ -1,4 +1,4 @@
-"""Mechanisms back to the numbers of a design: read off, then compared with the mechanism that these numbers make."""
+"""From a mechanism back to the numbers of its design, checked against the mechanism that these numbers make."""
 
 from __future__ import annotations
 

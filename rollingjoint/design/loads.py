@@ -1,4 +1,4 @@
-"""What a design is judged by when a lateral force acts on its tip.
+"""Objectives under a lateral force at the tip: stiffness, load capacity, peak tension.
 
 The force stands perpendicular to the axis of the tip link as it is without load, and keeps that direction (a dead
 load at the link's origin). Cases with a load start from the pose without it.
@@ -12,11 +12,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from rollingjoint.checks import as_integer
+from rollingjoint.checks import as_integer, as_number, as_positive
 from rollingjoint.design.objectives import (
     Measured,
     Rows,
-    checked_number,
     checked_tensions,
     constant,
     freeze,
@@ -54,7 +53,7 @@ class LateralStiffness:
 
     def __post_init__(self) -> None:
         freeze(self, tensions=checked_tensions("LateralStiffness tensions", self.tensions))
-        checked_number("LateralStiffness force", self.force, "a force above 0 [N]", above=0.0)
+        as_positive("LateralStiffness force", self.force, "a force above 0 [N]")
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The least stiffness of every design, (B,) [N/mm]."""
@@ -92,7 +91,7 @@ class PeakTension:
 
     def __post_init__(self) -> None:
         freeze(self, tensions=checked_tensions("PeakTension tensions", (self.tensions,))[0])
-        checked_number("PeakTension force", self.force, "a force of 0 or more [N]", least=0.0)
+        as_number("PeakTension force", self.force, 0.0, allowed="a force of 0 or more [N]")
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The largest tension of every design, (B,) [N]."""
@@ -142,9 +141,9 @@ class LoadCapacity:
     def __post_init__(self) -> None:
         freeze(self, tensions=checked_tensions("LoadCapacity tensions", (self.tensions,))[0])
         as_integer("LoadCapacity levels", self.levels, 1, allowed="a whole number, 1 or more")
-        checked_number("LoadCapacity force", self.force, "a force above 0 [N]", above=0.0)
-        checked_number("LoadCapacity friction", self.friction, "a coefficient above 0", above=0.0)
-        checked_number("LoadCapacity reserve", self.reserve, "a distance of 0 or more [mm]", least=0.0)
+        as_positive("LoadCapacity force", self.force, "a force above 0 [N]")
+        as_positive("LoadCapacity friction", self.friction, "a coefficient above 0")
+        as_number("LoadCapacity reserve", self.reserve, 0.0, allowed="a distance of 0 or more [mm]")
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The capacity of every design, (B,) [N]."""

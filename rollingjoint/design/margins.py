@@ -1,4 +1,4 @@
-"""When a design is valid, as smooth margins: five numbers that are 0 or more for a design that can be built.
+"""Validity of designs as smooth margins: five numbers that are 0 or more for a design that can be built.
 
 Each is a smooth minimum, from below, over dense samples of every joint or link. docs/design.md says what they mean.
 The samples are made as powers, -100 times what they say, so that a matrix product can make them with all constants.

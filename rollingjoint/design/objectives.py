@@ -1,4 +1,4 @@
-"""What a design is judged by: the shapes that it takes, and the workspace that its tendons give it.
+"""Objectives of a design: bending shapes, tip travel and rotation, tendon travel.
 
 Every objective solves its equilibria for all designs and cases in one call. Where one of them fails, `ok` is False and
 the value is finite, of no meaning and without a gradient. Objectives with lateral forces are in loads.py.
@@ -15,7 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
 
 class Objective(Protocol):
-    """What a design is judged by."""
+    """A number by which designs are judged."""
 
     @property
     def name(self) -> str:
@@ -122,12 +122,7 @@ class BendingShapes:
 class _Sweep:
     """A sweep of the two tendons' tensions at a constant sum, the logarithm of their ratio in equal steps.
 
-    Args:
-        tension: sum of the tensions [N].
-        ratio: largest ratio of the left to the right tension, and of the right to the left; above 1.
-        cases: number of tension pairs, both ends included, 2 or more.
-    Raises:
-        InvalidInput: numbers outside these ranges.
+    TipTravel explains its fields.
     """
 
     tension: float = 10.0
@@ -136,8 +131,8 @@ class _Sweep:
 
     def __post_init__(self) -> None:
         as_integer("cases", self.cases, 2, allowed="a whole number, 2 or more")
-        checked_number("tension", self.tension, "a sum of tensions above 0 [N]", above=0.0)
-        checked_number("ratio", self.ratio, "a ratio of tensions above 1", above=1.0)
+        as_positive("tension", self.tension, "a sum of tensions above 0 [N]")
+        as_number("ratio", self.ratio, np.nextafter(1.0, 2.0), allowed="a ratio of tensions above 1")
 
     @property
     def tensions(self) -> NDArray[np.float64]:
@@ -251,17 +246,6 @@ def checked_tensions(what: str, values: ArrayLike | Rows) -> NDArray[np.float64]
     if (rows < 0).any() or not (rows.sum(-1) > 0).all():
         raise InvalidInput(what, values, "tensions of 0 or more [N], in every row one above 0")
     return rows
-
-
-def checked_number(what: str, value: float, allowed: str, above: float = -np.inf, least: float = -np.inf) -> None:
-    """Nothing, for a finite number above one bound and not below another.
-
-    Raises:
-        InvalidInput: any other value.
-    """
-    number = as_floats(what, value, allowed)
-    if number.ndim or not np.isfinite(number) or not number > above or number < least:
-        raise InvalidInput(what, value, allowed)
 
 
 def _finite(what: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""A design problem: a space, objectives and limits; the one number that a search makes small, and its gradient."""
+"""A design problem: a space, objectives and limits; its cost, the number that a search minimises, and its gradient."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.margins import MARGINS
 from rollingjoint.design.objectives import Measured, Objective
@@ -46,10 +46,8 @@ class Term:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.weight < math.inf:
-            raise InvalidInput("weight", self.weight, "a weight of 0 or more")
-        if not 0 < self.scale < math.inf:
-            raise InvalidInput("scale", self.scale, "a scale above 0")
+        as_number("weight", self.weight, 0.0, allowed="a weight of 0 or more")
+        as_positive("scale", self.scale, "a scale above 0")
 
     @property
     def factor(self) -> float:
@@ -139,8 +137,7 @@ class Problem:
         object.__setattr__(self, "limits", tuple(self.limits))
         if not self.objectives and not self.limits:
             raise InvalidInput("objectives", self.objectives, "at least one Term")
-        if not 0 < self.penalty < math.inf:
-            raise InvalidInput("penalty", self.penalty, "a penalty above 0")
+        as_positive("penalty", self.penalty, "a penalty above 0")
 
     @property
     def dimensions(self) -> int:
@@ -163,7 +160,7 @@ class Problem:
             InvalidInput: no table of d columns, threads below 1.
         """
         rows = self._rows(x)
-        return _evaluation(rows, _chunked(self._judged_once, rows, threads))
+        return _evaluation(rows, _chunked(self._without_gradient, rows, threads))
 
     def with_gradient(self, x: ArrayLike, threads: int = 1) -> tuple[Evaluation, Array]:
         """What designs are worth, and the gradient of their cost, (B, d).
@@ -174,7 +171,7 @@ class Problem:
             InvalidInput: as for `evaluate`.
         """
         rows = self._rows(x)
-        judged = _chunked(self._differentiated, rows, threads)
+        judged = _chunked(self._with_gradient, rows, threads)
         gradient = np.concatenate([part.numpy() for _, part in judged])
         return _evaluation(rows, [found for found, _ in judged]), gradient
 
@@ -187,7 +184,7 @@ class Problem:
             InvalidInput: as for `evaluate`.
         """
         rows = self._rows(x)
-        judged = _chunked(self._linearised, rows, 1)
+        judged = _chunked(self._with_jacobian, rows, 1)
         return _evaluation(rows, [found for found, _ in judged]), np.concatenate([part for _, part in judged])
 
     def against(self, mechanism: RollingChain) -> Array:
@@ -200,31 +197,31 @@ class Problem:
             raise InvalidInput("shape of x", rows.shape, f"(B, {self.dimensions}), at least one row")
         return rows
 
-    def _judged_once(self, x: Tensor) -> _Judged:
+    def _without_gradient(self, x: Tensor) -> _EvaluationTensors:
         with torch.no_grad():
-            return self._judged(x)
+            return self._tensors(x)
 
-    def _differentiated(self, x: Tensor) -> tuple[_Judged, Tensor]:
+    def _with_gradient(self, x: Tensor) -> tuple[_EvaluationTensors, Tensor]:
         leaf = x.clone().requires_grad_()
         with torch.enable_grad():
-            judged = self._judged(leaf)
+            judged = self._tensors(leaf)
             (gradient,) = torch.autograd.grad(judged.cost.sum(), leaf)
         return judged.detached(), torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
-    def _linearised(self, x: Tensor) -> tuple[_Judged, Array]:
+    def _with_jacobian(self, x: Tensor) -> tuple[_EvaluationTensors, Array]:
         """Every row stands there once for each part, so that one pass back is enough."""
         bounds = [bound for limit in self.limits for bound in (limit.low, limit.high)]
         count = 1 + len(MARGINS) + sum(map(math.isfinite, bounds))
         leaf = x.repeat_interleave(count, 0).requires_grad_()
         with torch.enable_grad():
-            judged = self._judged(leaf)
+            judged = self._tensors(leaf)
             parts = torch.cat([judged.worth[:, None], judged.constraints], 1)
             own = parts.view(len(x), count, count).diagonal(dim1=1, dim2=2)
             (gradient,) = torch.autograd.grad(own.sum(), leaf)
         jacobian = torch.nan_to_num(gradient, nan=0.0).view(len(x), count, -1)
         return judged.detached()[::count], jacobian.numpy()
 
-    def _judged(self, x: Tensor) -> _Judged:
+    def _tensors(self, x: Tensor) -> _EvaluationTensors:
         """Rows of designs as tensors."""
         known = torch.isfinite(x).all(-1)
         vector = torch.where(known[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
@@ -245,11 +242,11 @@ class Problem:
         factors = torch.tensor([term.factor for term in self.objectives], dtype=torch.float64)
         worth = torch.where(ok, values @ factors, FAILED)
         cost = worth + self.penalty * (violation + violation.square())
-        return _Judged(values, limited, margins, violation, ok, cost, worth, constraints)
+        return _EvaluationTensors(values, limited, margins, violation, ok, cost, worth, constraints)
 
 
 @dataclass(frozen=True)
-class _Judged:
+class _EvaluationTensors:
     """Some rows of an evaluation, as tensors."""
 
     values: Tensor
@@ -261,13 +258,13 @@ class _Judged:
     worth: Tensor
     constraints: Tensor
 
-    def detached(self) -> _Judged:
+    def detached(self) -> _EvaluationTensors:
         """The rows as constants."""
-        return _Judged(*(getattr(self, field.name).detach() for field in fields(self)))
+        return _EvaluationTensors(*(getattr(self, field.name).detach() for field in fields(self)))
 
-    def __getitem__(self, rows: slice) -> _Judged:
+    def __getitem__(self, rows: slice) -> _EvaluationTensors:
         """Some of the rows."""
-        return _Judged(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return _EvaluationTensors(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
@@ -288,7 +285,7 @@ def _columns(measured: list[Measured], ok: Tensor) -> Tensor:
     return torch.where(ok[:, None], columns, torch.nan_to_num(columns.detach(), posinf=0.0, neginf=0.0))
 
 
-def _evaluation(x: Array, parts: list[_Judged]) -> Evaluation:
+def _evaluation(x: Array, parts: list[_EvaluationTensors]) -> Evaluation:
     """The rows of all chunks."""
-    names = [field.name for field in fields(_Judged)]
+    names = [field.name for field in fields(_EvaluationTensors)]
     return Evaluation(x, **{name: np.concatenate([getattr(part, name).numpy() for part in parts]) for name in names})

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
 
 _ALLOWED = {  # name: least, most, unit
@@ -36,13 +34,15 @@ def checked(given: dict[str, Any]) -> dict[str, Any]:
     if knots % 2 == 0:
         raise ConfigError("knots", knots, "an odd number of 3 or more", f"Take {knots + 1}: one knot lies at s = 0.")
     values["knots"] = knots
-    if given["curve"] not in ("linear", "cubic"):
-        raise ConfigError("curve", given["curve"], '"linear" or "cubic"')
+    as_choice("curve", given["curve"], ("linear", "cubic"), ConfigError)
     for name in ("symmetric", "alike"):
-        if not isinstance(given[name], bool):
-            raise ConfigError(name, given[name], "true or false")
-    for name in _ALLOWED:
-        values[name] = _number(name, given[name]) if name in _NUMBERS else _range(name, given[name])
+        as_boolean(name, given[name], ConfigError)
+    for name, (least, most, unit) in _ALLOWED.items():
+        if name in _NUMBERS:
+            allowed = f"a number from {least:g} to {most:g} {unit}"
+            values[name] = as_number(name, given[name], least, most, allowed=allowed, error=ConfigError)
+        else:
+            values[name] = as_range(name, given[name], least, most, unit=unit, error=ConfigError)
     if values["symmetric"] and values["angle"] != (0.0, 0.0):
         raise ConfigError(
             "angle", given["angle"], "(0, 0) for symmetric links", "Set symmetric to false, or angle to (0, 0)."
@@ -59,21 +59,3 @@ def checked(given: dict[str, Any]) -> dict[str, Any]:
     if all(low == high for low, high in ranges):
         raise ConfigError("ranges", ranges, "one or more with low < high", "A design space needs a dimension.")
     return values
-
-
-def _number(name: str, given: object) -> float:
-    least, most, unit = _ALLOWED[name]
-    allowed = f"a number from {least:g} to {most:g} {unit}"
-    number = as_floats(name, given, allowed, ConfigError)
-    if number.ndim or not least <= number <= most:
-        raise ConfigError(name, given, allowed)
-    return float(number)
-
-
-def _range(name: str, given: object) -> tuple[float, float]:
-    least, most, unit = _ALLOWED[name]
-    allowed = f"(low, high) with {least:g} <= low <= high <= {most:g} {unit}"
-    pair = as_floats(name, given, allowed, ConfigError)
-    if pair.shape != (2,) or not np.all((least <= pair) & (pair <= most)) or pair[0] > pair[1]:
-        raise ConfigError(name, given, allowed, "Equal numbers make a constant.")
-    return float(pair[0]), float(pair[1])

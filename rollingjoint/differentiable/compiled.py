@@ -9,10 +9,11 @@ from torch import Tensor
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import MechanismError
-from rollingjoint.planar.batch import Problem, TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Status, pack
-from rollingjoint.threads import run_lanes
+from rollingjoint.planar.family import PLANAR
+from rollingjoint.solution import Status
 
 
 def solve_compiled(
@@ -47,10 +48,7 @@ def solve_compiled(
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
-    results = new_results(len(begin), begin.shape[1], laws.command.shape[1])
-    problem = Problem(*designs_of(mechanisms, len(begin)), laws, table, begin, results)
-    run_lanes(lambda first, last: solve_range(problem, first, last), len(begin), begin.shape[1])
-    equilibrium = pack(mechanisms, table, results)
+    equilibrium = PLANAR.solve_batch(mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin)
     phi[lanes] = torch.as_tensor(equilibrium.joint_angles).to(phi)
     held[lanes] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
     status[lanes] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)

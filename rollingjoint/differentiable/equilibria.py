@@ -11,7 +11,7 @@ from torch import Tensor
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.statics import State
 from rollingjoint.differentiable.surface import as_pairs
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, filled_up, load_table, wrong_links
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
 

@@ -1,1 +1,6 @@
-"""Mechanisms as YAML files, equilibria as tables and JSON."""
+"""Mechanisms as YAML files, equilibria as tables and JSON.
+
+Modules:
+    mechanism_file: YAML <-> mechanism.
+    report: tables and JSON.
+"""

@@ -1,11 +1,11 @@
-"""Mechanism files: YAML <-> RollingChain or HingeChain, documented in docs/mechanism-files.md.
+"""Mechanism files: YAML <-> mechanism, documented in docs/mechanism-files.md.
 
-Nothing in a file is evaluated; every complaint names the file, the place in it and the mend.
+Nothing in a file is evaluated; every error names the file and the place in it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -14,51 +14,42 @@ import yaml
 from rollingjoint.checked_yaml import mapping, read_yaml
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.file import rolling_chain_from_dict, rolling_chain_to_dict
-from rollingjoint.presets import HINGE_CHAINS, PRESETS, ROLLING_CHAINS, preset
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.file import hinge_chain_from_dict, hinge_chain_to_dict
-from rollingjoint.statics.families import Mechanism
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.presets import PRESETS, preset
+from rollingjoint.statics.families import FAMILIES, family_of, family_of_kind
 
-_ROLLING_HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
-_HINGE_HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
-_KEYS = ("name", "model", "defaults", "links", "beads", "tendons", "springs")
-
-_KINDS: dict[type, tuple[str, Iterable[str]]] = {
-    RollingChain: ("a planar chain of rolling links", ROLLING_CHAINS),
-    HingeChain: ("an arm of beads", HINGE_CHAINS),
-}
-_Kind = TypeVar("_Kind", RollingChain, HingeChain)
+_M = TypeVar("_M", bound=AnyMechanism)
 
 
 @overload
-def load_mechanism(name_or_path: str | Path) -> Mechanism: ...
+def load_mechanism(name_or_path: str | Path) -> AnyMechanism: ...
 
 
 @overload
-def load_mechanism(name_or_path: str | Path, kind: type[_Kind]) -> _Kind: ...
+def load_mechanism(name_or_path: str | Path, kind: type[_M]) -> _M: ...
 
 
-def load_mechanism(name_or_path: str | Path, kind: type[Any] | None = None) -> Any:
+def load_mechanism(name_or_path: str | Path, kind: type[AnyMechanism] | None = None) -> AnyMechanism:
     """The mechanism of that preset name, or of the YAML file at that path.
 
     Args:
         name_or_path: what to load.
-        kind: RollingChain or HingeChain, where no other will do.
+        kind: class of the mechanism, such as RollingChain, where no other will do.
     Raises:
         ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, the other kind.
     """
     name = str(name_or_path)
     mechanism = preset(name) if name in PRESETS else _read(name)
     if kind is not None and not isinstance(mechanism, kind):
-        (wanted, presets), (found, _) = _KINDS[kind], _KINDS[type(mechanism)]
-        raise ConfigError("mechanism", name, f"{wanted}, not {found}", f"Such presets: {', '.join(presets)}.")
+        wanted, found = family_of_kind(kind), family_of(mechanism)
+        assert wanted is not None
+        hint = f"Such presets: {', '.join(wanted.presets)}."
+        raise ConfigError("mechanism", name, f"{wanted.title}, not {found.title}", hint)
     return mechanism
 
 
-def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> Mechanism:
-    """The mechanism that the content of a mechanism file describes: a HingeChain if it lists beads.
+def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> AnyMechanism:
+    """The mechanism that the content of a mechanism file describes: an arm if it lists beads.
 
     Args:
         content: what yaml.safe_load gives.
@@ -67,32 +58,30 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     Raises:
         ConfigError: a wrong key, type or number, or a mechanism that cannot be built.
     """
-    top = {} if content is None else content
-    if isinstance(top, Mapping):
-        if "beads" in top:
-            return hinge_chain_from_dict(top, source, name)
-        if "links" not in top:
-            mend = "Add the links of a planar chain or the beads of an arm."
-            raise ConfigError(source, list(mapping(source, top, _KEYS)), "the key 'links' or the key 'beads'", mend)
-    return rolling_chain_from_dict(top, source, name)
+    keys = tuple(dict.fromkeys(key for family in FAMILIES for key in family.file.KEYS))
+    given = content if isinstance(content, Mapping) else mapping(source, content, keys)
+    fitting = [family for family in FAMILIES if family.file.PARTS in given]
+    if not fitting:
+        allowed = " or ".join(f"the key {family.file.PARTS!r}" for family in FAMILIES)
+        hint = "Add the links of a planar chain or the beads of an arm."
+        raise ConfigError(source, list(mapping(source, given, keys)), allowed, hint)
+    return fitting[-1].file.from_dict(content, source, name)
 
 
-def mechanism_to_dict(mechanism: Mechanism) -> dict[str, Any]:
+def mechanism_to_dict(mechanism: AnyMechanism) -> dict[str, Any]:
     """Plain dicts, lists, numbers and text; mechanism_from_dict makes the same mechanism of them exactly."""
-    if isinstance(mechanism, HingeChain):
-        return hinge_chain_to_dict(mechanism)
-    return rolling_chain_to_dict(mechanism)
+    return family_of(mechanism).file.to_dict(mechanism)
 
 
-def dump_mechanism(mechanism: Mechanism) -> str:
+def dump_mechanism(mechanism: AnyMechanism) -> str:
     """YAML text of the mechanism; loading it gives the same mechanism exactly."""
-    header = _HINGE_HEADER if isinstance(mechanism, HingeChain) else _ROLLING_HEADER
+    header = family_of(mechanism).file.HEADER
     return header + yaml.safe_dump(mechanism_to_dict(mechanism), sort_keys=False, default_flow_style=None, width=110)
 
 
-def _read(name: str) -> Mechanism:
+def _read(name: str) -> AnyMechanism:
     path = Path(name)
     if not path.is_file():
-        mend = suggestion(name, tuple(PRESETS))
-        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", mend)
+        hint = suggestion(name, tuple(PRESETS))
+        raise ConfigError("mechanism", name, f"a preset ({', '.join(PRESETS)}) or the path of a YAML file", hint)
     return mechanism_from_dict(read_yaml(path), source=name, name=path.stem)

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 from rollingjoint.load import Load, load_table, standing
+from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.planar import joint_table
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
+
+if TYPE_CHECKING:
+    from rollingjoint.planar.equilibrium import Equilibrium  # noqa: F401  # what a solve returns
 
 Array = NDArray[np.float64]
 
@@ -36,8 +40,8 @@ class Link:
         return float(np.hypot(*np.subtract(self.child.start, self.parent.start)))
 
 
-@dataclass(frozen=True, eq=False)
-class RollingChain:
+@dataclass(frozen=True, eq=False, repr=False)
+class RollingChain(Mechanism["Equilibrium"]):
     """A chain of links, base first, pulled by tendons.
 
     Args:
@@ -57,19 +61,12 @@ class RollingChain:
     springs: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "links", _members("links", self.links, Link))
-        object.__setattr__(self, "tendons", _members("tendons", self.tendons, Tendon))
-        if len(self.links) < 2:
-            raise MechanismError("number of links", len(self.links), "2 or more, the fixed base included")
-        if not self.tendons:
-            raise MechanismError("number of tendons", 0, "1 or more")
-        for i, (proximal, distal) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+        object.__setattr__(self, "links", members("links", self.links, Link, 2, ", the fixed base included"))
+        object.__setattr__(self, "tendons", members("tendons", self.tendons, Tendon))
+        for i, (proximal, distal) in enumerate(itertools.pairwise(self.links)):
             joint_table.check_rolling(i, proximal.child, distal.parent)
         self._check_holes()
         object.__setattr__(self, "springs", self._checked_springs())
-
-    def __repr__(self) -> str:
-        return f"<RollingChain {self.name!r}: {self.n_links} links, {self.n_tendons} tendons, {self.length:g} mm>"
 
     @property
     def n_links(self) -> int:
@@ -77,14 +74,9 @@ class RollingChain:
         return len(self.links)
 
     @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return len(self.links) - 1
-
-    @property
-    def n_tendons(self) -> int:
-        """Number of tendons."""
-        return len(self.tendons)
+    def parts(self) -> str:
+        """How many links it has, in words."""
+        return f"{len(self.links)} links"
 
     @property
     def length(self) -> float:
@@ -92,30 +84,20 @@ class RollingChain:
         return sum(link.height for link in self.links)
 
     @cached_property
-    def stiffnesses(self) -> Array:
-        """Tendon stiffnesses, (m,) [N/mm]."""
-        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
-
-    @cached_property
     def joint_limits(self) -> Array:
         """Arc length range that both surfaces of a joint share, (n - 1, 2) [mm]."""
-        pairs = zip(self.links[:-1], self.links[1:], strict=True)
-        return _constant(np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs]))
+        pairs = itertools.pairwise(self.links)
+        return read_only(np.array([joint_table.common_range(below.child, above.parent) for below, above in pairs]))
 
     @cached_property
     def neutral_angles(self) -> Array:
         """Joint angles at s = 0, (n - 1,) [rad]."""
-        return _constant(self.joint_angles(np.zeros(self.n_joints)))
-
-    @cached_property
-    def neutral_lengths(self) -> Array:
-        """Tendon lengths at s = 0, (m,) [mm]."""
-        return _constant(self.tendon_lengths(self.neutral_angles))
+        return read_only(self.joint_angles(np.zeros(self.n_joints)))
 
     @cached_property
     def arrays(self) -> Chain:
         """Tables for the kernels, a stack of one design."""
-        pairs = zip(self.links[:-1], self.links[1:], strict=True)
+        pairs = itertools.pairwise(self.links)
         tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
         n_joints, n_tendons = self.n_joints, self.n_tendons
         joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKETS + 1), np.int64)
@@ -139,7 +121,7 @@ class RollingChain:
     def hole_points(self) -> tuple[Array, ...]:
         """For every tendon the holes of the links it passes, (links, 2 for parent and child, 2) in link frames [mm]."""
         return tuple(
-            _constant(
+            read_only(
                 np.array(
                     [
                         [_locate(parent, link.parent), _locate(child, link.child)]
@@ -150,9 +132,14 @@ class RollingChain:
             for tendon in self.tendons
         )
 
-    def replace(self, **changes: object) -> RollingChain:
-        """A copy with other links, tendons, name or springs, checked anew."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+    @staticmethod
+    def join(parts: Sequence[Chain]) -> Chain:
+        """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
+        rows = max(part.standing.shape[1] for part in parts)
+        parts = [part._replace(standing=_with_rows(part.standing, rows)) for part in parts]
+        before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
+        joined = Chain(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
+        return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
 
     def joint_angles(self, arc_lengths: ArrayLike) -> Array:
         """Joint angles phi at contact arc lengths, (..., n - 1) both [rad, mm].
@@ -160,7 +147,7 @@ class RollingChain:
         Raises:
             InvalidInput: wrong number of joints, or s beyond a joint's limits.
         """
-        s = self._per_joint("arc lengths", arc_lengths)
+        s = self.per_joint("arc lengths", arc_lengths)
         low, high = self.joint_limits.T
         if not np.all((s >= low - 1e-12) & (s <= high + 1e-12)):
             raise InvalidInput("arc lengths", s, f"values between {low} and {high} mm, the surface limits")
@@ -171,14 +158,14 @@ class RollingChain:
 
     def arc_lengths(self, joint_angles: ArrayLike) -> Array:
         """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
-        phi = self._per_joint("joint angles", joint_angles)
+        phi = self.per_joint("joint angles", joint_angles)
         return arc_lengths_of(self.arrays, np.zeros(phi.size, np.int64), phi.reshape(-1, self.n_joints)).reshape(
             phi.shape
         )
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
-        phi = self._per_joint("joint angles", joint_angles)
+        phi = self.per_joint("joint angles", joint_angles)
         poses, _ = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
         return poses.reshape(*phi.shape[:-1], self.n_links, 3)
 
@@ -187,7 +174,7 @@ class RollingChain:
 
         Source: rolling-contact paper, eq. 28.
         """
-        phi = self._per_joint("joint angles", joint_angles)
+        phi = self.per_joint("joint angles", joint_angles)
         _, lengths = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
         return lengths.reshape(*phi.shape[:-1], self.n_tendons)
 
@@ -201,13 +188,6 @@ class RollingChain:
             for h in self.hole_points
         ]
 
-    def _per_joint(self, what: str, values: ArrayLike) -> Array:
-        allowed = f"{self.n_joints} numbers in the last axis, one per joint"
-        array = as_floats(what, values, allowed)
-        if array.ndim == 0 or array.shape[-1] != self.n_joints:
-            raise InvalidInput(what, values, allowed)
-        return array
-
     def _checked_springs(self) -> tuple[Load, ...]:
         try:
             return standing(self.springs, self.n_links)
@@ -216,40 +196,22 @@ class RollingChain:
 
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""
-        for i, (below, above) in enumerate(zip(self.links[:-1], self.links[1:], strict=True)):
+        for i, (below, above) in enumerate(itertools.pairwise(self.links)):
             crossing = [j for j, holes in enumerate(self.hole_points) if len(holes) > i + 1]
             if crossing:
                 holes = np.array([self.hole_points[j][i : i + 2] for j in crossing])
                 joint_table.check_gaps(i, crossing, below.child, above.parent, holes[:, 0, 1], holes[:, 1, 0])
 
 
-def _members(what: str, values: object, kind: type) -> tuple[Any, ...]:
-    """The values as a tuple; MechanismError unless it is a list of that kind."""
-    allowed = f"a list of {kind.__name__} objects"
-    if not isinstance(values, Iterable):
-        raise MechanismError(what, values, allowed)
-    members = tuple(values)
-    for i, member in enumerate(members):
-        if not isinstance(member, kind):
-            raise MechanismError(f"{what}[{i}]", member, f"a {kind.__name__}")
-    return members
-
-
-def planar(mechanism: object, mend: str = "") -> RollingChain:
+def planar(mechanism: object, hint: str = "") -> RollingChain:
     """The mechanism, where only a planar chain will do.
 
     Raises:
-        InvalidInput: anything else, such as an arm of beads; `mend` says what to do with that.
+        InvalidInput: anything else, such as an arm of beads; `hint` says what to do with that.
     """
     if not isinstance(mechanism, RollingChain):
-        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", mend)
+        raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", hint)
     return mechanism
-
-
-def _constant(array: Array) -> Array:
-    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
-    array.setflags(write=False)
-    return array
 
 
 def _locate(hole: Hole, surface: Surface) -> Array:
@@ -268,3 +230,8 @@ def _locate(hole: Hole, surface: Surface) -> Array:
 def _on_curve(profile: Profile, s: float) -> Array:
     """The point of the profile's curve, (2,) [mm]; kept, since mechanisms of one kind share their profiles."""
     return profile.curve(s)
+
+
+def _with_rows(tables: Array, count: int) -> Array:
+    """Load tables (D, rows, columns) with rows of zeros, which do nothing, up to a count."""
+    return np.pad(tables, ((0, 0), (0, count - tables.shape[1]), (0, 0)))

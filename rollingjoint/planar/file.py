@@ -23,7 +23,9 @@ from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
 from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
-_KEYS = ("name", "defaults", "links", "tendons", "springs")
+HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
+PARTS = "links"
+KEYS = ("name", "defaults", PARTS, "tendons", "springs")
 _SURFACE_KEYS = ("curvature", "start", "angle", "limits")
 _TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
 _TABLES = {
@@ -35,9 +37,9 @@ _TABLES = {
 _CURVATURES = ("constant", "polynomial", *_TABLES)
 
 
-def rolling_chain_from_dict(content: object, source: str, name: str) -> RollingChain:
+def from_dict(content: object, source: str, name: str) -> RollingChain:
     """The chain that the content of a mechanism file describes; raises ConfigError."""
-    top = mapping(source, content, _KEYS, required=("links", "tendons"))
+    top = mapping(source, content, KEYS, required=("links", "tendons"))
     defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("parent", "child", "tendon"))
     links = [_link(place, item, defaults, source) for place, item in numbered(f"{source}: links", top["links"])]
     tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
@@ -48,7 +50,7 @@ def rolling_chain_from_dict(content: object, source: str, name: str) -> RollingC
         return RollingChain(links, tendons, text(f"{source}: name", top.get("name", name)), springs)
 
 
-def rolling_chain_to_dict(chain: RollingChain) -> dict[str, Any]:
+def to_dict(chain: RollingChain) -> dict[str, Any]:
     """The content that makes the same chain exactly."""
     links = [{side: _surface_dict(getattr(link, side)) for side in ("parent", "child")} for link in chain.links]
     tendons, springs = [_tendon_dict(t) for t in chain.tendons], [_spring_dict(each) for each in chain.springs]
@@ -82,8 +84,8 @@ def _profile(where: str, surface: Mapping[str, Any], own_limits: bool) -> Profil
     if kind not in _TABLES:
         return _smooth_profile(where, kind, value, surface)
     if own_limits:
-        mend = f"Leave it out: the first and last of {kind}.{_TABLES[kind][0]} are the limits."
-        raise ConfigError(f"{where}.limits", surface["limits"], f"no limits beside {kind}", mend)
+        hint = f"Leave it out: the first and last of {kind}.{_TABLES[kind][0]} are the limits."
+        raise ConfigError(f"{where}.limits", surface["limits"], f"no limits beside {kind}", hint)
     columns = mapping(f"{place}.{kind}", value, _TABLES[kind], required=_TABLES[kind])
     abscissa, ordinate = (number_table(f"{place}.{kind}.{key}", columns[key]) for key in _TABLES[kind])
     return getattr(Profile, kind)(abscissa, ordinate)

@@ -1,4 +1,4 @@
-"""A joint's geometry over its angle: validity, and the polynomial table that kernels evaluate.
+"""The geometry of a joint over its angle: validity checks, and the polynomial table that kernels evaluate.
 
 Cells are aligned with the curvature breakpoints of both surfaces and halved until polynomials of degree 9 in each cell
 reproduce the exact surfaces to 2e-12 mm.

@@ -1,4 +1,4 @@
-"""Shapes that any drawing of a mechanism needs; no drawing library is imported."""
+"""Outlines of links and surfaces for any drawing; no drawing library is imported."""
 
 from __future__ import annotations
 

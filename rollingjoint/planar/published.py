@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
+from rollingjoint.checks import as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
 from rollingjoint.planar.chain import RollingChain, planar
-from rollingjoint.planar.published_equations import Problem, State
+from rollingjoint.planar.published_equations import Configuration, PublishedChain
 
 if TYPE_CHECKING:
     from rollingjoint.planar.equilibrium import Equilibrium
@@ -74,7 +74,7 @@ def solve_tensions_published(
     tau, valid = _finite_inputs("tensions", tensions, planar(mechanism).n_tendons)
     s, f = _starting_values(mechanism, tau, start)
     with np.errstate(all="ignore"):
-        state = State(Problem(mechanism, loads), s, f, tau)
+        state = Configuration(PublishedChain(mechanism, loads), s, f, tau)
         iterations = 0
         while not state.balanced(tolerance) and iterations < max_iterations:
             next_state = _moved(state, _correction(state), np.zeros_like(tau))
@@ -107,7 +107,7 @@ def solve_lengths_published(
     tau, tensions_valid = _finite_inputs("tensions", np.ones(m) if tensions is None else tensions, m)
     s, f = _starting_values(mechanism, tau, start)
     with np.errstate(all="ignore"):
-        state = State(Problem(mechanism, loads), s, f, tau)
+        state = Configuration(PublishedChain(mechanism, loads), s, f, tau)
         iterations = 0
         gradient, change, delta_tau = _descent(state, desired, step)
         while not (done := state.balanced(tolerance) and gradient <= gradient_tolerance):
@@ -119,7 +119,7 @@ def solve_lengths_published(
         return _solution(state, iterations, gradient, done and lengths_valid and tensions_valid)
 
 
-def solve_recursion(state: State, right_hand_sides: Array) -> Array:
+def solve_recursion(state: Configuration, right_hand_sides: Array) -> Array:
     """Changes delta x_i (n, 6, k) of (21) for right-hand sides epsilon_i (n, 6, k); raises LinAlgError."""
     n, k = right_hand_sides.shape[0], right_hand_sides.shape[2]
     product, constant = np.eye(6), np.zeros((6, k))
@@ -133,14 +133,14 @@ def solve_recursion(state: State, right_hand_sides: Array) -> Array:
     return x
 
 
-def newton_step(state: State) -> Array:
+def newton_step(state: Configuration) -> Array:
     """Changes (n-1, 3) of (s_i, f_i) that cancel the residuals to first order (steps 2 and 3 of both algorithms)."""
     epsilon = np.zeros((state.problem.n, 6, 1))
     epsilon[:, 3:, 0] = -state.h
     return solve_recursion(state, epsilon)[:-1, 3:, 0]
 
 
-def length_jacobian(state: State) -> tuple[Array, Array]:
+def length_jacobian(state: Configuration) -> tuple[Array, Array]:
     """J (m, m) of (35) and the rows (n-1, 3, m) of H_i (34) for (s_i, f_i), by one impulse a tendon."""
     epsilon = np.zeros((state.problem.n, 6, len(state.tau)))
     epsilon[:, 3:] = -state.F  # (32)
@@ -148,7 +148,7 @@ def length_jacobian(state: State) -> tuple[Array, Array]:
     return state.dgaps @ H[:, 0], H
 
 
-def _descent(state: State, desired: Array, step: float | None) -> tuple[float, Array | None, Array]:
+def _descent(state: Configuration, desired: Array, step: float | None) -> tuple[float, Array | None, Array]:
     """Largest entry of g (36), and the changes of (s_i, f_i) and of the tensions in steps 3 to 6 of sec. V-C.
 
     The same blocks serve the correction of (10) and the impulse tests, as the frames change only in step 2. The
@@ -164,14 +164,14 @@ def _descent(state: State, desired: Array, step: float | None) -> tuple[float, A
         return _LARGEST, None, np.zeros_like(desired)
 
 
-def _correction(state: State) -> Array | None:
+def _correction(state: Configuration) -> Array | None:
     try:
         return newton_step(state)
     except np.linalg.LinAlgError:
         return None
 
 
-def _moved(state: State, change: Array | None, delta_tau: Array) -> State | None:
+def _moved(state: Configuration, change: Array | None, delta_tau: Array) -> Configuration | None:
     """The state after a change (n-1, 3) of (s_i, f_i), or None where it is not finite or leaves a surface."""
     if change is None:
         return None
@@ -179,11 +179,11 @@ def _moved(state: State, change: Array | None, delta_tau: Array) -> State | None
     low, high = state.problem.limits.T
     if not (np.all((s >= low) & (s <= high)) and np.all(np.isfinite(f)) and np.all(np.isfinite(tau))):
         return None
-    moved = State(state.problem, s, f, tau)
+    moved = Configuration(state.problem, s, f, tau)
     return moved if np.isfinite(moved.residual) else None
 
 
-def _solution(state: State, iterations: int, gradient: float, converged: bool) -> PublishedSolution:
+def _solution(state: Configuration, iterations: int, gradient: float, converged: bool) -> PublishedSolution:
     poses = np.array([(T[0, 2], T[1, 2], 0.0) for T in state.T])
     poses[1:, 2] = np.cumsum(state.angles)
     residual, gradient = np.nan_to_num([state.residual, gradient], nan=_LARGEST).tolist()
@@ -194,9 +194,7 @@ def _solution(state: State, iterations: int, gradient: float, converged: bool) -
 
 def _finite_inputs(name: str, values: ArrayLike, m: int) -> tuple[Array, bool]:
     """The values as floats with 0 in place of what is not finite, and whether all were finite."""
-    array = as_floats(name, values, f"{m} numbers, one per tendon")
-    if array.shape != (m,):
-        raise InvalidInput(name, values, f"{m} numbers, one per tendon")
+    array = as_vector(name, values, m, "one per tendon")
     finite = np.isfinite(array)
     return np.where(finite, array, 0.0), bool(finite.all())
 

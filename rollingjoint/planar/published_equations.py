@@ -25,7 +25,7 @@ _POINT, _FORCE, _BODY, _ANCHOR = pair_columns("p", "f", "b", "a")
 _KNOWN = np.r_[_LINK, _POINT, _FORCE, _BODY, _MOMENT, _SPRING, _ANCHOR]  # columns of a load table
 
 
-class Problem:
+class PublishedChain:
     """Surfaces, tendon holes and load rows of a mechanism, by link: what does not change during an iteration."""
 
     def __init__(self, mechanism: RollingChain, loads: Sequence[Load]):
@@ -45,10 +45,10 @@ class Problem:
         return [j for j, holes in enumerate(self.p) if len(holes) - 1 > i]
 
 
-class State:
+class Configuration:
     """Everything the recursion needs at given s (n-1,), f (n-1, 2) and tensions: residuals and blocks by link."""
 
-    def __init__(self, problem: Problem, s: Array, f: Array, tau: Array):
+    def __init__(self, problem: PublishedChain, s: Array, f: Array, tau: Array):
         self.problem, self.s, self.f, self.tau = problem, s, f, tau
         n, m, links = problem.n, len(tau), problem.links
         self.T_c = [_surface_frame(links[i].child, s[i]) for i in range(n - 1)]

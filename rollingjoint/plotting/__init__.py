@@ -1,7 +1,15 @@
-"""Pictures of mechanisms and equilibria with matplotlib, which is imported when something is drawn."""
+"""Pictures of mechanisms and equilibria with matplotlib, which is imported when something is drawn.
 
+Modules:
+    figure: a figure of any mechanism or equilibrium, and figures as files.
+    parts: what pictures of planar chains are made of.
+    planar: pictures of planar chains.
+    spatial: pictures of arms.
+"""
+
+from rollingjoint.plotting.figure import figure_of, save_figure
 from rollingjoint.plotting.parts import PALETTE
-from rollingjoint.plotting.planar import plot_family, plot_mechanism, save_figure
+from rollingjoint.plotting.planar import plot_family, plot_mechanism
 from rollingjoint.plotting.spatial import plot_arm
 
-__all__ = ["PALETTE", "plot_arm", "plot_family", "plot_mechanism", "save_figure"]
+__all__ = ["PALETTE", "figure_of", "plot_arm", "plot_family", "plot_mechanism", "save_figure"]

@@ -1,4 +1,4 @@
-"""What a picture of an equilibrium is made of: links, tendons, contact forces, loads.
+"""Parts of a picture of an equilibrium: links, tendons, contact forces, loads.
 
 Each function draws on given axes, in mm; rollingjoint.plotting.planar puts them together.
 """

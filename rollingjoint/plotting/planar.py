@@ -7,7 +7,6 @@ Colours are the Okabe-Ito palette, which colour-blind readers can tell apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rollingjoint.errors import InvalidInput
@@ -29,7 +28,6 @@ from rollingjoint.plotting.parts import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def plot_mechanism(
@@ -123,34 +121,6 @@ def plot_family(
         if loads:
             draw_loads(ax, eq, scale)
     return _finish(ax, legend)
-
-
-def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
-    """The path, after writing the figure there in the format of its suffix.
-
-    Raises:
-        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
-    """
-    path = check_figure_path(path)
-    fig.savefig(path, dpi=dpi, bbox_inches="tight")
-    return path
-
-
-def check_figure_path(path: str | Path) -> Path:
-    """The path, if a figure could be written there.
-
-    Raises:
-        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
-    """
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    path = Path(path)
-    suffixes = sorted(FigureCanvasBase.get_supported_filetypes())
-    if path.suffix.lower().lstrip(".") not in suffixes:
-        raise InvalidInput("picture", str(path), f"a file name that ends in one of .{', .'.join(suffixes)}")
-    if not path.parent.is_dir():
-        raise InvalidInput("picture", str(path), "a file in an existing folder", f"Create {path.parent} first.")
-    return path
 
 
 def _planar(mechanism: RollingChain | Equilibrium) -> RollingChain:

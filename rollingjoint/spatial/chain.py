@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
-from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.checks import as_floats, as_number, as_positive
+from rollingjoint.errors import MechanismError
 from rollingjoint.kernels.spatial.arrays import Hinges
 from rollingjoint.load import Gravity
+from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.spatial import se3
 from rollingjoint.tendon import BeadTendon
+
+if TYPE_CHECKING:
+    from rollingjoint.spatial.equilibrium import HingeEquilibrium  # noqa: F401  # what a solve returns
 
 Array = NDArray[np.float64]
 _P = TypeVar("_P")
@@ -53,26 +57,25 @@ class Bead:
 
     def __post_init__(self) -> None:
         for name, unit in (("spacing", "mm"), ("stiffness", "N·mm/rad"), ("gap", "mm")):
-            if not 0 < _numbers(name, getattr(self, name), ())[()] < np.inf:
-                raise MechanismError(f"bead {name}", getattr(self, name), f"a positive number [{unit}]")
+            as_positive(f"bead {name}", getattr(self, name), f"a positive number [{unit}]", MechanismError)
         if not self.gap < self.spacing:
             raise MechanismError("bead gap", self.gap, f"less than the spacing, {self.spacing:g} mm")
-        if not 0 <= _numbers("weight", self.weight, ())[()] < np.inf:
-            raise MechanismError("bead weight", self.weight, "0 or more [N]")
-        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, (3,))
+        as_number("bead weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
+        rest = as_number("bead rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, 3)
         length = float(np.linalg.norm(axis))
         if not 0 < length < np.inf:
             raise MechanismError("bead axis", self.axis, "a direction other than (0, 0, 0)")
         length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
         object.__setattr__(self, "axis", tuple((axis / length).tolist()))
-        low, high = _numbers("limits", self.limits, (2,))
-        if not -2 * np.pi <= low < _numbers("rest_angle", self.rest_angle, ())[()] < high <= 2 * np.pi:
+        low, high = _numbers("limits", self.limits, 2)
+        if not -2 * np.pi <= low < rest < high <= 2 * np.pi:
             raise MechanismError("bead limits", self.limits, f"-2π to 2π [rad], {self.rest_angle} between them")
         object.__setattr__(self, "limits", (float(low), float(high)))
 
 
-@dataclass(frozen=True, eq=False)
-class HingeChain:
+@dataclass(frozen=True, eq=False, repr=False)
+class HingeChain(Mechanism["HingeEquilibrium"]):
     """A chain of beads on a fixed base, each on an elastic hinge, pulled by tendons.
 
     Link 0 is the base and link i carries bead i, counted from 1; hinge i lies at the origin of link i and carries
@@ -97,14 +100,8 @@ class HingeChain:
     name: str = ""
 
     def __post_init__(self) -> None:
-        for what, kind in (("beads", Bead), ("tendons", BeadTendon)):
-            try:
-                members = tuple(getattr(self, what))
-            except TypeError:
-                members = ()
-            if not members or not all(isinstance(member, kind) for member in members):
-                raise MechanismError(what, getattr(self, what), f"a list of at least one {kind.__name__}")
-            object.__setattr__(self, what, members)
+        object.__setattr__(self, "beads", members("beads", self.beads, Bead))
+        object.__setattr__(self, "tendons", members("tendons", self.tendons, BeadTendon))
         if self.model not in TENDON_MODELS:
             raise MechanismError("tendon model", self.model, f"one of {', '.join(TENDON_MODELS)}")
         low, high = self.joint_limits.T
@@ -114,23 +111,15 @@ class HingeChain:
             allowed = f"a rest angle between {low[i]:g} and {high[i]:g} rad, where tendon holes meet"
             raise MechanismError(f"beads[{i}] rest_angle", rest[i], allowed)
 
-    def __repr__(self) -> str:
-        return f"<HingeChain {self.name!r}: {len(self.beads)} beads, {self.n_tendons} tendons, {self.length:g} mm>"
-
     @property
     def n_links(self) -> int:
         """Number of links, the base included."""
         return len(self.beads) + 1
 
     @property
-    def n_joints(self) -> int:
-        """Number of hinges."""
-        return len(self.beads)
-
-    @property
-    def n_tendons(self) -> int:
-        """Number of tendons."""
-        return len(self.tendons)
+    def parts(self) -> str:
+        """How many beads it has, in words."""
+        return f"{len(self.beads)} beads"
 
     @property
     def length(self) -> float:
@@ -138,19 +127,9 @@ class HingeChain:
         return float(sum(bead.spacing for bead in self.beads))
 
     @cached_property
-    def stiffnesses(self) -> Array:
-        """Tendon stiffnesses, (m,) [N/mm]."""
-        return _constant(np.array([tendon.stiffness for tendon in self.tendons]))
-
-    @cached_property
     def neutral_angles(self) -> Array:
         """Rest angles of the hinges, (n - 1,) [rad]."""
-        return _constant(np.array([bead.rest_angle for bead in self.beads], float))
-
-    @cached_property
-    def neutral_lengths(self) -> Array:
-        """Tendon lengths at the rest angles, (m,) [mm]."""
-        return _constant(self.tendon_lengths(self.neutral_angles))
+        return read_only(np.array([bead.rest_angle for bead in self.beads], float))
 
     @cached_property
     def joint_limits(self) -> Array:
@@ -160,12 +139,11 @@ class HingeChain:
             for i, j in np.argwhere(self._crosses):
                 low, high = _open_range(self._gaps[i, j, :3], _CLOSED * self.beads[i].gap)
                 limits[i] = max(limits[i, 0], low), min(limits[i, 1], high)
-        return _constant(limits)
+        return read_only(limits)
 
     @cached_property
     def arrays(self) -> Hinges:
         """Tables for the kernels, a stack of one design."""
-        passed = [tendon.last_link(self.n_links) for tendon in self.tendons]
         gaps = np.array([*(bead.gap for bead in self.beads), self.beads[-1].gap])
         inside = [bead.spacing for bead in self.beads] - 0.5 * (gaps[:-1] + gaps[1:])
         return Hinges(
@@ -174,15 +152,17 @@ class HingeChain:
             np.array([bead.stiffness for bead in self.beads], float)[None],
             np.array([bead.spacing for bead in self.beads], float)[None],
             self._gaps[None],
-            np.array([inside[:last].sum() for last in passed])[None],
+            np.array([inside[:last].sum() for last in self.last_links])[None],
             np.array([holes[-1] for holes in self._holes], float)[None],
             np.array([TENDON_MODELS.index(self.model)]),
-            np.array(passed),
+            np.array(self.last_links),
         )
 
-    def replace(self, **changes: object) -> HingeChain:
-        """A copy with other beads, tendons, model or name, checked anew."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+    @staticmethod
+    def join(parts: Sequence[Hinges]) -> Hinges:
+        """The arrays of several arms with the same numbers of beads, tendons and crossed hinges, as one stack."""
+        joined = Hinges(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        return joined._replace(tendon_joints=parts[0].tendon_joints)
 
     def scaled(self, hinges: Array, tendons: Array, weights: Array) -> HingeChain:
         """A copy with multiples of the stiffnesses and weights; the geometry is taken over, not computed anew.
@@ -210,7 +190,7 @@ class HingeChain:
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses in the base frame, (..., n, 4, 4) [mm]: products of exponentials, one per hinge."""
-        theta = self._per_joint(joint_angles)
+        theta = self.per_joint("joint angles", joint_angles)
         poses = np.empty((*theta.shape[:-1], self.n_links, 4, 4))
         poses[..., 0, :, :] = np.eye(4)
         for i, bead in enumerate(self.beads):
@@ -221,7 +201,7 @@ class HingeChain:
 
     def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
         """Length of every tendon: gaps plus channels inside the beads, (..., m) [mm]."""
-        theta = self._per_joint(joint_angles)[..., None]
+        theta = self.per_joint("joint angles", joint_angles)[..., None]
         square, b, c, rest, slope = np.moveaxis(self._gaps, -1, 0)
         if self.model == "exact":
             gaps = np.sqrt(np.maximum(square - 2.0 * (b * np.cos(theta) + c * np.sin(theta)), 0.0))
@@ -251,8 +231,7 @@ class HingeChain:
     @cached_property
     def _crosses(self) -> NDArray[np.bool_]:
         """Whether tendon j crosses hinge i, (n - 1, m)."""
-        last = np.array([tendon.last_link(self.n_links) for tendon in self.tendons])
-        return np.arange(self.n_joints)[:, None] < last
+        return np.arange(self.n_joints)[:, None] < self.last_links
 
     @cached_property
     def _gaps(self) -> Array:
@@ -268,25 +247,12 @@ class HingeChain:
             gaps[i, j, 4] = -gaps[i, j, 2] / gaps[i, j, 3]
         return gaps
 
-    def _per_joint(self, joint_angles: ArrayLike) -> Array:
-        allowed = f"{self.n_joints} numbers in the last axis, one per hinge"
-        theta = as_floats("joint angles", joint_angles, allowed)
-        if theta.ndim == 0 or theta.shape[-1] != self.n_joints:
-            raise InvalidInput("joint angles", joint_angles, allowed)
-        return theta
-
 
 def _with(part: _P, **values: object) -> _P:
     """A copy of a frozen object with other values that need no check; it shares what has been computed."""
     other = copy(part)
     other.__dict__.update(values)
     return other
-
-
-def _constant(array: Array) -> Array:
-    """The array, protected: what a mechanism computes once must not be changed by who reads it."""
-    array.setflags(write=False)
-    return array
 
 
 def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
@@ -302,9 +268,9 @@ def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
     return closest + margin, closest - margin + 2 * np.pi
 
 
-def _numbers(what: str, values: object, shape: tuple[int, ...]) -> Array:
-    allowed = f"{shape[0]} numbers" if shape else "a number"
+def _numbers(what: str, values: object, count: int) -> Array:
+    allowed = f"{count} numbers"
     array = as_floats(f"bead {what}", values, allowed, MechanismError)
-    if array.shape != shape or not np.all(np.isfinite(array)):
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
         raise MechanismError(f"bead {what}", values, allowed)
     return array

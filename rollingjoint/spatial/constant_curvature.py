@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
-from rollingjoint.errors import InvalidInput
+from rollingjoint.checks import as_vector
 from rollingjoint.spatial import se3
 from rollingjoint.spatial.chain import HingeChain
 
@@ -48,9 +47,7 @@ def bends_of_lengths(chain: HingeChain, lengths: ArrayLike) -> Array:
     Raises:
         InvalidInput: a wrong number of lengths.
     """
-    change = as_floats("lengths", lengths, f"{chain.n_tendons} numbers, one per tendon")
-    if change.shape != (chain.n_tendons,):
-        raise InvalidInput("lengths", lengths, f"{chain.n_tendons} numbers, one per tendon")
+    change = as_vector("lengths", lengths, chain.n_tendons, "one per tendon")
     change = change - chain.tendon_lengths(np.zeros(chain.n_joints))
     holes = np.array([tendon.link_holes(chain.n_links)[-1] for tendon in chain.tendons])
     slopes = np.column_stack([holes[:, 1], -holes[:, 0]])  # d length / d bend of one segment

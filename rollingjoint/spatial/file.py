@@ -11,14 +11,16 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.spatial.chain import AXES, Bead, HingeChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS, BeadTendon
 
-_KEYS = ("name", "model", "defaults", "beads", "tendons")
+HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
+PARTS = "beads"
+KEYS = ("name", "model", "defaults", PARTS, "tendons")
 _BEAD_KEYS = tuple(field.name for field in fields(Bead))
 _TENDON_KEYS = tuple(field.name for field in fields(BeadTendon))
 
 
-def hinge_chain_from_dict(content: object, source: str, name: str) -> HingeChain:
+def from_dict(content: object, source: str, name: str) -> HingeChain:
     """The arm that the content of a mechanism file describes; raises ConfigError."""
-    top = mapping(source, content, _KEYS, required=("beads", "tendons"))
+    top = mapping(source, content, KEYS, required=("beads", "tendons"))
     defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("bead", "tendon"))
     bead_default = mapping(f"{source}: defaults.bead", defaults.get("bead", {}), _BEAD_KEYS)
     tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
@@ -29,7 +31,7 @@ def hinge_chain_from_dict(content: object, source: str, name: str) -> HingeChain
         return HingeChain(beads, tendons, model, text(f"{source}: name", top.get("name", name)))
 
 
-def hinge_chain_to_dict(chain: HingeChain) -> dict[str, Any]:
+def to_dict(chain: HingeChain) -> dict[str, Any]:
     """The content that makes the same arm exactly."""
     beads = [_bead_dict(bead) for bead in chain.beads]
     tendons = [

@@ -6,7 +6,7 @@ frames, which are at the mass centres here; A, L, W, G stacked over links; F_t a
 FST is Newton's method on the angles (15), FSL on angles and tensions together (27), with the kernel that keeps tensions
 positive (30). Nothing is shared with the compiled solver but the numbers of the chain.
 
-What had to be mended for derivatives to be derivatives (the tests check them by finite differences):
+What had to be corrected for derivatives to be derivatives (the tests check them by finite differences):
 - (16) lacks the stiffness K.
 - (24): lambda is a compliance [mm/N], and l the length on the motor's side.
 - (28): d tau / d f = -J^T dF_t/df, with the sign of (14).
@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
-from rollingjoint.errors import InvalidInput
+from rollingjoint.checks import as_floats, as_vector
 from rollingjoint.spatial import se3
 from rollingjoint.spatial.chain import HingeChain
 
@@ -199,10 +198,7 @@ def positive_rate(u: ArrayLike, c: float) -> Array:
 
 
 def _per_tendon(what: str, values: ArrayLike, arm: PublishedArm) -> Array:
-    array = as_floats(what, values, f"{len(arm.l0)} numbers, one per tendon")
-    if array.shape != arm.l0.shape:
-        raise InvalidInput(what, values, f"{len(arm.l0)} numbers, one per tendon")
-    return np.nan_to_num(array)
+    return np.nan_to_num(as_vector(what, values, len(arm.l0), "one per tendon"))
 
 
 def _shortened(step: Array, n: int) -> Array:

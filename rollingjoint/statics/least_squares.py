@@ -6,33 +6,40 @@ dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import acts
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium, Status, solve_lane
+from rollingjoint.solution import Solution, Status
+from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.sensitivity import joint_response
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_Solve = Callable[[TendonLaw, Array], Any]  # of a tendon law and the joint angles to start from
 
 _LARGEST_TENSION = 1000.0  # N, where none is given
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
 _MAX_ITERATIONS = 300
 _GOAL = 1e-11  # mm that the next step would still change the lengths by
 _SMALLEST_DAMPING = 1e-12  # of the largest (dl/dtau)²
+_ROUNDING = 1e-15  # of the lengths
 
 
 def solve_least_squares(
-    mechanism: RollingChain, desired: Array, low: Array, high: Array, table: Array, start: Array
-) -> Equilibrium:
+    family: Family, mechanism: Any, desired: Array, low: Array, high: Array, table: Array, start: Array
+) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
-        mechanism: the chain.
+        family: of the mechanism.
+        mechanism: a planar chain.
         desired: (m,) [mm].
         low, high: (m,) [N]; above 1000 N a limit is 1000 N.
         table: load table, (rows, columns).
@@ -41,58 +48,85 @@ def solve_least_squares(
         Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
     """
     high = np.minimum(high, _LARGEST_TENSION)
-    elastic = _nearly_inextensible(mechanism, TendonLaw(desired, np.ones_like(desired), low, high), table, start)
+
+    def solve(law: TendonLaw, start: Array) -> Any:
+        return family.batch.solve_one(mechanism, law, table, start)
+
+    elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:
         return elastic
-    trial, start = _first_tensions(elastic, low, high), elastic.joint_angles
-    best, rates, least = None, None, np.inf
-    damping, iterations = 1e-5, 0
+    tensions = _first_tensions(elastic, bool(mechanism.springs) or acts(table), low, high)
+    best = _Trial.at(solve, tensions, desired, low, high, elastic.joint_angles)
+    damping, iterations = 1e-6, int(best.equilibrium.iterations)
     for _ in range(_MAX_ITERATIONS):
-        found = solve_lane(mechanism, _prescribed(trial), table, start)
-        iterations += int(found.iterations)
-        miss = found.lengths - desired
-        cost = 0.5 * float(miss @ miss)
-        if best is None or (found.status < Status.NOT_CONVERGED and cost < least):
-            best, least, start, damping = found, cost, found.joint_angles, max(0.1 * damping, _SMALLEST_DAMPING)
-            rates = _length_rates(found)
+        if best.rates is None:
+            return replace(best.equilibrium, iterations=iterations)
+        step = _step(best.rates, best.miss, tensions, low, high, damping)
+        stepped = np.clip(tensions + step, low, high)
+        if np.abs(best.rates @ (stepped - tensions)).max() < _GOAL:
+            return replace(best.equilibrium, iterations=iterations)
+        found = _Trial.at(solve, stepped, desired, low, high, best.equilibrium.joint_angles)
+        iterations += int(found.equilibrium.iterations)
+        if found.equilibrium.status < Status.NOT_CONVERGED and found.beats(best):
+            best, tensions, damping = found, stepped, max(0.1 * damping, _SMALLEST_DAMPING)
         else:
             damping *= 10.0
+    return replace(best.equilibrium, iterations=iterations, status=Status.NOT_CONVERGED)
+
+
+class _Trial(NamedTuple):
+    """The equilibrium under trial tensions, and how near its lengths are to the desired ones."""
+
+    equilibrium: Any
+    miss: Array  # (m,) lengths minus desired ones [mm]
+    noise: float  # what rounding leaves uncertain of the cost [mm²]
+    rates: Array | None  # (m, m) d lengths / d tensions
+    slope: float  # largest entry of the gradient of the cost [mm²/N]
+
+    @classmethod
+    def at(cls, solve: _Solve, tensions: Array, desired: Array, low: Array, high: Array, start: Array) -> _Trial:
+        """The trial, from joint angles to start from."""
+        found = solve(prescribed(tensions), start)
+        miss, rates = found.lengths - desired, _length_rates(found)
+        noise = _ROUNDING * float(np.linalg.norm(desired) * np.linalg.norm(miss))
         if rates is None:
-            return replace(best, iterations=iterations)
-        step = _step(rates, best.lengths - desired, best.tensions, low, high, damping)
-        trial = np.clip(best.tensions + step, low, high)
-        if np.abs(rates @ (trial - best.tensions)).max() < _GOAL:
-            return replace(best, iterations=iterations)
-    assert best is not None
-    return replace(best, iterations=iterations, status=Status.NOT_CONVERGED)
+            return cls(found, miss, noise, None, np.inf)
+        gradient, free = _free_gradient(rates, miss, tensions, low, high)
+        return cls(found, miss, noise, rates, float(np.abs(gradient[free]).max(initial=0.0)))
+
+    @property
+    def cost(self) -> float:
+        """1/2 |miss|² [mm²]."""
+        return 0.5 * float(self.miss @ self.miss)
+
+    def beats(self, other: _Trial) -> bool:
+        """Whether the cost is lower; where rounding hides that, near the minimum, whether the gradient is smaller."""
+        if abs(self.cost - other.cost) > other.noise:
+            return self.cost < other.cost
+        return self.slope < other.slope
 
 
-def _nearly_inextensible(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
+def _nearly_inextensible(solve: _Solve, law: TendonLaw, start: Array) -> Any:
     """Equilibrium with ever stiffer elastic tendons whose unstretched lengths are the desired ones."""
     for stiffness in (1.0, 30.0, 1000.0):
-        stiff = law._replace(stiffness=np.full_like(law.command, stiffness))
-        found = solve_lane(mechanism, stiff, table, start)
+        found = solve(law._replace(stiffness=np.full_like(law.command, stiffness)), start)
         if found.status == Status.INVALID_INPUT:
             break
         start = found.joint_angles
     return found
 
 
-def _first_tensions(elastic: Equilibrium, low: Array, high: Array) -> Array:
+def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) -> Array:
     """Its tensions within the limits; without a load, where only their ratio matters, the largest is 1 N."""
     tensions, largest = elastic.tensions, elastic.tensions.max()
     if largest < _SMALLEST_TENSION:
         tensions = np.ones_like(tensions)
-    elif not (elastic.chain.springs or acts(elastic.loads)):
+    elif not loaded:
         tensions = tensions / largest
     return np.clip(tensions, low, high)
 
 
-def _prescribed(tensions: Array) -> TendonLaw:
-    return TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions)
-
-
-def _length_rates(equilibrium: Equilibrium) -> Array | None:
+def _length_rates(equilibrium: Solution) -> Array | None:
     """dl/dtau under prescribed tensions, (m, m), joints at a surface limit held; None where H is singular."""
     if equilibrium.status == Status.INDETERMINATE:
         return None
@@ -103,10 +137,15 @@ def _length_rates(equilibrium: Equilibrium) -> Array | None:
     return equilibrium.tendon_rates.T @ moves
 
 
+def _free_gradient(rates: Array, miss: Array, tensions: Array, low: Array, high: Array) -> tuple[Array, Mask]:
+    """Gradient of the cost by the tensions, (m,) [mm²/N], and which tensions are not held at a limit, (m,)."""
+    gradient = rates.T @ miss
+    return gradient, ~((tensions <= low) & (gradient > 0.0)) & ~((tensions >= high) & (gradient < 0.0))
+
+
 def _step(rates: Array, miss: Array, tensions: Array, low: Array, high: Array, damping: float) -> Array:
     """Levenberg-Marquardt step on the tensions that are not held at a limit, damping over the largest rate²."""
-    gradient = rates.T @ miss
-    free = ~((tensions <= low) & (gradient > 0.0)) & ~((tensions >= high) & (gradient < 0.0))
+    _, free = _free_gradient(rates, miss, tensions, low, high)
     rows = np.vstack([rates, np.sqrt(damping) * np.abs(rates).max() * np.eye(len(rates))])
     step = np.zeros_like(tensions)
     step[free] = np.linalg.lstsq(rows[:, free], np.concatenate([-miss, np.zeros(len(rates))]))[0]

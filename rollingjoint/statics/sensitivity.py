@@ -1,6 +1,7 @@
 """Derivatives of an equilibrium by the implicit function theorem: dphi/dx = -H⁻¹ dr/dx.
 
-Joints whose contact is at the end of a surface stay there. Every function takes one Solution or a batch.
+Joints at a limit stay there. Every function takes one Solution or a batch, and raises SolverError unless all are
+stable equilibria, InvalidInput where their stiffness is singular.
 Source: docs/theory.md, sections 4 and 5.
 """
 
@@ -19,47 +20,27 @@ Array = NDArray[np.float64]
 
 
 def dlengths_dtensions(equilibrium: Solution) -> Array:
-    """d tendon lengths / d tensions, (m, m) [mm/N]: symmetric, negative semidefinite where the equilibrium is stable.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
-    """
+    """d tendon lengths / d tensions, (m, m) [mm/N]: symmetric and, where stable, negative semidefinite."""
     return np.swapaxes(equilibrium.tendon_rates, -1, -2) @ _dangles_dtensions(equilibrium)
 
 
 def dposes_dtensions(equilibrium: Solution) -> Array:
-    """d link poses / d tensions, (n, 3, m) [mm/N, rad/N], the other tensions held.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
-    """
+    """d link poses / d tensions, (n, 3, m) [mm/N, rad/N], the other tensions held."""
     return _dposes(equilibrium, _dangles_dtensions(equilibrium))
 
 
 def dposes_dlengths(equilibrium: Solution) -> Array:
-    """d link poses / d commanded lengths, (n, 3, m) [mm/mm, rad/mm]; zero for a slack or yielding tendon.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
-    """
+    """d link poses / d commanded lengths, (n, 3, m) [mm/mm, rad/mm]; zero for a slack or yielding tendon."""
     return _dposes(equilibrium, _dangles_dlengths(equilibrium))
 
 
 def dtensions_dlengths(equilibrium: Solution) -> Array:
-    """d tensions / d commanded lengths, (m, m) [N/mm]; a row or column of zeros for a slack or yielding tendon.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
-    """
+    """d tensions / d commanded lengths, (m, m) [N/mm]; a row or column of zeros for a slack or yielding tendon."""
     return _dtensions(equilibrium, _dangles_dlengths(equilibrium))
 
 
 def dtip_dtensions(equilibrium: Solution) -> Array:
-    """d tip position / d tensions, (2 or 3, m) [mm/N], the other tensions held: part of dposes_dtensions, at less cost.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
-    """
+    """d tip position / d tensions, (2 or 3, m) [mm/N], the others held: part of dposes_dtensions, at less cost."""
     return _tip_jacobian(equilibrium) @ _dangles_dtensions(equilibrium)
 
 
@@ -67,9 +48,6 @@ def tip_and_tensions_dlengths(equilibrium: Solution) -> tuple[Array, Array]:
     """d tip position / d commanded lengths, (2 or 3, m) [mm/mm], and d tensions / d commanded lengths, (m, m) [N/mm].
 
     Parts of dposes_dlengths and all of dtensions_dlengths, at the cost of one of them for a single link.
-
-    Raises:
-        SolverError: when the equilibrium is not stable.
     """
     dangles = _dangles_dlengths(equilibrium)
     return _tip_jacobian(equilibrium) @ dangles, _dtensions(equilibrium, dangles)
@@ -85,7 +63,6 @@ def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None
         link: where the load acts, -1 is the tip.
         point: body point [mm]; default: the origin.
     Raises:
-        SolverError: when the equilibrium is not stable.
         InvalidInput: a link that does not exist.
     """
     jacobian = equilibrium.point_jacobian(link_index(link, equilibrium.tendon_rates.shape[-2] + 1), point)

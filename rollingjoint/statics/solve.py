@@ -3,49 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, overload
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.checks import as_floats, as_vector
 from rollingjoint.errors import InvalidInput
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
-from rollingjoint.planar.batch import TendonLaw
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
-from rollingjoint.statics.families import (
-    Batch,
-    Mechanism,
-    Start,
-    every_lane,
-    family_of,
-    start_of,
-    tension_limits_of,
-    vector,
-)
+from rollingjoint.mechanism import AnyMechanism, Mechanism
+from rollingjoint.statics.batch import Batch, Start, prescribed
+from rollingjoint.statics.families import family_of
 from rollingjoint.statics.least_squares import solve_least_squares
 
 Array = NDArray[np.float64]
+S = TypeVar("S")  # Equilibrium of a RollingChain, HingeEquilibrium of a HingeChain
 
-Rolling = RollingChain | Sequence[RollingChain]
-Hinged = HingeChain | Sequence[HingeChain]
-
-
-@overload
-def solve_tensions(
-    mechanism: RollingChain, tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None
-) -> Equilibrium: ...
+__all__ = ["Start", "solve_lengths", "solve_lengths_batch", "solve_tensions", "solve_tensions_batch"]
 
 
-@overload
-def solve_tensions(
-    mechanism: HingeChain, tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None
-) -> HingeEquilibrium: ...
-
-
-def solve_tensions(mechanism: Mechanism, tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None) -> Any:
+def solve_tensions(mechanism: Mechanism[S], tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None) -> S:
     """Equilibrium under given tendon tensions.
 
     Args:
@@ -60,41 +38,19 @@ def solve_tensions(mechanism: Mechanism, tensions: ArrayLike, loads: Sequence[Lo
     Source: docs/theory.md, section 3.
     """
     family = family_of(mechanism)
-    tau = vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
-    law = TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau)
-    return family.solve_lane(mechanism, law, family.load_table(loads, mechanism.n_links), start_of(mechanism, start))
+    tau = as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
+    table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
+    return family.batch.solve_one(mechanism, prescribed(tau), table, phi)
 
 
-@overload
 def solve_lengths(
-    mechanism: RollingChain,
+    mechanism: Mechanism[S],
     lengths: ArrayLike,
     loads: Sequence[Load] = (),
     start: Start = None,
     method: str = "elastic",
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Equilibrium: ...
-
-
-@overload
-def solve_lengths(
-    mechanism: HingeChain,
-    lengths: ArrayLike,
-    loads: Sequence[Load] = (),
-    start: Start = None,
-    method: str = "elastic",
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> HingeEquilibrium: ...
-
-
-def solve_lengths(
-    mechanism: Mechanism,
-    lengths: ArrayLike,
-    loads: Sequence[Load] = (),
-    start: Start = None,
-    method: str = "elastic",
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Any:
+) -> S:
     """Equilibrium under given tendon lengths.
 
     Args:
@@ -115,92 +71,87 @@ def solve_lengths(
     Source: docs/theory.md, section 4; least squares: rolling-contact paper, eq. 29.
     """
     family = family_of(mechanism)
-    command = vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
-    low, high = tension_limits_of(tension_limits, mechanism.n_tendons)
-    table, phi = family.load_table(loads, mechanism.n_links), start_of(mechanism, start)
+    command = as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
+    low, high = _tension_limits_of(tension_limits, mechanism.n_tendons)
+    table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
     if method == "elastic":
-        return family.solve_lane(mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi)
-    if method == "least_squares" and isinstance(mechanism, RollingChain):
-        return solve_least_squares(mechanism, command, low, high, table, phi)
-    raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
-
-
-@overload
-def solve_tensions_batch(
-    mechanism: Rolling, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: Start = None
-) -> Equilibrium: ...
-
-
-@overload
-def solve_tensions_batch(
-    mechanism: Hinged, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: Start = None
-) -> HingeEquilibrium: ...
+        return family.batch.solve_one(
+            mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi
+        )
+    if method not in family.length_methods:
+        raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
+    return solve_least_squares(family, mechanism, command, low, high, table, phi)
 
 
 def solve_tensions_batch(
-    mechanism: Rolling | Hinged, tensions: ArrayLike, loads: Sequence[Load] | Array = (), starts: Start = None
-) -> Any:
-    """Equilibria under given tensions, lane by lane.
+    mechanism: Mechanism[S] | Sequence[Mechanism[S]],
+    tensions: ArrayLike,
+    loads: Sequence[Load] | Array = (),
+    starts: Start = None,
+) -> S:
+    """Equilibria under given tensions, row by row.
 
     Args:
-        mechanism: the chain, or one per lane, each with as many links, tendons and crossed joints as the others.
+        mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
         tensions: (B, m) [N].
-        loads: loads shared by all lanes, or a table (B, rows, columns) with columns
+        loads: loads shared by all rows, or a table (B, rows, columns) with columns
             load.LOAD_COLUMNS, or load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
     Returns:
-        Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each lane is the single solve to the last bit.
+        Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
         InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
     """
     batch = Batch.of(mechanism, "tensions", tensions)
-    tau = batch.inputs
-    return batch.solve(TendonLaw(np.zeros_like(tau), np.ones_like(tau), tau, tau), loads, starts)
+    return batch.solve(prescribed(batch.inputs), loads, starts)
 
 
-@overload
 def solve_lengths_batch(
-    mechanism: Rolling,
+    mechanism: Mechanism[S] | Sequence[Mechanism[S]],
     lengths: ArrayLike,
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Equilibrium: ...
-
-
-@overload
-def solve_lengths_batch(
-    mechanism: Hinged,
-    lengths: ArrayLike,
-    loads: Sequence[Load] | Array = (),
-    starts: Start = None,
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> HingeEquilibrium: ...
-
-
-def solve_lengths_batch(
-    mechanism: Rolling | Hinged,
-    lengths: ArrayLike,
-    loads: Sequence[Load] | Array = (),
-    starts: Start = None,
-    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
-) -> Any:
-    """Equilibria under given lengths (elastic tendons), lane by lane.
+) -> S:
+    """Equilibria under given lengths (elastic tendons), row by row.
 
     Args:
-        mechanism: the chain, or one per lane, each with as many links, tendons and crossed joints as the others.
+        mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
         lengths: (B, m) unstretched lengths [mm].
-        loads: loads shared by all lanes, or a table (B, rows, columns) with columns
+        loads: loads shared by all rows, or a table (B, rows, columns) with columns
             load.LOAD_COLUMNS, or load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         tension_limits: lowest and highest tension, numbers or (m,) [N].
     Returns:
-        Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each lane is the single solve to the last bit.
+        Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
         InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
     """
     batch = Batch.of(mechanism, "lengths", lengths)
-    limits = tension_limits_of(tension_limits, batch.inputs.shape[1])
-    low, high = (every_lane(side, len(batch.inputs)) for side in limits)
-    stiffnesses = batch.per_lane([chain.stiffnesses for chain in batch.chains])
+    limits = _tension_limits_of(tension_limits, batch.inputs.shape[1])
+    low, high = map(batch.repeated, limits)
+    stiffnesses = batch.per_row([chain.stiffnesses for chain in batch.chains])
     return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts)
+
+
+def _start_of(mechanism: AnyMechanism, start: Start) -> Array:
+    """Joint angles to start from, (n - 1,)."""
+    if start is None:
+        return mechanism.neutral_angles.copy()
+    angles = getattr(start, "joint_angles", start)
+    return as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
+
+
+def _tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
+    """Lowest and highest tension of every tendon, (2, m)."""
+    allowed = f"(lowest, highest), numbers or {n_tendons} values each"
+    both = np.empty((2, n_tendons))
+    try:
+        for side, values in zip(both, limits, strict=True):
+            array = as_floats("tension_limits", values, allowed)
+            if array.shape not in ((), (n_tendons,)):
+                raise InvalidInput("tension_limits", limits, allowed)
+            side[:] = array
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput("tension_limits", limits, allowed) from None
+    return both

@@ -32,7 +32,7 @@ def run(command: str) -> int:
     return train.main([*arguments, *(word for override in few for word in ("--set", override))])
 
 
-def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch):
+def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch, no_pictures):
     for name in ("configs", "docs"):
         (tmp_path / name).symlink_to(Path(name).resolve())
     (tmp_path / "my_controller.py").write_text(blocks("python")[0])
@@ -53,7 +53,7 @@ def test_controllers_are_scored_from_python_as_the_documentation_says(capsys):
 
 
 def test_every_file_of_a_run_folder_is_in_the_documentation():
-    from agents import run_folder
+    from agents.runs import folder as run_folder
 
     for name in re.findall(r"^    (\S+?)/? {2,}\S", run_folder.__doc__, flags=re.MULTILINE):
         assert name in TEXT

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rollingjoint import InvalidInput, Status, WorldForce, five_link, set_threads, solve_lengths_batch
-from rollingjoint.threads import run_lanes
+from rollingjoint.threads import run_in_threads
 
 FORKED = """
 import multiprocessing
@@ -55,11 +55,11 @@ def test_work_is_spread_over_threads_where_it_is_worth_it():
         names.add(threading.current_thread().ident)
 
     set_threads(3)
-    run_lanes(work, 1000, 4)
+    run_in_threads(work, 1000, 4)
     assert np.all(covered == 1)
     assert len(names) >= 2  # the third may have taken over a second piece
     names.clear()
-    run_lanes(work, 100, 4)
+    run_in_threads(work, 100, 4)
     set_threads(2)
     assert names == {threading.current_thread().ident}
 
@@ -71,9 +71,9 @@ def test_an_error_on_any_thread_reaches_the_caller_and_the_next_call_works():
 
     set_threads(2)
     with pytest.raises(ValueError, match="on another thread"):
-        run_lanes(fail, 1000, 4)
+        run_in_threads(fail, 1000, 4)
     seen = []
-    run_lanes(lambda first, last: seen.append((first, last)), 1000, 4)
+    run_in_threads(lambda first, last: seen.append((first, last)), 1000, 4)
     assert sorted(seen) == [(0, 500), (500, 1000)]
 
 

@@ -1,6 +1,6 @@
 """The arrays that kernels share, grouped by name.
 
-A kernel on states takes arrays of floats, one configuration, or arrays of Lanes, eight configurations side by side
+A kernel on states takes arrays of floats, one configuration, or of SIMD lanes, eight configurations side by side
 (simd.py); the shapes below hold for both.
 """
 
@@ -9,12 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow, carve, pinned_floats, pinned_integers
 from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.kernels.shared.arrays import TendonLaw
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
@@ -37,47 +37,58 @@ class Chain(NamedTuple):
     `design` takes one of them out; its arrays have no leading D.
     """
 
-    joints: np.ndarray  # (D, J, 3): smallest and largest angle, buckets per radian
-    buckets: np.ndarray  # (D, J, BUCKETS + 1): first cell of every bucket, and the last cell
-    cells: np.ndarray  # (cells, 4): smallest and largest angle, middle, 2 / width
-    coefficients: np.ndarray  # (cells, 10, 8): State.joint in ascending powers of the cell's coordinate in [-1, 1]
-    arc_coefficients: np.ndarray  # (cells, 10): arc length, likewise
-    holes: np.ndarray  # (D, J, m, 4): x, y of the hole on the proximal link, x, y on the distal link
-    channels: np.ndarray  # (D, m): constant length inside the links
-    tendon_joints: np.ndarray  # (m,): number of joints a tendon crosses
-    standing: np.ndarray  # (D, rows, columns): load table of the springs that belong to the mechanism
+    joints: Annotated[Floats, "D", "J", 3]  # smallest and largest angle, buckets per radian
+    buckets: Annotated[Integers, "D", "J", EDGES]  # first cell of every bucket, and the last cell
+    cells: Annotated[Floats, "cells", 4]  # smallest and largest angle, middle, 2 / width
+    coefficients: Annotated[Floats, "cells", N_COEFFICIENTS, 8]  # State.joint in powers of a cell's coordinate, -1 to 1
+    arc_coefficients: Annotated[Floats, "cells", N_COEFFICIENTS]  # arc length, likewise
+    holes: Annotated[Floats, "D", "J", "m", 4]  # x, y of the hole on the proximal link, x, y on the distal link
+    channels: Annotated[Floats, "D", "m"]  # constant length inside the links
+    tendon_joints: Annotated[Integers, "m"]  # number of joints a tendon crosses
+    standing: Annotated[Floats, "D", "standing", "columns"]  # load table of the springs that belong to the mechanism
 
 
 class State(NamedTuple):
     """Everything evaluated at one configuration."""
 
-    angle: np.ndarray  # (J,)
-    joint: np.ndarray  # (J, 8)
-    gap: np.ndarray  # (J, m, 5): g, g', g'', direction of the segment in the proximal link's frame
-    pose: np.ndarray  # (n, 5)
-    contact: np.ndarray  # (J, 4): contact point and its rate d / d angle, world frame
-    sums: np.ndarray  # (J, 11); (J, 4) where only dead forces and moments act
-    length: np.ndarray  # (m,)
-    tension: np.ndarray  # (m,)
-    elastic: np.ndarray  # (m,): d tension / d length
-    residual: np.ndarray  # (J,)
+    angle: Annotated[Floats, "J"]
+    joint: Annotated[Floats, "J", 8]
+    gap: Annotated[Floats, "J", "m", 5]  # g, g', g'', direction of the segment in the proximal link's frame
+    pose: Annotated[Floats, "n", 5]
+    contact: Annotated[Floats, "J", 4]  # contact point and its rate d / d angle, world frame
+    sums: Annotated[Floats, "J", "sums"]  # 11; 4 where only dead forces and moments act
+    length: Annotated[Floats, "m"]
+    tension: Annotated[Floats, "m"]
+    elastic: Annotated[Floats, "m"]  # d tension / d length
+    residual: Annotated[Floats, "J"]
 
 
 class Results(NamedTuple):
     """Outputs of B lanes; those with B or 0 lanes are left out where they have none."""
 
-    joint_angles: np.ndarray  # (B, J)
-    poses: np.ndarray  # (B, n, 3)
-    contacts: np.ndarray  # (B or 0, J, 4) point and unit tangent, world frame
-    tensions: np.ndarray  # (B, m)
-    lengths: np.ndarray  # (B, m)
-    rates: np.ndarray  # (B or 0, J, m) d length / d joint angle
-    elastic: np.ndarray  # (B, m) d tension / d length
-    contact_forces: np.ndarray  # (B or 0, J, 2)
-    responses: np.ndarray  # (B or 0, J, m) d joint angle / d command; zero from the solver for all cases
-    residual: np.ndarray  # (B,)
-    iterations: np.ndarray  # (B,)
-    status: np.ndarray  # (B,)
+    joint_angles: Annotated[Floats, "B", "J"]
+    poses: Annotated[Floats, "B", "n", 3]
+    contacts: Annotated[Floats, "B or 0", "J", 4]  # point and unit tangent, world frame
+    tensions: Annotated[Floats, "B", "m"]
+    lengths: Annotated[Floats, "B", "m"]
+    rates: Annotated[Floats, "B or 0", "J", "m"]  # d length / d joint angle
+    elastic: Annotated[Floats, "B", "m"]  # d tension / d length
+    contact_forces: Annotated[Floats, "B or 0", "J", 2]
+    responses: Annotated[Floats, "B or none", "J", "m"]  # d joint angle / d command; zero from the solver for all cases
+    residual: Annotated[Floats, "B"]
+    iterations: Annotated[Integers, "B"]
+    status: Annotated[Integers, "B"]
+
+
+class BatchArrays(NamedTuple):
+    """Equilibria to be solved as a batch, and where they go."""
+
+    chain: Chain  # a stack
+    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    laws: Annotated[TendonLaw, "B"]
+    loads: Annotated[Floats, "B", "rows", "columns"]
+    starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
+    results: Results
 
 
 def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:
@@ -147,121 +158,3 @@ def design(chain, which):
         chain.tendon_joints,
         chain.standing[which],
     )
-
-
-@part(inline=True)
-def state_size(n_joints, n_tendons, n_sums):
-    """How many numbers a State takes."""
-    return n_joints * (10 + 5 * n_tendons + 4 + n_sums) + 5 * (n_joints + 1) + 3 * n_tendons
-
-
-@part(inline=True)
-def carve_state(memory, at, n_joints, n_tendons, n_sums):
-    """A State in borrowed memory, from element `at` on."""
-    angle = at
-    joint = angle + n_joints
-    gap = joint + 8 * n_joints
-    pose = gap + 5 * n_joints * n_tendons
-    contact = pose + 5 * (n_joints + 1)
-    sums = contact + 4 * n_joints
-    tendons = sums + n_sums * n_joints
-    return State(
-        carve(memory, angle, (n_joints,)),
-        carve(memory, joint, (n_joints, 8)),
-        carve(memory, gap, (n_joints, n_tendons, 5)),
-        carve(memory, pose, (n_joints + 1, 5)),
-        carve(memory, contact, (n_joints, 4)),
-        carve(memory, sums, (n_joints, n_sums)),
-        carve(memory, tendons, (n_tendons,)),
-        carve(memory, tendons + n_tendons, (n_tendons,)),
-        carve(memory, tendons + 2 * n_tendons, (n_tendons,)),
-        carve(memory, tendons + 3 * n_tendons, (n_joints,)),
-    )
-
-
-@part(inline=True)
-def borrow_chain(chain):
-    """The chain without reference counts."""
-    return Chain(
-        borrow(chain.joints),
-        borrow(chain.buckets),
-        borrow(chain.cells),
-        borrow(chain.coefficients),
-        borrow(chain.arc_coefficients),
-        borrow(chain.holes),
-        borrow(chain.channels),
-        borrow(chain.tendon_joints),
-        borrow(chain.standing),
-    )
-
-
-@part(inline=True)
-def borrow_results(results):
-    """The results without reference counts."""
-    return Results(
-        borrow(results.joint_angles),
-        borrow(results.poses),
-        borrow(results.contacts),
-        borrow(results.tensions),
-        borrow(results.lengths),
-        borrow(results.rates),
-        borrow(results.elastic),
-        borrow(results.contact_forces),
-        borrow(results.responses),
-        borrow(results.residual),
-        borrow(results.iterations),
-        borrow(results.status),
-    )
-
-
-@part(inline=True)
-def borrow_state(state):
-    """The state without reference counts."""
-    return State(
-        borrow(state.angle),
-        borrow(state.joint),
-        borrow(state.gap),
-        borrow(state.pose),
-        borrow(state.contact),
-        borrow(state.sums),
-        borrow(state.length),
-        borrow(state.tension),
-        borrow(state.elastic),
-        borrow(state.residual),
-    )
-
-
-@part(inline=True)
-def pinned_problem(pins):
-    """(chain, designs, laws, loads, starts, results) from their addresses, pinned in this order."""
-    chain = Chain(
-        pinned_floats(pins, 0, 3),
-        pinned_integers(pins, 1, 3),
-        pinned_floats(pins, 2, 2),
-        pinned_floats(pins, 3, 3),
-        pinned_floats(pins, 4, 2),
-        pinned_floats(pins, 5, 4),
-        pinned_floats(pins, 6, 2),
-        pinned_integers(pins, 7, 1),
-        pinned_floats(pins, 8, 3),
-    )
-    designs = pinned_integers(pins, 9, 1)
-    laws = TendonLaw(
-        pinned_floats(pins, 10, 2), pinned_floats(pins, 11, 2), pinned_floats(pins, 12, 2), pinned_floats(pins, 13, 2)
-    )
-    loads, starts = pinned_floats(pins, 14, 3), pinned_floats(pins, 15, 2)
-    results = Results(
-        pinned_floats(pins, 16, 2),
-        pinned_floats(pins, 17, 3),
-        pinned_floats(pins, 18, 3),
-        pinned_floats(pins, 19, 2),
-        pinned_floats(pins, 20, 2),
-        pinned_floats(pins, 21, 3),
-        pinned_floats(pins, 22, 2),
-        pinned_floats(pins, 23, 3),
-        pinned_floats(pins, 24, 3),
-        pinned_floats(pins, 25, 1),
-        pinned_integers(pins, 26, 1),
-        pinned_integers(pins, 27, 1),
-    )
-    return chain, designs, laws, loads, starts, results

@@ -7,16 +7,13 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint.kernels.planar.arrays import (
-    borrow_chain,
-    borrow_results,
-    borrow_state,
     design,
     new_state,
 )
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import N_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.planar.solve import solve
-from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw, borrow_law
+from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw
 from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
@@ -64,7 +61,7 @@ def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
-    chain, laws, results, state = borrow_chain(chain), borrow_law(laws), borrow_results(results), borrow_state(state)
+    chain, laws, results, state = borrow(chain), borrow(laws), borrow(results), borrow(state)
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
     for place in range(lanes.size):
         lane = lanes[place]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import as_rows, carve, numbers
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.planar.arrays import State, carve_state, state_size
+from rollingjoint._numba.layout import Floats
+from rollingjoint._numba.views import numbers
+from rollingjoint.kernels.planar.arrays import State
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import N_DEAD, fill_dead_loads
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
@@ -23,62 +24,36 @@ IDLE, RUNNING, ARRIVED, LEFT = 0.0, 1.0, 2.0, 3.0
 
 
 class Block(NamedTuple):
-    """Inputs, state and scratch space of eight lanes, borrowed arrays of Lanes."""
+    """Inputs, state and scratch space of eight lanes, borrowed arrays of SIMD lanes."""
 
     state: State
     law: TendonLaw
-    loads: np.ndarray  # (rows, N_DEAD): columns in loads.py
-    limits: np.ndarray  # (J, 2): smallest and largest angle
-    holes: np.ndarray  # (J, m, 4)
-    channels: np.ndarray  # (m,)
-    L: np.ndarray  # (J, J): factor of the stiffness L D Lᵀ
-    vectors: np.ndarray  # (6, J): solution, step, 1 / D, angles and residual where the line search began, 1 if free
-    search: np.ndarray  # (8,): columns above
-    forces: np.ndarray  # (J, 4): contact forces and tangents
-    responses: np.ndarray  # (m, J): d angle / d command
-    rows: np.ndarray  # one row of a joint table per lane
+    loads: Annotated[Floats, "rows", N_DEAD]  # columns in loads.py
+    limits: Annotated[Floats, "J", 2]  # smallest and largest angle
+    holes: Annotated[Floats, "J", "m", 4]
+    channels: Annotated[Floats, "m"]
+    L: Annotated[Floats, "J", "J"]  # factor of the stiffness L D Lᵀ
+    vectors: Annotated[Floats, 6, "J"]  # solution, step, 1 / D, start of the line search: angles, residual; 1 if free
+    search: Annotated[Floats, 8]  # columns above
+    forces: Annotated[Floats, "J", 4]  # contact forces and tangents
+    responses: Annotated[Floats, "m", "J"]  # d angle / d command
+    rows: Annotated[Floats, 8]  # memory of one row of a joint table per lane
+
+
+class BlockSizes(NamedTuple):
+    """Lengths of the axes of a Block."""
+
+    J: int
+    n: int
+    m: int
+    rows: int
+    sums: int
 
 
 @part(inline=True)
-def block_size(n_joints, n_tendons, n_loads):
-    """How many Lanes a Block takes."""
-    inputs = 5 * n_tendons + N_DEAD * n_loads + n_joints * (2 + 4 * n_tendons)
-    return state_size(n_joints, n_tendons, 4) + inputs + n_joints * (n_joints + 6 + 4 + n_tendons) + 8 + 8
-
-
-@part(inline=True)
-def carve_block(memory, n_joints, n_tendons, n_loads):
-    """A Block in memory of Lanes."""
-    law = state_size(n_joints, n_tendons, 4)
-    loads = law + 4 * n_tendons
-    limits = loads + N_DEAD * n_loads
-    holes = limits + 2 * n_joints
-    channels = holes + 4 * n_joints * n_tendons
-    L = channels + n_tendons
-    vectors = L + n_joints * n_joints
-    search = vectors + 6 * n_joints
-    forces = search + 8
-    responses = forces + 4 * n_joints
-    rows = responses + n_tendons * n_joints
-    return Block(
-        carve_state(memory, 0, n_joints, n_tendons, 4),
-        TendonLaw(
-            carve(memory, law, (n_tendons,)),
-            carve(memory, law + n_tendons, (n_tendons,)),
-            carve(memory, law + 2 * n_tendons, (n_tendons,)),
-            carve(memory, law + 3 * n_tendons, (n_tendons,)),
-        ),
-        carve(memory, loads, (n_loads, N_DEAD)),
-        carve(memory, limits, (n_joints, 2)),
-        carve(memory, holes, (n_joints, n_tendons, 4)),
-        carve(memory, channels, (n_tendons,)),
-        carve(memory, L, (n_joints, n_joints)),
-        carve(memory, vectors, (6, n_joints)),
-        carve(memory, search, (8,)),
-        carve(memory, forces, (n_joints, 4)),
-        carve(memory, responses, (n_tendons, n_joints)),
-        as_rows(carve(memory, rows, (8,))),
-    )
+def block_sizes(n_joints, n_tendons, n_loads):
+    """Sizes of a Block for chains under dead forces and moments."""
+    return BlockSizes(n_joints, n_joints + 1, n_tendons, n_loads, 4)
 
 
 @part(inline=True)

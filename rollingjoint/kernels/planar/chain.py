@@ -29,13 +29,10 @@ from rollingjoint.kernels.planar.arrays import (
     S,
     X,
     Y,
-    borrow_chain,
-    borrow_state,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import borrow_law
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
@@ -46,7 +43,7 @@ def evaluate(chain, law, loads, state):
 
     Follower forces have no potential and are left out of the energy.
     """
-    chain, law, loads, state = borrow_chain(chain), borrow_law(law), borrow(loads), borrow_state(state)
+    chain, law, loads, state = borrow(chain), borrow(law), borrow(loads), borrow(state)
     evaluate_joints(chain, state)
     evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(law, state)
@@ -106,7 +103,7 @@ def evaluate_residual(tendon_joints, state):
 def stiffness(chain, loads, state, H):
     """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
     standing, loads, tendon_joints = borrow(chain.standing), borrow(loads), borrow(chain.tendon_joints)
-    state, H = borrow_state(state), borrow(H)
+    state, H = borrow(state), borrow(H)
     n_joints, sums, contact = state.angle.size, state.sums, state.contact
     gap, elastic, tension = state.gap, state.elastic, state.tension
     for i in range(n_joints):

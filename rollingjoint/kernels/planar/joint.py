@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from rollingjoint._numba.borrowed import borrow, of_width, table_rows
+from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane, fused, where
+from rollingjoint._numba.views import of_width, table_rows
 from rollingjoint.kernels.planar.arrays import BUCKETS, COS, CX, CY, GX, GY, N_COEFFICIENTS, PX, PY, SIN
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)

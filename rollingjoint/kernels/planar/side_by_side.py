@@ -10,18 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import (
-    aligned_lanes,
-    borrow,
-    carve,
-    integers,
-    numbers,
-    of_width,
-    pins_at,
-    table_rows,
-)
+from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.pins import carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH, any_lane, columns, where
+from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width, table_rows
 from rollingjoint.kernels.planar.arrays import (
     COS,
     CX,
@@ -35,9 +28,7 @@ from rollingjoint.kernels.planar.arrays import (
     PX,
     PY,
     SIN,
-    borrow_chain,
-    borrow_results,
-    pinned_problem,
+    BatchArrays,
 )
 from rollingjoint.kernels.planar.block import (
     ARRIVED,
@@ -52,9 +43,9 @@ from rollingjoint.kernels.planar.block import (
     RUNNING,
     STEPS,
     WORST,
+    Block,
     begin_lane,
-    block_size,
-    carve_block,
+    block_sizes,
     fill_design,
     fill_forces,
     fill_inputs,
@@ -63,7 +54,6 @@ from rollingjoint.kernels.planar.block import (
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate, table_row
 from rollingjoint.kernels.planar.loads import evaluate_dead_loads, fill_dead_stiffness, n_rows
-from rollingjoint.kernels.shared.arrays import borrow_law
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
@@ -104,7 +94,7 @@ def _evaluate_joints(chain, designs, state, rows):
 def _evaluate(chain, designs, block):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state = block.state
-    _evaluate_joints(chain, designs, state, block.rows)
+    _evaluate_joints(chain, designs, state, as_rows(block.rows))
     evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(block.law, state)
     load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
@@ -239,27 +229,27 @@ def _advance(chain, designs, block):
 @kernel(nogil=True)
 def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; returns how many are PENDING."""
-    n_joints, n_tendons, n_loads = starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads)
-    memory = np.zeros((block_size(n_joints, n_tendons, n_loads) + 3) * WIDTH)
-    return _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
+    memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
+    return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
 
 
 @kernel(nogil=True)
 def solve_pinned(pins, first, last):
-    """solve_side_by_side on arrays whose addresses `pin` has written down, in the order of its arguments."""
-    chain, designs, laws, loads, starts, results = pinned_problem(pins_at(pins))
-    memory = np.zeros((block_size(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads)) + 3) * WIDTH)
-    return _solve_in(memory, chain, designs, laws, loads, starts, results, first, last)
+    """solve_side_by_side on a pinned BatchArrays."""
+    chain, designs, laws, loads, starts, results = unpin(pins, BatchArrays)
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
+    memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
+    return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
 
 
 @part(inline=True)
-def _solve_in(memory, chain, designs, laws, loads, starts, results, first, last):
-    space = aligned_lanes(borrow(memory))
-    chain, laws, results = borrow_chain(chain), borrow_law(laws), borrow_results(results)
+def _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last):
+    space = aligned_simd(borrow(memory))
+    chain, laws, results = borrow(chain), borrow(laws), borrow(results)
     designs, loads, starts = borrow(designs), borrow(loads), borrow(starts)
-    n_joints, n_tendons, n_loads = starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads)
-    size = block_size(n_joints, n_tendons, n_loads)
-    block = carve_block(space, n_joints, n_tendons, n_loads)
+    size = size_of(Block, sizes)
+    block = carve_tuple(space, 0, Block, sizes)
     search = numbers(block.search)
     rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
     following, running, pending = first, 0, 0

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-import numpy as np
-
-from rollingjoint._numba.borrowed import borrow
-from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats
 
 # Status codes, the values of solution.Status
 CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
@@ -16,13 +13,7 @@ CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = ran
 class TendonLaw(NamedTuple):
     """tension = clip(stiffness (length - command), low, high); low = high prescribes the tension."""
 
-    command: np.ndarray  # (m,)
-    stiffness: np.ndarray  # (m,)
-    low: np.ndarray  # (m,)
-    high: np.ndarray  # (m,)
-
-
-@part(inline=True)
-def borrow_law(law):
-    """The law, or laws, without reference counts."""
-    return TendonLaw(borrow(law.command), borrow(law.stiffness), borrow(law.low), borrow(law.high))
+    command: Annotated[Floats, "m"]
+    stiffness: Annotated[Floats, "m"]
+    low: Annotated[Floats, "m"]
+    high: Annotated[Floats, "m"]

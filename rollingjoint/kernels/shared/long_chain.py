@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 
 DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
@@ -33,12 +32,6 @@ def new_sweep(n_joints, q):
     """An empty Sweep with q columns."""
     shape = (n_joints, q)
     return Sweep(np.zeros(n_joints), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(n_joints))
-
-
-@part
-def borrow_sweep(sweep):
-    """The sweep without reference counts."""
-    return Sweep(borrow(sweep.diagonal), borrow(sweep.U), borrow(sweep.V), borrow(sweep.W), borrow(sweep.pivots))
 
 
 @part

@@ -23,7 +23,7 @@ from rollingjoint.kernels.shared.linear import (
     lu_step,
     smallest_real_part,
 )
-from rollingjoint.kernels.shared.long_chain import borrow_sweep, factor, long_step
+from rollingjoint.kernels.shared.long_chain import factor, long_step
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -187,7 +187,7 @@ def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state,
 @part
 def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep, L, vectors, free):
     """minimise with its scratch space."""
-    H, sweep, L, vectors, free = borrow(H), borrow_sweep(sweep), borrow(L), borrow(vectors), borrow(free)
+    H, sweep, L, vectors, free = borrow(H), borrow(sweep), borrow(L), borrow(vectors), borrow(free)
     residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
     n = state.angle.size
     long = sweep.diagonal.size > 0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint.kernels.shared.arrays import TendonLaw
 
 EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
@@ -36,47 +38,58 @@ class Hinges(NamedTuple):
     Link 0 is the base; hinge i carries link i + 1 and lies at the origin of link i, whose z axis points to the tip.
     """
 
-    joints: np.ndarray  # (D, J, 3): smallest, largest and rest angle
-    axes: np.ndarray  # (D, J, 3): unit axis in the link below
-    springs: np.ndarray  # (D, J): N·mm/rad
-    spacings: np.ndarray  # (D, J): from hinge i to the origin of link i + 1
-    gaps: np.ndarray  # (D, J, m, 5): G, B, C of gap² = G - 2 (B cos + C sin); gap and slope at angle 0
-    channels: np.ndarray  # (D, m): constant length inside the beads
-    ends: np.ndarray  # (D, m, 2): hole of the last bead
-    model: np.ndarray  # (D,): EXACT, LINEAR or END_COUPLE
-    tendon_joints: np.ndarray  # (m,): number of hinges a tendon crosses
+    joints: Annotated[Floats, "D", "J", 3]  # smallest, largest and rest angle
+    axes: Annotated[Floats, "D", "J", 3]  # unit axis in the link below
+    springs: Annotated[Floats, "D", "J"]  # N·mm/rad
+    spacings: Annotated[Floats, "D", "J"]  # from hinge i to the origin of link i + 1
+    gaps: Annotated[Floats, "D", "J", "m", 5]  # G, B, C of gap² = G - 2 (B cos + C sin); gap and slope at angle 0
+    channels: Annotated[Floats, "D", "m"]  # constant length inside the beads
+    ends: Annotated[Floats, "D", "m", 2]  # hole of the last bead
+    model: Annotated[Integers, "D"]  # EXACT, LINEAR or END_COUPLE
+    tendon_joints: Annotated[Integers, "m"]  # number of hinges a tendon crosses
 
 
 class HingeState(NamedTuple):
     """Everything evaluated at one configuration; axes and poses in the base frame."""
 
-    angle: np.ndarray  # (J,)
-    residual: np.ndarray  # (J,)
-    pose: np.ndarray  # (J + 1, 12)
-    axis: np.ndarray  # (J, 3)
-    gap: np.ndarray  # (J, m, 3): g, g', g''
-    torque: np.ndarray  # (J, m): moment about the hinge per tension; g' unless the model is END_COUPLE
-    sums: np.ndarray  # (J, N_SUMS)
-    held: np.ndarray  # (J, N_HELD)
-    length: np.ndarray  # (m,)
-    tension: np.ndarray  # (m,)
-    elastic: np.ndarray  # (m,): d tension / d length
+    angle: Annotated[Floats, "J"]
+    residual: Annotated[Floats, "J"]
+    pose: Annotated[Floats, "n", 12]
+    axis: Annotated[Floats, "J", 3]
+    gap: Annotated[Floats, "J", "m", 3]  # g, g', g''
+    torque: Annotated[Floats, "J", "m"]  # moment about the hinge per tension; g' unless the model is END_COUPLE
+    sums: Annotated[Floats, "J", N_SUMS]
+    held: Annotated[Floats, "J", N_HELD]
+    length: Annotated[Floats, "m"]
+    tension: Annotated[Floats, "m"]
+    elastic: Annotated[Floats, "m"]  # d tension / d length
 
 
 class HingeResults(NamedTuple):
     """Outputs of B lanes."""
 
-    joint_angles: np.ndarray  # (B, J)
-    poses: np.ndarray  # (B, J + 1, 4, 4)
-    tensions: np.ndarray  # (B, m)
-    lengths: np.ndarray  # (B, m)
-    rates: np.ndarray  # (B, J, m) d length / d joint angle
-    torques: np.ndarray  # (B, J, m) d residual / d tension
-    elastic: np.ndarray  # (B, m) d tension / d length
-    residual: np.ndarray  # (B,)
-    iterations: np.ndarray  # (B,)
-    status: np.ndarray  # (B,)
-    escapes: np.ndarray  # (B,) unstable equilibria that were left on the way
+    joint_angles: Annotated[Floats, "B", "J"]
+    poses: Annotated[Floats, "B", "n", 4, 4]
+    tensions: Annotated[Floats, "B", "m"]
+    lengths: Annotated[Floats, "B", "m"]
+    rates: Annotated[Floats, "B", "J", "m"]  # d length / d joint angle
+    torques: Annotated[Floats, "B", "J", "m"]  # d residual / d tension
+    elastic: Annotated[Floats, "B", "m"]  # d tension / d length
+    residual: Annotated[Floats, "B"]
+    iterations: Annotated[Integers, "B"]
+    status: Annotated[Integers, "B"]
+    escapes: Annotated[Integers, "B"]  # unstable equilibria that were left on the way
+
+
+class BatchArrays(NamedTuple):
+    """Equilibria to be solved as a batch, and where they go."""
+
+    chain: Hinges  # a stack
+    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    laws: Annotated[TendonLaw, "B"]
+    loads: Annotated[Floats, "B", "rows", N_COLUMNS]
+    starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
+    results: HingeResults
 
 
 def new_hinge_results(n_lanes: int, n_joints: int, n_tendons: int) -> HingeResults:
@@ -108,50 +121,15 @@ def new_hinge_state(n_joints, n_tendons):
 @part(inline=True)
 def hinge_design(chain, which):
     """One design of a stack, without reference counts."""
+    chain = borrow(chain)
     return Hinges(
-        borrow(chain.joints)[which],
-        borrow(chain.axes)[which],
-        borrow(chain.springs)[which],
-        borrow(chain.spacings)[which],
-        borrow(chain.gaps)[which],
-        borrow(chain.channels)[which],
-        borrow(chain.ends)[which],
+        chain.joints[which],
+        chain.axes[which],
+        chain.springs[which],
+        chain.spacings[which],
+        chain.gaps[which],
+        chain.channels[which],
+        chain.ends[which],
         chain.model[which],
-        borrow(chain.tendon_joints),
-    )
-
-
-@part(inline=True)
-def borrow_hinge_state(state):
-    """The state without reference counts."""
-    return HingeState(
-        borrow(state.angle),
-        borrow(state.residual),
-        borrow(state.pose),
-        borrow(state.axis),
-        borrow(state.gap),
-        borrow(state.torque),
-        borrow(state.sums),
-        borrow(state.held),
-        borrow(state.length),
-        borrow(state.tension),
-        borrow(state.elastic),
-    )
-
-
-@part(inline=True)
-def borrow_hinge_results(results):
-    """The results without reference counts."""
-    return HingeResults(
-        borrow(results.joint_angles),
-        borrow(results.poses),
-        borrow(results.tensions),
-        borrow(results.lengths),
-        borrow(results.rates),
-        borrow(results.torques),
-        borrow(results.elastic),
-        borrow(results.residual),
-        borrow(results.iterations),
-        borrow(results.status),
-        borrow(results.escapes),
+        chain.tendon_joints,
     )

@@ -6,15 +6,13 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
-from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw, borrow_law
+from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw
 from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.kernels.spatial.arrays import (
     N_COLUMNS,
     PX,
     SPRING,
-    borrow_hinge_results,
-    borrow_hinge_state,
     hinge_design,
     new_hinge_state,
 )
@@ -64,8 +62,8 @@ def solve_hinge_lanes(chain, designs, laws, loads, starts, results, first, last)
 
 @part
 def _solve_each(chain, designs, laws, loads, starts, results, first, last, state, rest):
-    laws, loads, starts, state = borrow_law(laws), borrow(loads), borrow(starts), borrow_hinge_state(state)
-    results = borrow_hinge_results(results)
+    laws, loads, starts, state = borrow(laws), borrow(loads), borrow(starts), borrow(state)
+    results = borrow(results)
     for lane in range(first, last):
         one = hinge_design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])

@@ -31,7 +31,6 @@ from rollingjoint.kernels.spatial.arrays import (
     Hinges,
     K,
     M,
-    borrow_hinge_state,
 )
 from rollingjoint.kernels.spatial.springs import add_springs, evaluate_springs, fill_spring_generators, has_springs
 from rollingjoint.kernels.spatial.vectors import cross, turned
@@ -43,7 +42,7 @@ def evaluate(chain, law, loads, state):
 
     Moments, follower loads and end couples have no potential and are left out of the energy.
     """
-    state, loads = borrow_hinge_state(state), borrow(loads)
+    state, loads = borrow(state), borrow(loads)
     _evaluate_geometry(chain, state)
     energy, magnitude = evaluate_tendons(law, state)
     load_energy, load_magnitude = _evaluate_loads(loads, state)
@@ -224,7 +223,7 @@ def own_stiffness(chain, state, i):
 @formula(formulas.stiffness, Hinges)
 def stiffness(chain, loads, state, H):
     """Fill H = dr/dtheta, (J, J); symmetric where everything has a potential."""
-    state, H = borrow_hinge_state(state), borrow(H)
+    state, H = borrow(state), borrow(H)
     axis, elastic = state.axis, state.elastic
     for i in range(state.angle.size):
         wx, wy, wz = lever(state, i)
@@ -282,7 +281,7 @@ def _add_followers(state, m, H):
 @formula(formulas.fill_generators, Hinges)
 def fill_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep (long_chain.py) with H = U_i . V_m for i > m; prox is added to the diagonal."""
-    state = borrow_hinge_state(state)
+    state = borrow(state)
     n_tendons = state.tension.size
     for i in range(state.angle.size):
         w = lever(state, i)

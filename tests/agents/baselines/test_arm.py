@@ -1,5 +1,7 @@
 """The baselines on the arm: what each is for, and what the model of an arm makes of a tip, commands and tensions."""
 
+from functools import cache
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,12 +10,12 @@ import rj_gym  # noqa: F401  (registers its ids)
 from agents.baselines import JacobianFeedback, LoadEstimate, OpenLoop, Predictive
 from agents.baselines.measured import measured_by
 from agents.baselines.model_inverse import nearest_tensions
-from agents.config import EnvConfig
-from agents.controller import Seen
-from agents.floor import episode_floor
-from agents.rollout import run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import run_episodes
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.tracking.task import task_of
+from rj_gym.core.registry import task_of
 from rollingjoint import flexible_arm, solve_tensions_batch
 
 ARM = "rj_gym/FlexibleArm-v0"
@@ -24,6 +26,11 @@ FEEDBACK = [JacobianFeedback, LoadEstimate, Predictive]
 
 def final_errors(controller, seeds=SEEDS, env_id=ARM, **settings):
     return run_episodes(EnvConfig(env_id, settings=settings), controller, seeds).final_errors
+
+
+@cache
+def floors():
+    return episode_floor(EnvConfig(ARM), SEEDS).errors
 
 
 def stepped(controller, steps=4, lanes=20, **settings):
@@ -45,7 +52,7 @@ def test_open_loop_reaches_the_target_where_the_arm_hangs_upright_without_payloa
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: the largest regret is 0.007 mm; docs/results.md has 1,000 episodes."""
-    regret = final_errors(controller()) - episode_floor(EnvConfig(ARM), SEEDS).errors
+    regret = final_errors(controller()) - floors()
     assert regret.mean() < 0.01
     assert regret.max() < 0.1
 

@@ -1,5 +1,7 @@
 """The baselines: what each is for, on seeds on which none was tuned, and the pieces that they share."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import yaml
@@ -9,14 +11,14 @@ from agents.baselines import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop
 from agents.baselines.measured_chain import estimated_loads, measured_equilibrium
 from agents.baselines.model_inverse import nearest_tensions
 from agents.baselines.responses import bounded_step, length_responses, tension_response
-from agents.config import EnvConfig
-from agents.controller import Seen
-from agents.floor import episode_floor
-from agents.rollout import run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import run_episodes
+from agents.runs.environment import EnvConfig
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TrackingConfig
-from rj_gym.tracking.task import task_of
-from rj_gym.tracking.vector import RollingJointVectorEnv
+from rj_gym.core.registry import task_of
+from rj_gym.planar.config import TrackingConfig
+from rj_gym.planar.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.load import load_table
 from rollingjoint.presets import preset, small_arm, uniform
@@ -29,6 +31,11 @@ FEEDBACK = [JacobianFeedback, LoadEstimate, Predictive]
 
 def final_errors(controller, seeds=SEEDS, env_id="rj_gym/RollingJoint-v0", **settings):
     return run_episodes(EnvConfig(env_id, settings=settings), controller, seeds).final_errors
+
+
+@cache
+def floors():
+    return episode_floor(EnvConfig(), SEEDS).errors
 
 
 def stepped(steps=15, lanes=60, **settings):
@@ -73,7 +80,7 @@ def test_open_loop_does_not_look_at_the_load():
 @pytest.mark.parametrize("controller", FEEDBACK)
 def test_feedback_ends_near_the_floor(controller):
     """Measured for these seeds: mean regret 0.0024 mm, the largest 0.01 mm; docs/training.md has 1,000 episodes."""
-    regret = final_errors(controller()) - episode_floor(EnvConfig(), SEEDS).errors
+    regret = final_errors(controller()) - floors()
     assert regret.mean() < 0.01
     assert regret.max() < 0.1
 

@@ -6,8 +6,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import rj_gym  # noqa: F401  (registers its ids)
-from agents.config import EnvConfig
-from agents.floor import episode_floor, floor
+from agents.evaluation.floor import episode_floor, floor
+from agents.runs.environment import EnvConfig
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.load import WorldForce, load_table, spatial_load_table
 from rollingjoint.presets import preset, small_arm

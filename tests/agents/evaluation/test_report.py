@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from agents.baselines import DoNothing, JacobianFeedback
-from agents.config import EnvConfig
 from agents.evaluate import evaluate_controllers
-from agents.floor import episode_floor
-from agents.pictures import animation, error_distribution, error_over_time
-from agents.report import Report, Score
-from agents.rollout import Episodes
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.pictures import animation, error_distribution, error_over_time
+from agents.evaluation.report import Report
+from agents.evaluation.rollout import Episodes
+from agents.evaluation.score import Score
+from agents.runs.environment import EnvConfig
 
 
 def episodes(final, before=0.5, rewards=0.0, terminated=False):

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 from agents.baselines import DoNothing, JacobianFeedback
-from agents.build import make_env
-from agents.config import EnvConfig
-from agents.controller import Seen
 from agents.evaluate import evaluate_controllers
-from agents.policy import Policy
-from agents.rollout import film, run_episodes
+from agents.evaluation.controller import Seen
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import film, run_episodes
+from agents.runs.environment import EnvConfig, make_env
 from rollingjoint.errors import ConfigError, InvalidInput
 
 IDS = ["rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"]
@@ -84,7 +83,7 @@ def test_what_is_seen_is_what_info_says_in_millimetres_and_newtons(env_id, size,
         np.testing.assert_allclose(getattr(seen, name), info[known], atol=2e-4, err_msg=name)
     np.testing.assert_allclose(np.linalg.norm(seen.error, axis=1), info["error_mm"], atol=2e-4)
     if planar:
-        np.testing.assert_allclose(seen.poses, env._lanes.state.poses, atol=1e-4)
+        np.testing.assert_allclose(seen.poses, env._buffer.state.poses, atol=1e-4)
         np.testing.assert_allclose(env.task.mechanism.poses(seen.joint_angles), seen.poses, atol=1e-3)
 
 

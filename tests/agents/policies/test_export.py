@@ -16,14 +16,16 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import export
-from agents.build import build_model
-from agents.config import EnvConfig, load_config
-from agents.conversion import network_of
-from agents.export import check_against_torch, export_policy
-from agents.network import PolicyError
-from agents.policy_file import unpack
-from agents.run_folder import RunFolder, write_file
+from agents.policies.conversion import network_of
+from agents.policies.export import check_against_torch, export_policy, export_run
+from agents.policies.file import unpack
+from agents.policies.network import PolicyError
+from agents.runs.config import load_config
+from agents.runs.environment import EnvConfig
+from agents.runs.files import write_file
+from agents.runs.folder import RunFolder
 from agents.shipped import ShippedPolicy, list_policies, load_policy
+from agents.training.build import build_model
 from rj_gym.sb3 import make_sb3_env
 
 torch.set_num_threads(1)
@@ -110,7 +112,7 @@ def test_numpy_gives_the_deterministic_action_of_stable_baselines(algorithm, act
     assert np.abs(actions - expected).max() < 1e-6
     one = {key: values[0] for key, values in seen.items()} if isinstance(seen, dict) else seen[0]
     assert np.abs(policy(one) - expected[0]).max() < 1e-6
-    assert check_against_torch(policy, model, normaliser, lanes=2) < 1e-6
+    assert check_against_torch(policy, model, normaliser, episodes=2) < 1e-6
 
 
 @pytest.mark.parametrize("hidden", [[], [8]])
@@ -286,7 +288,7 @@ def test_list_shows_every_shipped_policy_with_its_recorded_score(capsys):
 def test_trusted_zip_gives_the_same_actions_and_warns_that_it_ran_pickle(which, trained):
     with pytest.warns(UserWarning, match="can run any code"):
         policy = load_policy(RunFolder(trained).policy_files(which)[0], trust_pickle=True)
-    exported, _ = export.export_run(RunFolder(trained), which, "x")
+    exported, _ = export_run(RunFolder(trained), which, "x")
     observation = policy.make_env().reset(seed=0)[0]
     assert np.array_equal(policy(observation), exported(observation))
     assert policy.score is None

@@ -11,14 +11,17 @@ import safetensors.numpy
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agents import policy_file, shipped
-from agents.controller import Seen
-from agents.network import Network, PolicyError
-from agents.policy_file import pack, unpack
-from agents.recorded_score import ERRORS, SHARES, RecordedScore
-from agents.shipped import FOLDER, ShippedPolicy, entry_names, list_policies, load_policy, standalone
+from agents.evaluation.controller import Seen
+from agents.policies import file as policy_file
+from agents.policies.file import SUFFIX, pack, unpack
+from agents.policies.loading import FOLDER
+from agents.policies.network import Network, PolicyError
+from agents.policies.recorded_score import ERRORS, SHARES, RecordedScore
+from agents.policies.shipped import ShippedPolicy, entry_names, standalone
+from agents.shipped import list_policies, load_policy
 from rj_gym import TrackingConfig, settings_of
-from rj_gym.tracking.task import TrackingTask, task_of
+from rj_gym.core.registry import task_of
+from rj_gym.planar.task import PlanarTask as TrackingTask
 from rollingjoint.errors import RollingJointError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -405,4 +408,4 @@ def test_every_shipped_policy_goes_into_the_package():
 
     packages = tomllib.loads((FOLDER.parent.parent / "pyproject.toml").read_text())["tool"]["setuptools"]
     assert "policies/*.safetensors" in packages["package-data"]["agents"]
-    assert {path.suffix for path in FOLDER.iterdir()} == {shipped.SUFFIX}
+    assert {path.suffix for path in FOLDER.iterdir() if path.name != "__pycache__"} == {SUFFIX, ".py"}

@@ -10,20 +10,21 @@ from PIL import Image
 
 from agents import train
 from agents.baselines import baselines
-from agents.config import EnvConfig, TrainConfig
 from agents.evaluate import evaluate_controllers
-from agents.policy import Policy
-from agents.report import Score
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import Episodes
+from agents.evaluation.score import Score
 from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
 from agents.results.description import description
 from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
-from agents.results.runs import Recipe, Run, Task, find_tasks, heavier
+from agents.results.runs import Benchmark, Recipe, Run, find_benchmarks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
-from agents.rollout import Episodes
-from agents.run_folder import RunFolder
+from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig
+from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.config import TrackingConfig
+from rj_gym.planar.config import TrackingConfig
 
 COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
           "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip
@@ -185,7 +186,7 @@ def test_every_baseline_has_a_colour():
 
 
 def test_policies_and_baselines_are_compared_in_the_same_episodes(runs):
-    task = find_tasks(runs)[0][1]
+    task = find_benchmarks(runs)[0][1]
     with driving(1) as drive:
         scores = score(task, range(FIRST, FIRST + 5), drive)
     policies = {"ppo_drift": Policy.load(RunFolder.open(runs / "ppo_drift/seed_3")), **baselines()}
@@ -229,7 +230,7 @@ def test_a_folder_without_a_finished_run_is_an_error(tmp_path, capsys):
 
 
 def test_rewards_do_not_make_another_task_but_loads_do(runs):
-    tasks, _ = find_tasks(runs)
+    tasks, _ = find_benchmarks(runs)
     assert [task.title for task in tasks] == ["near", "drift", "reach"]
     assert [(recipe.name, recipe.seeds) for recipe in tasks[0].recipes] == [("ppo_near", [1, 2]), ("sac_near", [1, 2])]
 
@@ -260,7 +261,7 @@ def test_a_task_is_described_by_its_settings():
 def test_the_goal_environment_s_policies_belong_to_the_same_task():
     goal = EnvConfig("rj_gym/FlexibleArmGoal-v0", settings={"mechanism": "small_arm"})
     runs = [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1))) for env in (goal, EnvConfig())]
-    arm, planar = (Task("some", [Recipe("one", [run])]) for run in runs)
+    arm, planar = (Benchmark("some", [Recipe("one", [run])]) for run in runs)
     assert arm.env == EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
     assert planar.complexity == (0, 0) and arm.complexity == (2, 1)
 

@@ -7,26 +7,31 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from agents.search import compare
+from agents.search import compare, workers
 from agents.search.__main__ import main
 from agents.search.config import load_search
 from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
 from agents.search.outcome import Search, median
 from agents.search.problem import KINDS, against, check, design_problem
-from agents.search.report import CAPTIONS, Report
+from agents.search.report import CAPTIONS, Findings
 from agents.search.workers import _one_thread_each
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
 torch.set_num_threads(1)
+
 SHIPPED = sorted(Path("configs/search").glob("*.yaml"))
 SMALL = """
 space: {knots: 3}
@@ -53,11 +58,22 @@ def written(tmp_path, text):
     return path
 
 
+class WorkerThread(threading.Thread):
+    """In place of a worker process, which would import and compile everything anew."""
+
+    def __init__(self, target, args):
+        super().__init__(target=target, args=[Connection(os.dup(pipe.fileno())) for pipe in args])
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A small search, finished, in a folder out/small."""
+    """A small search, finished, in a folder out/small: one method in a process, the others in a thread."""
     folder = tmp_path_factory.mktemp("search")
-    assert main([str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]) == 0
+    command = [str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]
+    assert main([*command, "--methods", "random"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers, "get_context", lambda method: SimpleNamespace(Pipe=Pipe, Process=WorkerThread))
+        assert main(command) == 0
     return folder / "out" / "small"
 
 
@@ -139,7 +155,7 @@ def test_every_method_keeps_to_the_same_budget_and_seeds(finished):
 def test_the_reference_sets_the_limit(finished):
     search = Search.read(finished)
     limit = search.problem.limits[1].high
-    assert limit == pytest.approx(Report(search).scores[1][2])
+    assert limit == pytest.approx(Findings(search).scores[1][2])
     assert all(
         one.evaluated.measured[one.evaluated.feasible, 2].max() <= limit for one in search.all if one.best < np.inf
     )
@@ -160,7 +176,7 @@ def test_the_report_says_what_the_runs_hold(finished):
 
 
 def test_verdicts_follow_from_the_numbers(finished):
-    search, report = Search.read(finished), Report(Search.read(finished))
+    search, report = Search.read(finished), Findings(Search.read(finished))
     ours, theirs = -search.winner.best, report.scores[1][0]
     share = 100 * abs(ours - theirs) / theirs
     assert f"beats five_link by {share:.0f} %: lateral stiffness {ours:.4g} N/mm" in report.verdicts()[0]
@@ -224,7 +240,7 @@ def test_unfinished_runs_are_left_out_and_named(finished, tmp_path):
     journal.write_bytes(journal.read_bytes().split(b"\n")[0] + b"\n")
     search = Search.read(copy)
     assert [path.name for path in search.left_out] == ["seed_2"]
-    assert "left out" in Report(search).markdown(1, {})
+    assert "left out" in Findings(search).markdown(1, {})
 
 
 @pytest.mark.slow

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.run_folder import RunFolderError
+from agents.runs.files import RunFolderError
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.gradient import Descent
 from agents.search.methods import METHODS, make
-from agents.search.optimiser import Evaluated, Task
+from agents.search.optimiser import Evaluated, Setup
 from agents.search.run import evaluated_by, search
 from rollingjoint.errors import ConfigError
 
@@ -79,7 +79,7 @@ PROBLEMS = {
 
 
 def optimiser(method, problem, seed=1, **settings):
-    return make(method, Task(problem.dimensions, NAMES, seed), SETTINGS.get(method, {}) | settings)
+    return make(method, Setup(problem.dimensions, NAMES, seed), SETTINGS.get(method, {}) | settings)
 
 
 def explored(method, problem, budget, seed=1, **settings):
@@ -204,13 +204,13 @@ def test_map_elites_finds_good_designs_of_more_kinds_than_random_search():
         ("map_elites", {}, "the key 'measures'"),
         ("map_elites", SETTINGS["map_elites"] | {"measures": ["first", "lost"]}, "'lost'.*Did you mean 'last'"),
         ("map_elites", SETTINGS["map_elites"] | {"ranges": [[1, -1], [0, 1]]}, "methods.map_elites.ranges"),
-        ("bayesian", {"sampler": "gauss"}, "methods.bayesian.sampler = 'gauss': expected one of tpe, gp"),
+        ("bayesian", {"sampler": "gauss"}, "methods.bayesian.sampler = 'gauss': expected one of 'tpe', 'gp'"),
         ("gradient", {"starts": 0}, "methods.gradient.starts = 0"),
     ],
 )
 def test_settings_that_a_method_does_not_take_are_named(method, settings, message):
     with pytest.raises(ConfigError, match=message):
-        make(method, Task(2, NAMES), settings)
+        make(method, Setup(2, NAMES), settings)
 
 
 CONFIG = {"objectives": [{"kind": "tip_travel"}], "budget": 45, "seeds": [1]}

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from agents import evaluate, train  # noqa: E402 - needs torch
-from agents.run_folder import RunFolder  # noqa: E402
+from agents.runs.folder import RunFolder  # noqa: E402
 from agents.search import unseen  # noqa: E402
 from rj_gym import CurvatureDesignVectorEnv  # noqa: E402
 
@@ -34,7 +34,7 @@ def test_the_table_has_the_policy_and_every_method_and_goes_between_the_marks(ru
     assert text.startswith("before\n") and text.endswith("\nafter\n") and "old" not in text
     assert f"agents.search.unseen {run} --tasks 2 --budget 4" in text
     names = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
-    assert names == ["method", "policy", *(name.replace("_", " ") for name in unseen.METHODS)]
+    assert names == ["method", ":--", "policy", *(name.replace("_", " ") for name in unseen.METHODS)]
 
 
 def test_a_method_is_judged_by_the_environments_own_error(run):

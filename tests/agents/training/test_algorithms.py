@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import train
-from agents.build import build_model
-from agents.callbacks import Evaluation
-from agents.config import TrainConfig
-from agents.train import learn
+from agents.runs.config import TrainConfig
+from agents.training.build import build_model
+from agents.training.callbacks import Evaluator
+from agents.training.learn import learn
+from agents.training.learn import train as train_run
 from rollingjoint.errors import ConfigError
 
 GOAL = "rj_gym/RollingJointGoal-v0"
@@ -102,9 +102,9 @@ def test_what_an_algorithm_cannot_learn_from_is_refused(settings, words):
 
 
 def test_lanes_that_end_together_make_one_row_of_the_log(tmp_path, monkeypatch):
-    monkeypatch.setattr(Evaluation, "evaluate", lambda self: {})
+    monkeypatch.setattr(Evaluator, "evaluate", lambda self: {})
     settings = config("sac", {"n_envs": 16}, total_timesteps=640, evaluation={"every": 10_000})
-    assert train.train(settings, tmp_path / "run") == 0
+    assert train_run(settings, tmp_path / "run") == 0
     rows = list(csv.DictReader(Path(tmp_path / "run/logs/progress.csv").read_text().splitlines()))
     steps = [int(row["time/total_timesteps"]) for row in rows if row["time/total_timesteps"]]
     assert steps == [160, 320, 480, 640]

@@ -10,12 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from agents import campaign, train
-from agents.campaign import content, load_campaign
-from agents.config import EnvConfig, TrainConfig, load_config
+from agents import train
+from agents.campaign import main as campaign_main
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.environment import EnvConfig
+from agents.training import campaign
+from agents.training.campaign import load_campaign
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 from rollingjoint.presets import small_arm
+from tests.agents.forked import Forked
 
 TINY = """
 algorithm: ppo
@@ -51,7 +55,7 @@ def campaign_file(folder: Path, steps: int = 1000, **runs: list[int]) -> Path:
 
 
 def run(path: Path, out: Path, jobs: int = 2) -> int:
-    return campaign.main([str(path), "--out", str(out), "--jobs", str(jobs)])
+    return campaign_main([str(path), "--out", str(out), "--jobs", str(jobs)])
 
 
 def weights(folder: Path) -> bytes:
@@ -74,6 +78,7 @@ def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypa
         if any((out / "near/seed_1/checkpoints").glob("[0-9]*")):
             children[0].kill()
 
+    monkeypatch.setattr(campaign.subprocess, "Popen", Forked)
     with monkeypatch.context() as patch:
         watch(patch, kill_the_first)
         assert run(path, out) == 2
@@ -89,6 +94,7 @@ def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypa
         patch.setattr(campaign.subprocess, "Popen", None)
         assert run(path, out) == 0
     assert (weights(out / "near/seed_1"), weights(out / "near/seed_2")) == before
+    monkeypatch.undo()
     alone = ["--config", str(tmp_path / "near.yaml"), "--set", "seed=1", "--run-dir", str(tmp_path / "alone")]
     assert train.main(alone) == 0
     assert weights(tmp_path / "alone") == before[0]
@@ -106,7 +112,7 @@ def test_a_failing_run_is_reported_in_one_line_and_the_others_go_on(tmp_path, ca
     assert "what" in failed[0] and "another --out" in failed[0]  # trained with seed 0, not 1
     assert "What is there is no run; it stays as it is." in failed[1]
     assert "2 of 3 runs failed" in said.err
-    assert campaign.is_finished(campaign.RunFolder(out / "good/seed_7"))
+    assert campaign.RunFolder(out / "good/seed_7").is_finished
     written = load_config(out / "good/seed_7/config.yaml")
     assert (written.seed, written.torch_threads) == (7, 1)
 
@@ -167,18 +173,18 @@ def test_a_configuration_means_the_same_wherever_its_mechanism_is_written(tmp_pa
     from_file = load_config(tmp_path / "train.yaml")
     by_name = load_config(tmp_path / "train.yaml", ["env.settings.mechanism=two_segment"])
     assert from_file != by_name
-    assert content(from_file) == content(by_name)
-    assert content(load_config(tmp_path / "train.yaml", ["env.settings.mechanism=five_link"])) != content(by_name)
-    assert content(load_config(tmp_path / "train.yaml", ["env.settings.start_tension=3.5"])) != content(from_file)
+    assert from_file.content() == by_name.content()
+    assert load_config(tmp_path / "train.yaml", ["env.settings.mechanism=five_link"]).content() != by_name.content()
+    assert load_config(tmp_path / "train.yaml", ["env.settings.start_tension=3.5"]).content() != from_file.content()
 
 
 def test_the_content_of_an_arm_s_configuration_has_every_setting_and_bead():
     env = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
-    settings = content(TrainConfig(env=env))["env"]["settings"]
+    settings = TrainConfig(env=env).content()["env"]["settings"]
     assert settings["gravity"]["tilt"] == (0.0, 0.5) and settings["load"]["process"] == "constant"
     assert settings["mechanism"] == mechanism_to_dict(small_arm()) | {"name": ""}
     other = EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": small_arm(5)})
-    assert content(TrainConfig(env=other)) != content(TrainConfig(env=env))
+    assert TrainConfig(env=other).content() != TrainConfig(env=env).content()
 
 
 @pytest.mark.parametrize("path", sorted(Path("configs/campaign").glob("*.yaml")), ids=lambda path: path.stem)

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 import rj_gym
-from agents.config import TrainConfig, load_config
-from agents.fields import Linear
-from agents.parameters import PARAMETERS, constructor_arguments
+from agents.runs.algorithms import PARAMETERS, constructor_arguments
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.schedules import Linear
 from rollingjoint.errors import ConfigError
 from rollingjoint.presets import PRESETS
 
@@ -46,7 +46,7 @@ def test_the_configs_named_in_the_documentation_exist():
         ("algorithm: sac\nparameters: {n_epochs: 3}", ["parameters", "n_epochs"]),
         ("algorithm: ppp", ["algorithm", "'ppp'", "'ppo'"]),
         ("total_timesteps: 0", ["total_timesteps = 0", ">= 1"]),
-        ("total_timesteps: 1.5e3", ["total_timesteps", "integer"]),
+        ("total_timesteps: 1.5", ["total_timesteps", "integer"]),
         ("seed: true", ["seed = True", "integer"]),
         ("torch_threads: two", ["torch_threads", "'two'"]),
         ("normalise: {reward: 1}", ["normalise.reward", "true or false"]),
@@ -102,6 +102,11 @@ def test_a_number_with_an_exponent_is_a_number(tmp_path):
     assert arguments["clip_range"](0.5) == pytest.approx(0.1)
 
 
+def test_an_integer_may_be_written_as_a_number_with_a_point(tmp_path):
+    config = load_config(write(tmp_path, "total_timesteps: 1.5e3\nparameters: {batch_size: 64.0}"))
+    assert (repr(config.total_timesteps), repr(config.parameters["batch_size"])) == ("1500", "64")
+
+
 def test_a_linear_schedule_goes_from_start_to_end():
     schedule = Linear(3.0, 1.0)
     assert [schedule(1.0), schedule(0.5), schedule(0.0)] == [3.0, 2.0, 1.0]
@@ -125,7 +130,7 @@ def test_the_env_file_is_found_beside_the_config_and_settings_go_on_top(tmp_path
 
 
 def test_parameters_are_arguments_of_the_constructors():
-    from agents.build import algorithm_class
+    from agents.runs.algorithms import algorithm_class
 
     for name, parameters in PARAMETERS.items():
         accepted = inspect.signature(algorithm_class(name)).parameters
@@ -147,8 +152,8 @@ def test_the_default_config_is_valid():
 
 def test_importing_agents_and_reading_a_config_loads_neither_torch_nor_matplotlib():
     code = (
-        "import sys, agents, agents.config, agents.run_folder, agents.train, agents.evaluate, agents.baselines;"
-        "agents.config.load_config('configs/train/demo.yaml');"
+        "import sys, agents, agents.runs.config, agents.runs.folder, agents.train, agents.evaluate, agents.baselines;"
+        "agents.runs.config.load_config('configs/train/demo.yaml');"
         "sys.exit(', '.join({'torch', 'stable_baselines3', 'matplotlib'} & set(sys.modules)) or None)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

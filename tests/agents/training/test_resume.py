@@ -11,14 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from agents import checkpoint, train
-from agents.callbacks import Evaluation
-from agents.config import load_config
-from agents.file_lock import file_lock
-from agents.policy import Policy
-from agents.rollout import run_episodes
-from agents.run_folder import RunFolder
-from agents.training_log import _Events
+from agents import train
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import load_config
+from agents.runs.folder import RunFolder
+from agents.runs.locks import file_lock
+from agents.training import checkpoint
+from agents.training.callbacks import Evaluator
+from agents.training.log import _Events
+from tests.agents.forked import Forked
 
 ENV = ["env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]", "evaluation.every=40",
        "evaluation.episodes=2", "checkpoint_every=40"]  # fmt: skip
@@ -33,7 +35,8 @@ for words in (PPO, HER):
 # Kills its own process when a file of this name is about to be written for the n-th time.
 KILLED_WHILE_WRITING = """
 import os, signal, sys
-from agents import checkpoint, train
+from agents import train
+from agents.training import checkpoint
 write, seen = checkpoint.write_file, []
 def killing(path, content):
     seen.extend([1] if path.name == sys.argv[1] else [])
@@ -91,8 +94,7 @@ def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, t
     run = tmp_path / "run"
     file = {"ppo": "training.pkl", "her": "replay_buffer.pkl"}[name]
     command = [sys.executable, "-c", KILLED_WHILE_WRITING, file, "2", *words, "--run-dir", str(run)]
-    child = subprocess.run(command, stdout=subprocess.DEVNULL)
-    assert child.returncode == -signal.SIGKILL
+    assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert sorted(path.name for path in run.glob("checkpoints/*")) == [".000000080", "000000040"]
     if name == "ppo":
         killed_after("120 steps: mean", ["--resume", str(run)])
@@ -122,10 +124,10 @@ def test_a_run_killed_before_its_first_checkpoint_begins_anew(whole, tmp_path):
 
 @pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
 def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whole, tmp_path, monkeypatch, capsys):
-    run, evaluate = tmp_path / "run", Evaluation.evaluate
+    run, evaluate = tmp_path / "run", Evaluator.evaluate
     with monkeypatch.context() as patch:
-        patch.setattr(Evaluation, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
-        patch.setattr(Evaluation, "_on_training_end", lambda self: None)
+        patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
+        patch.setattr(Evaluator, "_on_training_end", lambda self: None)
         assert train.main([*words, "--run-dir", str(run)]) == 128 + signal.SIGTERM
     assert f"--resume {run}" in capsys.readouterr().out
     assert train.main(["--resume", str(run)]) == 0
@@ -244,7 +246,8 @@ def test_a_full_disk_before_training_leaves_no_run_folder(tmp_path, monkeypatch,
 
 LIMITED = """
 import resource, sys
-from agents import checkpoint, train
+from agents import train
+from agents.training import checkpoint
 save = checkpoint.save
 def limited(model, run):
     done = save(model, run)

@@ -2,8 +2,9 @@ import json
 
 import pytest
 
-from agents.config import TrainConfig
-from agents.run_folder import RunFolder, RunFolderError, write_file, write_text
+from agents.runs.config import TrainConfig
+from agents.runs.files import RunFolderError, write_file, write_text
+from agents.runs.folder import RunFolder
 from agents.train import main
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.presets import five_link
@@ -41,7 +42,7 @@ def test_the_mechanism_file_of_a_run_is_copied_into_its_folder(tmp_path):
     (tmp_path / "mine.yaml").write_text(dump_mechanism(five_link()))
     source = tmp_path / "some.yaml"
     source.write_text("env: {settings: {mechanism: mine.yaml}}")
-    from agents.config import load_config
+    from agents.runs.config import load_config
 
     run = RunFolder.create(tmp_path / "run", load_config(source), [])
     (tmp_path / "mine.yaml").unlink()

@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from agents import evaluate, train
-from agents.callbacks import StopOnSignal
-from agents.policy import Policy
-from agents.rollout import run_episodes
-from agents.run_folder import RunFolder
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.folder import RunFolder
+from agents.training.callbacks import StopOnSignal
 
 TINY = [
     "env.n_envs=2", "env.settings.episode_steps=10", "total_timesteps=80", "parameters.n_steps=20",
@@ -73,7 +73,7 @@ def test_an_evaluation_writes_its_report_and_pictures(run):
             assert getattr(image, "n_frames", 1) == (11 if name == "animation.gif" else 1)
 
 
-def test_the_same_seeds_give_the_same_evaluation(run, tmp_path):
+def test_the_same_seeds_give_the_same_evaluation(run, tmp_path, no_pictures):
     assert evaluate.main([str(run), "--episodes", "4", "--out", str(tmp_path)]) == 0
     first, second = (json.loads((folder / "report.json").read_text()) for folder in (run / "evaluation", tmp_path))
     assert first["final_errors_mm"] == second["final_errors_mm"]
@@ -92,7 +92,7 @@ def test_a_run_repeated_from_its_own_config_gives_the_same_policy(run, tmp_path,
     assert (run / "evaluations.csv").read_text() == (tmp_path / "again" / "evaluations.csv").read_text()
 
 
-def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings(run, tmp_path):
+def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings(run, tmp_path, no_pictures):
     moved = tmp_path / "elsewhere"
     os.symlink(run, moved)
     out = tmp_path / "unloaded"

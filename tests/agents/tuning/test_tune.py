@@ -13,13 +13,16 @@ import pytest
 from optuna.trial import TrialState
 from PIL import Image
 
-from agents import study_report, train, tune
-from agents.callbacks import Evaluation
-from agents.config import load_config
-from agents.file_lock import file_lock
-from agents.journal import journal_storage
-from agents.study import StudyConfig, load_study
+from agents import train, tune
+from agents.runs.config import load_config
+from agents.runs.locks import file_lock
+from agents.training.callbacks import Evaluator
+from agents.tuning.folder import StudyFolder
+from agents.tuning.journal import journal_storage
+from agents.tuning.study import StudyConfig, load_study
+from agents.tuning.trials import KILLED
 from rollingjoint.errors import ConfigError
+from tests.agents.forked import Forked
 
 STUDY = """
 config: {configs}/train/demo.yaml
@@ -48,13 +51,6 @@ def config(tmp_path) -> Path:
     path = tmp_path / "study.yaml"
     path.write_text(STUDY.format(configs=Path("configs").resolve()))
     return path
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Pictures take longer than these trials."""
-    for name in ("history", "parameters"):
-        monkeypatch.setattr(study_report, name, lambda *anything: b"")
 
 
 def run(*arguments: object) -> int:
@@ -113,7 +109,7 @@ def test_no_trials_show_what_would_be_searched_and_leave_nothing(config, tmp_pat
 
 
 def test_failed_trials_keep_their_reason_and_the_study_goes_on(config, tmp_path, monkeypatch, capsys, no_pictures):
-    evaluate, count = Evaluation.evaluate, []
+    evaluate, count = Evaluator.evaluate, []
 
     def diverging(self):
         count.append(1)
@@ -125,7 +121,7 @@ def test_failed_trials_keep_their_reason_and_the_study_goes_on(config, tmp_path,
             self._write(row.values())
         return row
 
-    monkeypatch.setattr(Evaluation, "evaluate", diverging)
+    monkeypatch.setattr(Evaluator, "evaluate", diverging)
     folder = tmp_path / "study"
     assert run("--config", config, "--study", folder, "--trials", 2) == 2
     assert "report.md says why" in capsys.readouterr().err
@@ -137,13 +133,13 @@ def test_failed_trials_keep_their_reason_and_the_study_goes_on(config, tmp_path,
 
 
 def test_a_trial_that_falls_behind_is_ended_early(config, tmp_path, monkeypatch, no_pictures):
-    evaluate = Evaluation.evaluate
+    evaluate = Evaluator.evaluate
 
     def worse(self):
         row = evaluate(self)
         return row | {"mean_mm": 1000.0 if "0002" in str(self.run.path) else row["mean_mm"]}
 
-    monkeypatch.setattr(Evaluation, "evaluate", worse)
+    monkeypatch.setattr(Evaluator, "evaluate", worse)
     folder = tmp_path / "study"
     assert run("--config", config, "--study", folder, "--trials", 3) == 0
     last = trials(folder)[2]
@@ -154,13 +150,13 @@ def test_a_trial_that_falls_behind_is_ended_early(config, tmp_path, monkeypatch,
 KILLED_IN_THE_SECOND_TRIAL = """
 import os, signal, sys
 from agents import tune
-from agents.callbacks import Evaluation
-evaluate = Evaluation.evaluate
+from agents.training.callbacks import Evaluator
+evaluate = Evaluator.evaluate
 def killing(self):
     if "0001" in str(self.run.path):
         os.kill(os.getpid(), signal.SIGKILL)
     return evaluate(self)
-Evaluation.evaluate = killing
+Evaluator.evaluate = killing
 tune.main(sys.argv[1:])
 """
 
@@ -168,13 +164,13 @@ tune.main(sys.argv[1:])
 def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     command = [sys.executable, "-c", KILLED_IN_THE_SECOND_TRIAL, "--config", str(config), "--study", str(folder)]
-    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == -signal.SIGKILL
+    assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert [trial.state for trial in trials(folder)] == [TrialState.COMPLETE, TrialState.RUNNING]
     with (folder / "journal.log").open("a") as journal:
         journal.write('{"half": ')  # as a full disk would leave it
     assert run("--study", folder, "--trials", 3) == 0
     first, killed, again, last = trials(folder)
-    assert (killed.state, killed.user_attrs["reason"]) == (TrialState.FAIL, tune.KILLED)
+    assert (killed.state, killed.user_attrs["reason"]) == (TrialState.FAIL, KILLED)
     assert again.params == killed.params
     assert first.params != again.params != last.params
     assert all(trial.state.is_finished() for trial in (again, last))
@@ -183,7 +179,7 @@ def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
 def test_a_trial_that_another_process_works_on_is_left_alone(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     assert run("--config", config, "--study", folder, "--trials", 1) == 0
-    study = tune.StudyFolder(folder).journal(load_study(config))
+    study = StudyFolder(folder).journal(load_study(config))
     number = study.ask().number
     (folder / "trials" / f"{number:04d}").mkdir()
     with file_lock(folder / "trials" / f"{number:04d}" / "lock"):
@@ -192,10 +188,10 @@ def test_a_trial_that_another_process_works_on_is_left_alone(config, tmp_path, n
 
 
 def test_a_signal_ends_the_study_and_queues_its_trial_again(config, tmp_path, monkeypatch, capsys, no_pictures):
-    folder, evaluate = tmp_path / "study", Evaluation.evaluate
+    folder, evaluate = tmp_path / "study", Evaluator.evaluate
     with monkeypatch.context() as patch:
-        patch.setattr(Evaluation, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
-        patch.setattr(Evaluation, "_on_training_end", lambda self: None)
+        patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
+        patch.setattr(Evaluator, "_on_training_end", lambda self: None)
         assert run("--config", config, "--study", folder) == 128 + signal.SIGTERM
     assert "to go on: python -m agents.tune" in capsys.readouterr().out
     assert run("--study", folder, "--trials", 1) == 0
@@ -235,7 +231,7 @@ def test_a_wrong_study_ends_with_one_line_that_names_the_key(change, words, conf
 
 def test_a_study_that_began_with_something_else_or_no_study_is_refused(config, tmp_path, capsys):
     folder = tmp_path / "study"
-    tune.StudyFolder(folder).begin(load_study(config))
+    StudyFolder(folder).begin(load_study(config))
     config.write_text(config.read_text().replace("high: 0.99", "high: 0.9"))
     assert run("--config", config, "--study", folder) == 2
     assert "began with" in capsys.readouterr().err
@@ -249,7 +245,7 @@ def test_a_study_that_began_with_something_else_or_no_study_is_refused(config, t
 
 def test_a_study_survives_a_round_trip_through_yaml(config, tmp_path):
     study = load_study(config)
-    tune.StudyFolder(tmp_path / "study").begin(study)
+    StudyFolder(tmp_path / "study").begin(study)
     assert load_study(tmp_path / "study" / "study.yaml") == study
 
 
@@ -266,7 +262,7 @@ def test_every_value_of_a_space_must_fit_the_configuration():
 
 
 def load_study_with(space: dict) -> StudyConfig:
-    from agents.config import TrainConfig
-    from agents.study import Choices
+    from agents.runs.config import TrainConfig
+    from agents.tuning.study import Choices
 
     return StudyConfig(TrainConfig(), {key: Choices(tuple(value["choices"])) for key, value in space.items()})

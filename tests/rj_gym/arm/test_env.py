@@ -9,12 +9,12 @@ import pytest
 
 import rj_gym
 from rj_gym import FlexibleArmConfig, FlexibleArmEnv, FlexibleArmGoalEnv, FlexibleArmVectorEnv
-from rj_gym.canvas import SIZE
+from rj_gym.rendering.canvas import SIZE
 from rollingjoint import Status
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.presets import five_link, flexible_arm, small_arm
 from rollingjoint.spatial import se3
-from tests.rj_gym.planar.test_env import rollout, same
+from tests.rj_gym.rollouts import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 
 SMALL = {"mechanism": "small_arm"}
@@ -46,7 +46,7 @@ def test_nested_dictionaries_keep_the_defaults_of_the_arm():
         ({"load": {"link": "tip"}}, "one of magnitude"),
         ({"load": {"magnitude": (-1, 1)}}, "load.magnitude"),
         ({"load": {"process": "steps"}}, "Did you mean 'step'"),
-        ({"orientation": 1}, "True or False"),
+        ({"orientation": 1}, "true or false"),
         ({"reward": {"angle_scale_rad": 0}}, "angle_scale_rad"),
         ({"randomization": {"weight_spread": 1.0}}, "0.9"),
         ({"randomization": {"link_tolerance_mm": 0.1}}, "one of position_noise_mm"),
@@ -225,7 +225,7 @@ def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_obser
     env = FlexibleArmEnv(reward={"failure_penalty": 7.0}, **SMALL)
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(4))
-    watch_solver(env._lanes, after=lambda: env._lanes._results.status.fill(Status.NOT_CONVERGED))
+    watch_solver(env._buffer, after=lambda: env._buffer._results.status.fill(Status.NOT_CONVERGED))
     observation, reward, terminated, truncated, info = env.step(np.ones(4))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED") and reward < -7.0
     assert np.array_equal(observation, before[0])

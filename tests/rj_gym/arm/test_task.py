@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from rj_gym import FlexibleArmConfig, arm_observation_entries
+from rj_gym.arm.episodes import ArmEpisodeBuffer
 from rj_gym.arm.kernels import ANGLE, OWN, rotation_vector, turn_frame
 from rj_gym.arm.task import ArmTask, goal_angles
-from rj_gym.tracking.kernels import REWARD
-from rj_gym.tracking.task import task_of
-from rj_gym.tracking.task_lanes import over_time
+from rj_gym.core.draws import over_time
+from rj_gym.core.kernels import REWARD
+from rj_gym.core.registry import task_of
 from rollingjoint import Gravity, Status, WorldForce
-from rollingjoint._numba.jit import standalone
+from rollingjoint.compiled import standalone
 from rollingjoint.presets import flexible_arm, small_arm
 from rollingjoint.spatial import se3
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
@@ -39,7 +40,7 @@ EVERYTHING = {
 
 
 def started(count=3, goal=False, seeds=None, **settings):
-    lanes = ArmTask(FlexibleArmConfig.from_dict(settings)).lanes(count, goal)
+    lanes = ArmEpisodeBuffer(ArmTask(FlexibleArmConfig.from_dict(settings)), count, goal)
     episodes, observation = lanes.begin([np.random.default_rng(seed) for seed in seeds or range(count)])
     return lanes, episodes, now(lanes, observation)
 
@@ -117,7 +118,7 @@ def test_targets_are_tip_poses_of_unloaded_equilibria_at_log_uniform_tensions(me
 
 def test_load_tables_are_the_true_loads_and_those_without_payload():
     task, drawn = sampled(5, **(EVERYTHING | {"mechanism": "flexible_arm", "episode_steps": 6}))
-    lanes = task.lanes(5, False)
+    lanes = ArmEpisodeBuffer(task, 5)
     lanes.begin([np.random.default_rng(seed) for seed in range(5)])
     for _ in range(3):
         lanes.accept(np.zeros((5, 8)))

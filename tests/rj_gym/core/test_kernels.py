@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 SOURCE = """
-from rollingjoint._numba.jit import kernel
+from rollingjoint.compiled import kernel
 
 @kernel
 def moved(x):
@@ -19,13 +19,35 @@ print(moved(1.0))
 
 USER = """
 from elsewhere import moved
-from rollingjoint._numba.jit import kernel
+from rollingjoint.compiled import kernel
 
 @kernel
 def twice(x):
     return 2.0 * moved(x)
 
 print(twice(1.0))
+"""
+
+
+LAYOUT = """
+from typing import Annotated, NamedTuple
+from rollingjoint.compiled import Floats
+
+class Task(NamedTuple):
+    {fields}
+"""
+
+PINNED = """
+import numpy as np
+from layouts import Task
+from rollingjoint.compiled import Pinned, kernel, unpin
+
+@kernel
+def scaled(pins):
+    task = unpin(pins, Task)
+    return task.scale * task.values[0]
+
+print(scaled(Pinned(Task(**{name: 3.0 if name == "scale" else np.array([5.0]) for name in Task._fields})).address))
 """
 
 
@@ -57,9 +79,17 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_in_another_file_change
     assert [printed("user.py", shift) for shift in (1.0, 2.0, 2.0)] == [4.0, 6.0, 6.0]
 
 
+def test_a_kernel_is_compiled_anew_when_a_layout_in_another_file_changes(printed, tmp_path):
+    (tmp_path / "pinned.py").write_text(PINNED)
+    fields = ["scale: float", "values: Annotated[Floats, 'B']"]
+    for order in (fields, fields[::-1]):
+        (tmp_path / "layouts.py").write_text(LAYOUT.format(fields="\n    ".join(order)))
+        assert printed("pinned.py", 0.0) == 15.0
+
+
 def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():
     from rj_gym.arm.kernels import observe, prepare
-    from rj_gym.tracking.kernels import observe as planar_observe
+    from rj_gym.planar.kernels import observe as planar_observe
 
     names = [one._cache._impl.filename_base for one in (observe, planar_observe, prepare)]
     assert len(set(names)) == 3

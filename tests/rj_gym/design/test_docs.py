@@ -11,18 +11,11 @@ torch = pytest.importorskip("torch")
 import rj_gym  # noqa: E402
 from rj_gym.design.options import OPTIONS  # noqa: E402
 from rollingjoint.design import MARGINS, DesignSpace  # noqa: E402
+from tests.pages import bounds, examples, rows  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "design_environment.md").read_text()
-EXAMPLES = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-
-
-def rows(heading):
-    """Cells of the first table below a heading."""
-    section = PAGE.split(heading, 1)[1].split("\n#", 1)[0]
-    return [
-        [cell.strip(" `") for cell in line.strip("|").split(" | ")] for line in section.splitlines() if line[:2] == "| "
-    ]
+EXAMPLES = examples(PAGE)
 
 
 @pytest.mark.parametrize(("program", "output"), EXAMPLES)
@@ -38,7 +31,7 @@ def test_every_python_block_has_its_output():
 @pytest.mark.parametrize("name", ["DesignConfig", "DesignRewardConfig"])
 def test_settings_table_has_every_key_and_its_default(name):
     default = getattr(rj_gym, name)()
-    table = {key: yaml.safe_load(value) for key, value, *_ in rows(f"### {name}")[1:]}
+    table = {key: yaml.safe_load(value) for key, value, *_ in rows(PAGE, f"### {name}")[1:]}
     fields = {f.name: getattr(default, f.name) for f in dataclasses.fields(default)}
     plain = {key: value for key, value in fields.items() if key not in ("space", "reward")}
     assert table == yaml.safe_load(yaml.safe_dump(plain).replace("!!python/tuple", ""))
@@ -52,17 +45,16 @@ def test_options_info_and_reward_tables_are_complete():
     env = rj_gym.CurvatureDesignEnv(space={"knots": 3})
     _, start = env.reset(seed=0)
     info = env.step([0.0] * 6)[-1]
-    assert [key for key, *_ in rows("## Fixing an episode")[1:]] == list(OPTIONS)
-    assert {name for key, *_ in rows("## Info")[1:] for name in re.findall(r"\w+", key)} == start.keys() | info.keys()
-    assert re.findall(r"\w+", rows("## Info")[-1][1].split(":", 1)[1]) == list(start["sampled"])
-    assert [key for key, *_ in rows("## Reward")[1:]] == list(info["reward_terms"])
+    assert [key for key, *_ in rows(PAGE, "## Fixing an episode")[1:]] == list(OPTIONS)
+    assert {
+        name for key, *_ in rows(PAGE, "## Info")[1:] for name in re.findall(r"\w+", key)
+    } == start.keys() | info.keys()
+    assert re.findall(r"\w+", rows(PAGE, "## Info")[-1][1].split(":", 1)[1]) == list(start["sampled"])
+    assert [key for key, *_ in rows(PAGE, "## Reward")[1:]] == list(info["reward_terms"])
 
 
 def test_class_docstring_tables_every_kind_of_entry_with_its_bounds():
-    table = {}
-    for line in re.findall(r"^ *\| (.*) \|$", rj_gym.CurvatureDesignEnv.__doc__, re.MULTILINE):
-        names, _, _, low, high = line.split(" | ") if line.count(" | ") == 4 else [""] * 5
-        table |= {name.strip(): (low, high) for name in names.split(",")}
+    table = bounds(rj_gym.CurvatureDesignEnv.__doc__)
     config = rj_gym.DesignConfig()
     names = [entry.name for entry in rj_gym.design_observation_entries(config)]
     assert names[: config.space.dimensions] == list(config.space.names)

@@ -3,6 +3,7 @@
 import copy
 import pickle
 import warnings
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -13,7 +14,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rollingjoint import ConfigError, InvalidInput
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
+from tests.rj_gym import rollouts
+from tests.rj_gym.rollouts import same
 
 torch = pytest.importorskip("torch")
 
@@ -40,6 +43,9 @@ variants = pytest.mark.parametrize("settings", VARIANTS.values(), ids=VARIANTS.k
 LOW_CURVATURE = np.array([-1.0] * 6)  # of SMALL: curvatures of -0.03 /mm, surfaces that cannot roll
 
 
+rollout = partial(rollouts.rollout, steps=4, largest=0.5, dtype=np.float64)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def one_thread():
     threads = torch.get_num_threads()
@@ -54,23 +60,6 @@ def make(**settings):
 
 def make_vec(lanes, **settings):
     return gymnasium.make_vec(ID, lanes, "vector_entry_point", **(SMALL | settings))
-
-
-def rollout(env, seed, steps=4, **reset):
-    rng = np.random.default_rng(seed)
-    record = [env.reset(seed=seed, **reset)]
-    return record + [env.step(rng.uniform(-0.5, 0.5, env.action_space.shape)) for _ in range(steps)]
-
-
-def same(one, other):
-    """Bit for bit, types and nested dictionaries included."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) or (isinstance(one, np.ndarray) and one.dtype.hasobject):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    return one == other
 
 
 @variants
@@ -255,7 +244,7 @@ def test_every_corner_of_the_box_is_a_state():
     env = make_vec(64, episode_steps=1, autoreset_mode="Disabled")
     corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 6)).reshape(6, -1).T
     env.reset(seed=0)
-    env._lanes.designs[:] = corners
+    env._buffer.designs[:] = corners
     observations, _, _, _, infos = env.step(np.zeros((64, 6)))
     assert observations in env.observation_space
     assert 0 < infos["valid"].sum() < 64
@@ -319,7 +308,7 @@ def test_options_and_settings_change_what_they_name():
 
 
 @pytest.mark.parametrize(
-    ("settings", "mend"),
+    ("settings", "words"),
     [
         ({"episode_step": 3}, "episode_steps"),
         ({"episode_steps": 0}, ">= 1"),
@@ -333,11 +322,11 @@ def test_options_and_settings_change_what_they_name():
         ({"reward": {"improvement": "cubic"}}, "log"),
         ({"reward": {"weight": 1}}, "violation"),
         ({"start": "best"}, "reference"),
-        ({"action_scale": 0.0}, ">="),
+        ({"action_scale": 0.0}, "from 1e-06 to 2"),
     ],
 )
-def test_bad_settings_are_refused_and_say_what_is_allowed(settings, mend):
-    with pytest.raises(ConfigError, match=mend):
+def test_bad_settings_are_refused_and_say_what_is_allowed(settings, words):
+    with pytest.raises(ConfigError, match=words):
         gymnasium.make(ID, **settings)
 
 

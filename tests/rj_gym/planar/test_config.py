@@ -1,4 +1,4 @@
-"""Settings of the environments: defaults, nesting, and complaints that name the mend."""
+"""Settings of the environments: defaults, nesting, and complaints that carry a hint."""
 
 import dataclasses
 

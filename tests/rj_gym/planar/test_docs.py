@@ -8,12 +8,13 @@ import pytest
 import yaml
 
 import rj_gym
-from rj_gym.arm.options import ARM_OPTIONS
-from rj_gym.tracking.options import OPTIONS
+from rj_gym.arm.options import OPTIONS as ARM_OPTIONS
+from rj_gym.planar.options import OPTIONS
+from tests.pages import bounds, examples, rows
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE, ARM_PAGE = ((DOCS / name).read_text() for name in ("environment.md", "arm_environment.md"))
-EXAMPLES = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+EXAMPLES = examples(PAGE)
 SETTINGS = {
     name: page
     for page, names in {
@@ -34,14 +35,6 @@ TASKS = {"planar": (PAGE, "RollingJoint", OPTIONS), "arm": (ARM_PAGE, "FlexibleA
 tasks = pytest.mark.parametrize(("page", "stem", "options"), TASKS.values(), ids=TASKS.keys())
 
 
-def rows(heading, page=PAGE):
-    """Cells of the first table below a heading."""
-    section = page.split(heading, 1)[1].split("\n#", 1)[0]
-    return [
-        [cell.strip(" `") for cell in line.strip("|").split(" | ")] for line in section.splitlines() if line[:2] == "| "
-    ]
-
-
 @pytest.mark.parametrize(("program", "output"), EXAMPLES)
 def test_example_prints_what_the_page_says(program, output, capsys):
     exec(program, {})
@@ -55,27 +48,27 @@ def test_every_python_block_has_its_output():
 @pytest.mark.parametrize("name", SETTINGS)
 def test_settings_table_has_every_key_and_its_default(name):
     default = getattr(rj_gym, name)()
-    table = {key: yaml.safe_load(value) for key, value, *_ in rows(f"### {name}", SETTINGS[name])[1:]}
+    table = {key: yaml.safe_load(value) for key, value, *_ in rows(SETTINGS[name], f"### {name}")[1:]}
     fields = {f.name: getattr(default, f.name) for f in dataclasses.fields(default) if f.name not in NESTED}
     assert table == {key: list(value) if isinstance(value, tuple) else value for key, value in fields.items()}
 
 
 @tasks
 def test_options_table_is_complete(page, stem, options):
-    assert [key for key, *_ in rows("## Fixing an episode", page)[1:]] == list(options)
+    assert [key for key, *_ in rows(page, "## Fixing an episode")[1:]] == list(options)
 
 
 def test_info_table_is_complete():
     env = rj_gym.RollingJointGoalEnv()
     _, start = env.reset(seed=0)
     info = env.step([0.0, 0.0])[-1]
-    named = {name for key, *_ in rows("## Info")[1:] for name in re.findall(r"\w+", key)}
+    named = {name for key, *_ in rows(PAGE, "## Info")[1:] for name in re.findall(r"\w+", key)}
     assert named == start.keys() | info.keys()
 
 
 def test_info_of_the_arm_is_that_of_the_planar_task_and_what_its_table_adds():
     planar, arm = (env.reset(seed=0)[1] for env in (rj_gym.RollingJointEnv(), rj_gym.FlexibleArmEnv(orientation=True)))
-    added = rows("## Info", ARM_PAGE)[1:]
+    added = rows(ARM_PAGE, "## Info")[1:]
     assert arm.keys() - planar.keys() == {key for key, *_ in added} - {"sampled"} and planar.keys() <= arm.keys()
     only_arm, _, only_planar = dict(added)["sampled"].partition("; no ")
     drawn, planar_drawn = arm["sampled"].keys(), planar["sampled"].keys()
@@ -88,16 +81,13 @@ def test_reward_table_is_complete(page, stem, options):
     env = getattr(rj_gym, f"{stem}Env")(**({"orientation": True} if stem == "FlexibleArm" else {}))
     env.reset(seed=0)
     terms = env.step(env.action_space.sample())[-1]["reward_terms"]
-    assert [key for key, *_ in rows("## Reward", page)[1:]] == list(terms)
+    assert [key for key, *_ in rows(page, "## Reward")[1:]] == list(terms)
 
 
 @tasks
 def test_class_docstring_tables_every_kind_of_entry_with_its_bounds(page, stem, options):
-    table, kind = {}, getattr(rj_gym, f"{stem}Env")
-    for line in re.findall(r"^ *\| (.*) \|$", kind.__doc__, re.MULTILINE):
-        names, _, _, low, high = line.split(" | ") if line.count(" | ") == 4 else [""] * 5
-        for name in re.sub(r"\(.*\)", "", names).split(","):
-            table[name.strip()] = (low, high)
+    kind = getattr(rj_gym, f"{stem}Env")
+    table = bounds(kind.__doc__)
     env = kind(observe_load=True, **({"orientation": True} if stem == "FlexibleArm" else {}))
     for entry in env.task.entries():
         name = re.sub(r"(link) \d", r"\1 k", re.sub(r"(tendon) \d", r"\1 j", entry.name))

@@ -13,8 +13,9 @@ from gymnasium.utils.env_checker import check_env
 import rj_gym
 from rj_gym import IDS, RollingJointEnv, RollingJointGoalEnv
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.presets import five_link, flexible_arm
+from rollingjoint.solution import Status
+from tests.rj_gym.rollouts import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -65,25 +66,6 @@ variants = pytest.mark.parametrize(("env_id", "settings"), CASES.values(), ids=C
 
 def make(env_id="rj_gym/RollingJoint-v0", **settings):
     return gymnasium.make(env_id, **settings)
-
-
-def rollout(env, seed, steps=12, **reset):
-    """Observations, rewards and infos of an episode with actions drawn from the seed."""
-    rng = np.random.default_rng(seed)
-    record = [env.reset(seed=seed, **reset)]
-    record += [env.step(rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)) for _ in range(steps)]
-    return record
-
-
-def same(first, second):
-    """Bit for bit."""
-    if isinstance(first, dict):
-        return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
-    if isinstance(first, list | tuple):
-        return len(first) == len(second) and all(map(same, first, second))
-    if isinstance(first, np.ndarray):
-        return first.dtype == second.dtype and np.array_equal(first, second)
-    return first == second
 
 
 @variants
@@ -304,7 +286,7 @@ def test_a_failed_solve_ends_the_episode_with_status_penalty_and_last_good_obser
     env = make(reward={"failure_penalty": 7.0}).unwrapped
     rollout(env, seed=0, steps=2)
     before = env.step(np.zeros(2))
-    watch_solver(env._lanes, after=lambda: env._lanes._results.status.fill(Status.NOT_CONVERGED))
+    watch_solver(env._buffer, after=lambda: env._buffer._results.status.fill(Status.NOT_CONVERGED))
     observation, reward, terminated, truncated, info = env.step(np.ones(2))
     assert (terminated, truncated, info["status"]) == (True, False, "NOT_CONVERGED")
     assert np.array_equal(observation, before[0]) and info["reward_terms"]["failure"] == -7.0 and reward < -7.0

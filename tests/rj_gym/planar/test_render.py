@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rj_gym import RollingJointEnv
-from rj_gym.render import SIZE, tension_color
+from rj_gym.rendering.canvas import SIZE, tension_color
 from rollingjoint.errors import InvalidInput
 
 

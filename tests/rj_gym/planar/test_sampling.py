@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig
-from rj_gym.tracking.draws import Uniforms
-from rj_gym.tracking.generators import Generators
-from rj_gym.tracking.info import state_info
-from rj_gym.tracking.lanes import Lanes, over_time
-from rj_gym.tracking.sampling import Fixed, load_forces, uniform_blocks
-from rj_gym.tracking.task import TrackingTask
+from rj_gym.core.draws import Uniforms, over_time
+from rj_gym.core.generators import Generators
+from rj_gym.core.info import state_info
+from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.planar.options import PlanarOptions
+from rj_gym.planar.sampling import load_forces, uniform_blocks
+from rj_gym.planar.task import PlanarTask
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 EVERYTHING = {
@@ -31,12 +32,12 @@ EVERYTHING = {
 
 
 def episodes(lanes, **settings):
-    task = TrackingTask(TrackingConfig.from_dict({"episode_steps": 30} | settings))
+    task = PlanarTask(TrackingConfig.from_dict({"episode_steps": 30} | settings))
     return task, task.sample([np.random.default_rng(seed) for seed in range(lanes)])
 
 
 def forces(lanes, steps, **load):
-    task = TrackingTask(TrackingConfig(episode_steps=steps, load=load))
+    task = PlanarTask(TrackingConfig(episode_steps=steps, load=load))
     return over_time(load_forces(task.config.load, uniforms(task, [np.random.default_rng(0)] * lanes)), steps + 1)
 
 
@@ -47,7 +48,7 @@ def uniforms(task, rngs):
 def targets(task, lanes):
     """Targets over time of lanes with seeds 0, 1, ..., and the uniform numbers that they were drawn from."""
     rngs = [np.random.default_rng(seed) for seed in range(lanes)]
-    room = Lanes(task, lanes, goal=False)
+    room = PlanarEpisodeBuffer(task, lanes, goal=False)
     room.begin(rngs)
     drawn = uniforms(task, [np.random.default_rng(seed) for seed in range(lanes)])["target"]
     return over_time(room.course.targets, task.config.episode_steps + 1), drawn
@@ -162,7 +163,7 @@ def test_without_randomisation_every_lane_has_the_nominal_mechanism_itself():
 
 def test_what_is_fixed_is_not_drawn():
     task, free = episodes(2)
-    fixed = Fixed(links=2, start_tensions=np.array([1.0, 2.0]))
+    fixed = PlanarOptions(links=2, start_tensions=np.array([1.0, 2.0]))
     rngs = [np.random.default_rng(seed) for seed in range(2)]
     drawn = task.sample(rngs, fixed)
     assert np.all(drawn.links == 2) and np.all(drawn.start_tensions == [1.0, 2.0])
@@ -172,7 +173,7 @@ def test_what_is_fixed_is_not_drawn():
 
 def test_start_commands_give_the_start_tensions_when_nothing_pulls():
     task, _ = episodes(1, start="random", load={"magnitude": (0, 0)})
-    lanes = Lanes(task, 3, goal=False)
+    lanes = PlanarEpisodeBuffer(task, 3, goal=False)
     drawn, _ = lanes.begin([np.random.default_rng(seed) for seed in range(3)])
     info = state_info(lanes.state.readings)
     assert np.allclose(info["tensions"], drawn.start_tensions, atol=1e-7)

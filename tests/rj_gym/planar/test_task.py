@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig, observation_entries
-from rj_gym.tracking.info import reward_info, state_info
-from rj_gym.tracking.kernels import REWARD
-from rj_gym.tracking.lanes import Lanes
-from rj_gym.tracking.task import TrackingTask
-from rollingjoint._numba.jit import entry_address, kernel
+from rj_gym.core.info import reward_info, state_info
+from rj_gym.core.kernels import REWARD
+from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.planar.task import PlanarTask
+from rollingjoint.compiled import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
-from rollingjoint.planar.equilibrium import Status
+from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths
 from tests.rj_gym.watched_solver import watch_solver
 
@@ -27,7 +27,7 @@ EVERYTHING = {
 
 
 def started(count=3, goal=False, seeds=None, **settings):
-    lanes = Lanes(TrackingTask(TrackingConfig.from_dict(settings)), count, goal)
+    lanes = PlanarEpisodeBuffer(PlanarTask(TrackingConfig.from_dict(settings)), count, goal)
     episodes, observation = lanes.begin([np.random.default_rng(seed) for seed in seeds or range(count)])
     return lanes, episodes, now(lanes, observation)
 
@@ -113,8 +113,9 @@ def test_a_solver_that_cannot_get_memory_leaves_all_lanes_to_the_other_one():
             raise MemoryError
         return 0
 
-    fallback = lanes._solve.solve_the_rest
-    lanes._solve = SimpleNamespace(entry=entry_address(out_of_memory, 0, 0, 0), pins=0, solve_the_rest=fallback)
+    solver = lanes._solve
+    entry = entry_address(out_of_memory, int, int, int)
+    lanes._solve = SimpleNamespace(entry=entry, pins=solver.pins, solve_the_rest=solver.solve_the_rest)
     lanes._bind_step()
     one, other = advance(lanes, np.ones((3, 2))), advance(others, np.ones((3, 2)))
     assert np.allclose(one.poses, other.poses, atol=1e-7) and np.all(one.status == "CONVERGED")
@@ -313,7 +314,7 @@ def test_lanes_refuse_actions_that_are_not_finite_numbers_of_their_shape(actions
 
 
 def test_memory_per_lane_beside_the_results_stays_small():
-    lanes = Lanes(TrackingTask(TrackingConfig()), 100, goal=False)
+    lanes = PlanarEpisodeBuffer(PlanarTask(TrackingConfig()), 100, goal=False)
     arrays = [
         *lanes.state,
         *lanes.course,

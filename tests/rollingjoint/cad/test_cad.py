@@ -17,8 +17,8 @@ from ezdxf import recover
 import rollingjoint as rj
 from rollingjoint.cad import Fabrication, bodies, export
 from rollingjoint.planar.outline import to_world
+from rollingjoint.planar.presets import PRESETS as ROLLING_CHAINS
 from rollingjoint.planar.random_chain import random_chain
-from rollingjoint.presets import ROLLING_CHAINS
 
 SVG = "{http://www.w3.org/2000/svg}"
 DRILLABLE = [1, 3, 5, 8, 13, 15, 18]  # of the seeds 0 to 19: the others have coincident holes or channels too close

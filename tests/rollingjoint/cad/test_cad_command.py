@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from rollingjoint.cad import export as export_function
 from rollingjoint.cad.assembly import assemble
 from rollingjoint.cad.command import add_options
 from rollingjoint.cad.drawing import draw_assembly
-from rollingjoint.cli import main
+from tests.rollingjoint.command import rj as run_rj
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cad.md").read_text(encoding="utf-8")
 CONSOLE = re.findall(r"^\$ rj export (.*)\n(.*)$", PAGE, re.MULTILINE)
@@ -33,10 +32,7 @@ def workplace(tmp_path, monkeypatch):
 
 
 def export(command):
-    try:
-        return main(["export", *shlex.split(command)])
-    except SystemExit as stop:
-        return stop.code
+    return run_rj(f"export {command}")
 
 
 def words(figure):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rollingjoint.cli import main
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
-from rollingjoint.planar.equilibrium import Status
 from rollingjoint.presets import PRESETS, five_link, small_arm
+from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
+from tests.rollingjoint.command import rj
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCUMENT = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -25,26 +24,9 @@ SHELL = [line for block in re.findall(r"```sh\n(.*?)```", DOCUMENT, flags=re.DOT
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
 
 
-def rj(command: str) -> int:
-    """Exit code of the command line, argparse's own exits included."""
-    try:
-        return main(shlex.split(command))
-    except SystemExit as stop:
-        assert isinstance(stop.code, int)
-        return stop.code
-
-
 def solved(capsys: pytest.CaptureFixture[str], command: str) -> dict[str, list[dict[str, float]]]:
     assert rj(f"solve {command} --json") == 0
     return json.loads(capsys.readouterr().out)
-
-
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to run in, with the project's configs beside."""
-    (tmp_path / "configs").symlink_to(ROOT / "configs")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def steps(block: list[str]) -> list[tuple[str, list[str]]]:
@@ -163,7 +145,7 @@ def test_an_arm_that_has_buckled_says_so(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_a_hanging_arm_is_drawn_hanging(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
-    monkeypatch.setattr("rollingjoint.plotting.planar.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
+    monkeypatch.setattr("rollingjoint.plotting.figure.save_figure", lambda figure, path: drawn.append(figure.axes[0]))
     for options in ("", "--gravity", "--gravity --gravity-direction 0 0 1"):
         assert rj(f"plot small_arm --tensions 1 1 1 1 {options} --out arm.png") == 0
     assert [ax.zaxis_inverted() for ax in drawn] == [False, False, True]

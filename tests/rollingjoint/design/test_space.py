@@ -240,8 +240,8 @@ def test_leading_axes_of_any_number_are_kept():
         ("n_links", 1, "2 or more"),
         ("curve", "quadratic", "linear"),
         ("convexity", (0.1, 0.0), "low <= high"),
-        ("convexity", (0.0, float("nan")), "low <= high"),
-        ("height", (0.0, 20.0), "0.1 <= low"),
+        ("convexity", (0.0, float("nan")), "a finite number from -1 to 1"),
+        ("height", (0.0, 20.0), "from 0.1 to 1000"),
         ("height", 20.0, r"\(low, high\)"),
         ("hole", (14.0, 15.0), "Move the holes inwards"),
         ("angle", (-0.1, 0.1), "symmetric to false"),
@@ -251,7 +251,7 @@ def test_leading_axes_of_any_number_are_kept():
         ("convexity", (0.05, 0.05), "needs a dimension"),
     ],
 )
-def test_a_field_that_cannot_be_used_is_refused_with_the_mend(field, value, message):
+def test_a_field_that_cannot_be_used_is_refused_with_the_hint(field, value, message):
     with pytest.raises(ConfigError, match=message):
         DesignSpace(**{field: value})
 

@@ -11,10 +11,10 @@ import yaml
 
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism, mechanism_from_dict, mechanism_to_dict
+from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.presets import PRESETS, preset
 from rollingjoint.spatial.chain import Bead, HingeChain
-from rollingjoint.statics.families import Mechanism
 from rollingjoint.tendon import BeadTendon
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -58,7 +58,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def assert_same(a: Mechanism, b: Mechanism) -> None:
+def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
     """The same surfaces or beads, holes, tendons and name to the last bit."""
     assert (a.name, a.n_links, a.n_tendons) == (b.name, b.n_links, b.n_tendons)
     if isinstance(a, HingeChain):

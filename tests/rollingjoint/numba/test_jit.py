@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from rollingjoint._numba import jit
+from rollingjoint._numba import cache
 
 ROOT = Path(__file__).resolve().parents[3]
 
 PROGRAM = """
-from rollingjoint._numba.jit import cache_directory, kernel
+from rollingjoint._numba.cache import cache_directory
+from rollingjoint._numba.jit import kernel
 from rollingjoint import Profile, Surface, Link, RollingChain, Tendon
 import numpy as np
 link = Link(Surface(Profile.constant(0.05), (0, -10)), Surface(Profile.constant(-0.05), (0, 10)))
@@ -22,9 +23,9 @@ print(chain.arc_lengths([-0.1])[0], cache_directory())
 """
 
 
-def run(cache: Path, program: str = PROGRAM, sources: Path = ROOT, **settings: str) -> list[str]:
+def run(folder: Path, program: str = PROGRAM, sources: Path = ROOT, **settings: str) -> list[str]:
     """Words that a program prints in a new process that keeps its kernels in that folder (empty: where it may)."""
-    environment = os.environ | {"ROLLINGJOINT_CACHE": str(cache), "PYTHONPATH": str(sources)} | settings
+    environment = os.environ | {"ROLLINGJOINT_CACHE": str(folder), "PYTHONPATH": str(sources)} | settings
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, env=environment, cwd=sources, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -53,15 +54,15 @@ def test_damaged_files_and_read_only_places_cost_time_and_nothing_else(tmp_path)
 
 
 def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch):
-    before = jit._source_hash()
+    before = cache._source_hash()
     copy = tmp_path / "rollingjoint"
     for room in ("_numba", "kernels"):
-        shutil.copytree(jit._PACKAGE / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(jit, "_PACKAGE", copy)
-    assert jit._source_hash.__wrapped__() == before
+        shutil.copytree(cache._PACKAGE / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(cache, "_PACKAGE", copy)
+    assert cache._source_hash.__wrapped__() == before
     source = copy / "kernels" / "planar" / "joint.py"
     source.write_text(source.read_text() + "\n")
-    assert jit._source_hash.__wrapped__() != before
+    assert cache._source_hash.__wrapped__() != before
 
 
 def test_a_package_and_a_home_that_cannot_be_written_leave_scratch_space(tmp_path):
@@ -89,7 +90,7 @@ def warm_folder(tmp_path_factory):
 
 COMPILED = """
 from pathlib import Path
-from rollingjoint._numba.jit import cache_directory
+from rollingjoint._numba.cache import cache_directory
 from rollingjoint.kernels.planar.batch import solve_lanes, stiffness_of
 from rollingjoint.kernels.planar.side_by_side import solve_side_by_side
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of

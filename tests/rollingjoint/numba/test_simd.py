@@ -7,22 +7,10 @@ import numba
 import numpy as np
 import pytest
 
-from rollingjoint._numba.borrowed import (
-    aligned_lanes,
-    as_rows,
-    borrow,
-    carve,
-    integers,
-    lanes,
-    numbers,
-    of_width,
-    pin,
-    pinned_floats,
-    pinned_integers,
-    table_rows,
-)
+from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part, standalone
 from rollingjoint._numba.simd import COLUMNS, WIDTH, any_lane, columns, fused, where
+from rollingjoint._numba.views import aligned_simd, as_rows, as_simd, carve, integers, numbers, of_width, table_rows
 
 SPECIAL = [0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 5e-324, 1e308]
 compiled = numba.njit(error_model="numpy")
@@ -49,7 +37,7 @@ def assert_bits(found, expected):
 
 @compiled
 def arithmetic(a, b, out):
-    x, y, result = lanes(borrow(a)), lanes(borrow(b)), lanes(borrow(out))
+    x, y, result = as_simd(borrow(a)), as_simd(borrow(b)), as_simd(borrow(out))
     for i in range(a.shape[0]):
         result[0, i], result[1, i], result[2, i], result[3, i] = x[i] + y[i], x[i] - y[i], x[i] * y[i], x[i] / y[i]
         result[4, i], result[5, i], result[6, i], result[7, i] = x[i] + 0.1, 0.1 - x[i], 3 * x[i], 1.0 / x[i]
@@ -76,7 +64,7 @@ def test_arithmetic_of_lanes_is_that_of_numpy():
 
 @compiled
 def comparisons(a, b, out):
-    x, y, result = lanes(borrow(a)), lanes(borrow(b)), lanes(borrow(out))
+    x, y, result = as_simd(borrow(a)), as_simd(borrow(b)), as_simd(borrow(out))
     for i in range(a.shape[0]):
         less, positive = x[i] < y[i], x[i] > 0.0
         result[0, i], result[1, i] = where(less, 1.0, 0.0), where(x[i] <= y[i], 1.0, 0.0)
@@ -104,7 +92,7 @@ def test_comparisons_and_masks_of_lanes_are_those_of_numpy():
 
 @compiled
 def any_below(a, limit, out):
-    x = lanes(borrow(a))
+    x = as_simd(borrow(a))
     for i in range(a.shape[0]):
         out[i] = any_lane(x[i] < limit)
 
@@ -128,7 +116,7 @@ def test_the_same_words_work_on_a_single_number():
 
 @compiled
 def transpose(values, out):
-    memory, result = lanes(borrow(values)), lanes(borrow(out))
+    memory, result = as_simd(borrow(values)), as_simd(borrow(out))
     eight = columns(as_rows(memory))
     result[0], result[1], result[2], result[3] = eight[0], eight[1], eight[2], eight[3]
     result[4], result[5], result[6], result[7] = eight[4], eight[5], eight[6], eight[7]
@@ -202,7 +190,7 @@ def test_carved_arrays_lie_one_after_the_other():
 
 @compiled
 def through_lanes(memory, out):
-    wide = aligned_lanes(borrow(memory))
+    wide = aligned_simd(borrow(memory))
     places = integers(carve(wide, 2, (1,)))
     for lane in range(WIDTH):
         numbers(wide)[0, lane], places[lane] = lane, 10 * lane
@@ -217,24 +205,6 @@ def test_lanes_are_their_numbers_wherever_the_memory_begins(shift):
     memory, out = np.zeros(5 * WIDTH), np.zeros((3, WIDTH))
     assert through_lanes(memory[shift:], out) in (3, 4, 5)
     assert out.tolist() == [[factor * lane for lane in range(WIDTH)] for factor in (1, 2, 10)]
-
-
-@compiled
-def scale_pinned(addresses):
-    pins = borrow(addresses)
-    values, counts = pinned_floats(pins, 0, 2), pinned_integers(pins, 1, 1)
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            values[i, j] *= counts[i]
-
-
-def test_pinned_arrays_are_found_by_their_addresses():
-    values, counts = np.ones((2, 3)), np.array([5, 7])
-    addresses = pin(values, counts)
-    scale_pinned(addresses)
-    assert values.tolist() == [[5.0] * 3, [7.0] * 3]
-    with pytest.raises(ValueError, match="contiguous"):
-        pin(values[:, ::2])
 
 
 def test_a_part_belongs_to_kernels_and_says_so():

@@ -27,7 +27,8 @@ from rollingjoint import (
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import PENDING, solve_side_by_side
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.batch import Problem, TendonLaw, designs_of, new_results, solve_range
+from rollingjoint.mechanism import designs_of
+from rollingjoint.planar.batch import BatchArrays, TendonLaw, new_results, solve_range
 from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 
 FIELDS = [field.name for field in dataclasses.fields(Equilibrium) if field.name not in ("mechanism", "loads")]
@@ -144,8 +145,8 @@ def test_sensitivities_follow_the_mechanism_of_a_lane():
 @pytest.mark.parametrize(
     "mechanisms, message",
     [
-        ([five_link()], "one per lane"),
-        ([five_link(), five_link(), five_link()], "one per lane"),
+        ([five_link()], "one per row"),
+        ([five_link(), five_link(), five_link()], "one per row"),
         ([five_link(), uniform(4)], "as many links"),
         ([], "at least one"),
         ([five_link(), "five_link"], "a list"),
@@ -232,7 +233,7 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
     results = new_results(20, 4, 2)
     for array in results:
         array.fill(77)
-    solve_range(Problem(*designs_of(chain, 20), laws, tables, starts, results), 5, 12)
+    solve_range(BatchArrays(*designs_of(chain, 20), laws, tables, starts, results), 5, 12)
     outside = np.r_[0:5, 12:20]
     assert all(np.all(array[outside] == 77) for array in results if len(array))
     assert np.all(results.status[5:12] == Status.CONVERGED)
@@ -240,7 +241,7 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
 
 def test_no_lanes_give_no_equilibria():
     none = solve_lengths_batch(five_link(), np.empty((0, 2)))
-    assert repr(none) == "<Equilibrium of 'five_link', 0 lanes: none>"
+    assert repr(none) == "<Equilibrium of 'five_link', 0 rows: none>"
     assert none.stiffness.shape == (0, 4, 4) and none.arc_lengths.shape == none.free_joints.shape == (0, 4)
     assert none.smallest_eigenvalue.shape == (0,)
 

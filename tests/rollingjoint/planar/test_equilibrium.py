@@ -258,7 +258,7 @@ def test_equilibria_print_as_one_short_line():
     chain = five_link()
     one, many = solve_tensions(chain, (6, 3)), solve_tensions_batch(chain, [(6, 3), (6, 3), (np.nan, 3)])
     assert repr(one) == "<Equilibrium of 'five_link': CONVERGED, tip at (-47.591, 58.645) mm>"
-    assert repr(many) == "<Equilibrium of 'five_link', 3 lanes: 2 CONVERGED, 1 INVALID_INPUT>"
+    assert repr(many) == "<Equilibrium of 'five_link', 3 rows: 2 CONVERGED, 1 INVALID_INPUT>"
 
 
 def test_a_batch_starts_from_a_batch_of_equilibria():

@@ -20,11 +20,13 @@ from matplotlib.text import Annotation
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Spring, WorldForce
-from rollingjoint.planar.equilibrium import Equilibrium, Status
+from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.planar.outline import link_outline, surface_points, to_world
+from rollingjoint.planar.presets import PRESETS as ROLLING_CHAINS
 from rollingjoint.plotting import PALETTE, plot_family, plot_mechanism, save_figure
 from rollingjoint.plotting.parts import arrow_scale, contact_forces_world
-from rollingjoint.presets import ROLLING_CHAINS, five_link, preset, two_segment
+from rollingjoint.presets import five_link, preset, two_segment
+from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths, solve_tensions, solve_tensions_batch
 
 

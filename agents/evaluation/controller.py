@@ -1,0 +1,138 @@
+"""The Controller protocol, and what a controller sees of many episodes at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.errors import InvalidInput
+from rollingjoint.statics.solve import solve_lengths_batch
+
+Array = NDArray[np.float64]
+HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
+
+
+class Controller(Protocol):
+    """Anything that turns what it sees into actions, for B episodes side by side.
+
+    An episode must not depend on those beside it. Actions are asked for episodes that have ended, too; nothing reads
+    them.
+    """
+
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """So many episodes begin together; the task is None where the environment is not one of rj_gym."""
+
+    def act(self, seen: Seen) -> NDArray[Any]:
+        """The actions, (B, m) in [-1, 1]: the share of action_scale_mm by which each tendon is pulled in."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What an agent sees of B episodes, read out of the observation in mm, rad, N when it is asked for.
+
+    Positions have d coordinates, 2 of a planar chain and 3 of an arm. Only a planar chain shows `poses` of its links.
+
+    Args:
+        observation: as the environment gave it: (B, entries) float32, or the goal environment's dict of such arrays.
+        task: the tracking task; without it nothing but the observation can be read.
+    """
+
+    observation: Any
+    task: TrackingTask | None = None
+
+    @property
+    def tip(self) -> Array:
+        """Measured position of the tip, (B, d) [mm]."""
+        return self._task.length * self._entries(*(f"{self._tip_name} {axis}" for axis in self._axes))
+
+    @property
+    def target(self) -> Array:
+        """Where the tip should be now, (B, d) [mm]."""
+        if isinstance(self.observation, Mapping):
+            return self._task.length * np.asarray(self.observation["desired_goal"], float)[:, : len(self._axes)]
+        return self._task.length * self._entries(*(f"target {axis}" for axis in self._axes))
+
+    @property
+    def error(self) -> Array:
+        """Target minus measured tip, (B, d) [mm]."""
+        return self.target - self.tip
+
+    @cached_property
+    def poses(self) -> Array:
+        """Measured x, y, angle of every link, base first, (B, n, 3) [mm, rad]; joints turn by less than half a turn."""
+        n = self._task.mechanism.n_links
+        entries = [f"link {k} {what}" for k in range(1, n) for what in ("x", "y", "cos angle", "sin angle")]
+        x, y, cos, sin = np.moveaxis(self._entries(*entries).reshape(-1, n - 1, 4), -1, 0)
+        turns = np.diff(np.arctan2(sin, cos), axis=1, prepend=0.0)
+        angles = np.cumsum((turns + np.pi) % (2 * np.pi) - np.pi, axis=1)
+        poses = np.zeros((len(x), n, 3))
+        poses[:, 1:] = np.stack([self._task.length * x, self._task.length * y, angles], axis=-1)
+        return poses
+
+    @property
+    def joint_angles(self) -> Array:
+        """Measured joint angles, (B, n - 1) [rad]."""
+        return np.diff(self.poses[..., 2], axis=1)
+
+    @property
+    def commands(self) -> Array:
+        """Commanded tendon lengths, (B, m) [mm]."""
+        tendons = range(self._task.mechanism.n_tendons)
+        away = self._entries(*(f"tendon {j} command" for j in tendons))
+        return self._task.neutral_lengths + self._task.config.command_scale_mm * away
+
+    @cached_property
+    def tensions(self) -> Array:
+        """Measured tensions, (B, m) [N]; where they are not observed, those of the model at pose and commands.
+
+        The pose of an arm is not measured either: then they are those of the hanging arm under the commands.
+        """
+        config, mechanism = self._task.config, self._task.mechanism
+        if config.observe_tensions:
+            tendons = range(mechanism.n_tendons)
+            return config.tension_range[1] * self._entries(*(f"tendon {j} tension" for j in tendons))
+        if self._shows_tip_alone:
+            hanging = [mechanism.gravity(HANGING)]
+            return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
+        stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
+        return np.clip(mechanism.stiffnesses * stretch, *config.tension_range)
+
+    @property
+    def _axes(self) -> str:
+        return "xyz"[: self._task.dimension]
+
+    @property
+    def _shows_tip_alone(self) -> bool:
+        """Whether the tip is measured and nothing else of the pose, as of an arm."""
+        return "tip x" in self._places
+
+    @property
+    def _tip_name(self) -> str:
+        """What the observation calls the tip: of a planar chain it is the last link."""
+        return "tip" if self._shows_tip_alone else f"link {self._task.mechanism.n_links - 1}"
+
+    @property
+    def _task(self) -> TrackingTask:
+        if self.task is None:
+            raise InvalidInput("environment", "not one of rj_gym", "rj_gym/...", "This controller needs its task.")
+        return self.task
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        goal = isinstance(self.observation, Mapping)
+        return {entry.name: place for place, entry in enumerate(self._task.entries(goal))}
+
+    def _entries(self, *names: str) -> Array:
+        """These entries of the observation, (B, len(names)), in their units."""
+        goal = isinstance(self.observation, Mapping)
+        vectors = self.observation["observation"] if goal else self.observation
+        return np.asarray(vectors, float)[:, self._columns(names)]
+
+    def _columns(self, names: Sequence[str]) -> list[int]:
+        return [self._places[name] for name in names]

@@ -1,0 +1,153 @@
+"""Scores of controllers over the same episodes, as numbers, a table, JSON and Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.controller import Array, Controller
+from agents.evaluation.floor import episode_floor
+from agents.evaluation.rollout import Episodes, run_episodes
+from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.runs.environment import EnvConfig
+from rj_gym.core.registry import task_of
+from rollingjoint.tables import markdown_table, text_table
+
+POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that an evaluation found.
+
+    Args:
+        episodes: of every controller, by name, with the same seeds.
+        length_mm: of the mechanism; None where the environment is not one of rj_gym.
+        floors: the smallest error that any command reaches at the end of every episode, (E,) [mm].
+        about: what was evaluated.
+    """
+
+    episodes: Mapping[str, Episodes]
+    length_mm: float | None = None
+    floors: Array | None = None
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def scores(self) -> dict[str, Score]:
+        """The score of every controller."""
+        return {name: Score.of(episodes, self.floors) for name, episodes in self.episodes.items()}
+
+    @property
+    def known_floors(self) -> Array | None:
+        """The floors that are finite, if there are any."""
+        known = self.floors[np.isfinite(self.floors)] if self.floors is not None else np.empty(0)
+        return known if len(known) else None
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds of the episodes."""
+        return [int(seed) for seed in next(iter(self.episodes.values())).seeds]
+
+    def table(self) -> list[list[str]]:
+        """Head and rows of the table, as text."""
+        head = ["controller", "mean", "median", "95 % below", "within 1 mm", f"held {HELD_STEPS} steps", "regret"]
+        rows = [
+            [
+                name,
+                *_errors(score.mean_mm, score.median_mm, score.p95_mm),
+                *_shares(score.within_1_mm, score.held_1_mm),
+                "" if score.regret_mm is None else _error(score.regret_mm),
+            ]
+            for name, score in self.scores.items()
+        ]
+        return [head, *rows, *([] if self.known_floors is None else [_floor_row(self.known_floors)])]
+
+    def text(self) -> str:
+        """The table for a terminal."""
+        head, *rows = self.table()
+        return text_table(head, rows, ruled=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for report.json."""
+        floors = {} if self.floors is None else {"floors_mm": _plain(self.floors)}
+        return {
+            "about": dict(self.about),
+            "length_mm": self.length_mm,
+            "scores": {name: asdict(score) for name, score in self.scores.items()},
+            "seeds": self.seeds,
+            "final_errors_mm": {name: _plain(some.final_errors) for name, some in self.episodes.items()},
+            **floors,
+        }
+
+    def markdown(self, notes: Mapping[str, str], pictures: Mapping[str, str]) -> str:
+        """The text of report.md.
+
+        Args:
+            notes: what each controller is, by name.
+            pictures: caption by file name.
+        """
+        head, *rows = self.table()
+        early = [f"{name}: {score.ended_early}" for name, score in self.scores.items() if score.ended_early]
+        parts = [
+            "# Evaluation",
+            "\n".join(f"- {key}: {value}" for key, value in self.about.items()),
+            self._explanation(),
+            markdown_table(head, rows),
+            "\n".join(f"- **{name}**: {note}" for name, note in notes.items()),
+            f"Episodes that the environment ended early: {', '.join(early) or 'none'}.",
+            *(f"![{caption}]({file})\n\n{caption}" for file, caption in pictures.items()),
+        ]
+        return "\n\n".join(parts) + "\n"
+
+    def _explanation(self) -> str:
+        length = "" if self.length_mm is None else f"; the mechanism is {self.length_mm:g} mm long"
+        text = (
+            f"Tip error at the end of the episode{length}. Within 1 mm: share of episodes that end so near to the "
+            f"target; held: share that are so near in all of the last {HELD_STEPS} steps. Every controller drives the "
+            "same episodes."
+        )
+        if self.floors is None:
+            return text
+        return (
+            f"{text} The floor is the smallest error that any command reaches against the load of the episode; regret "
+            "is the mean of what a controller leaves above it."
+        )
+
+
+def evaluate_controllers(
+    env: EnvConfig, controllers: Mapping[str, Controller], seeds: Sequence[int], with_floor: bool = True
+) -> Report:
+    """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
+
+    Environments with another task than tracking have no floor.
+    """
+    episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
+    if not env.is_tracking:
+        return Report(episodes)
+    floors = episode_floor(env, seeds).errors if with_floor else None
+    return Report(episodes, task_of(env.arguments()["config"]).length, floors)
+
+
+def _floor_row(floors: Array) -> list[str]:
+    errors = _errors(floors.mean(), np.median(floors), np.percentile(floors, 95))
+    return [FLOOR, *errors, *_shares(float(np.mean(floors <= CLOSE_MM))), "", ""]
+
+
+def _error(value: float) -> str:
+    return f"{value:.3f} mm" if abs(value) < 1 else f"{value:.2f} mm"
+
+
+def _errors(*values: float) -> list[str]:
+    return [_error(float(value)) for value in values]
+
+
+def _shares(*values: float) -> list[str]:
+    return [f"{100 * value:.1f} %" for value in values]
+
+
+def _plain(errors: Array) -> list[float | None]:
+    """The errors as JSON has them: None where one is not finite."""
+    return [float(error) if np.isfinite(error) else None for error in errors]

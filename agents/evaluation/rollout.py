@@ -1,0 +1,114 @@
+"""Episodes of an environment under a controller, many at a time, from fixed seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from agents.evaluation.controller import Array, Controller, Seen
+from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
+from rj_gym.core.tracking_task import TrackingTask
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """E episodes of T steps, and what was drawn for them.
+
+    Args:
+        seeds: (E,). terminated: (E,) whether the environment ended the episode early.
+        errors: tip error at the start and after every step, (E, T + 1) [mm]; an early end keeps its last error.
+        rewards: sum over the episode, (E,).
+        loads: force over time, (E, T + 1, 2 or 3) [N]. link: the link that it pulls, (E,). targets: (E, T + 1, 2 or 3)
+            [mm]. None where the task is not tracking.
+    """
+
+    seeds: NDArray[np.int64]
+    errors: Array
+    rewards: Array
+    terminated: NDArray[np.bool_]
+    loads: Array | None = None
+    link: NDArray[np.int64] | None = None
+    targets: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.seeds)
+
+    @property
+    def final_errors(self) -> Array:
+        """Tip error at the end, (E,) [mm]."""
+        return self.errors[:, -1]
+
+
+def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], batch: int = 256) -> Episodes:
+    """One episode per seed, `batch` of them at a time.
+
+    Each is the episode of the scalar environment after reset(seed=seed), whatever `batch`.
+
+    Raises:
+        ConfigError: an environment that cannot be made, or does not report info["error_mm"].
+    """
+    blocks = [seeds[first : first + batch] for first in range(0, len(seeds), batch)]
+    return _joined([_side_by_side(env, controller, block) for block in blocks])
+
+
+def film(env: EnvConfig, controller: Controller, seed: int) -> list[NDArray[np.uint8]]:
+    """RGB pictures (height, width, 3) of the episode with this seed: its start, and every step."""
+    frames: list[NDArray[np.uint8]] = []
+
+    def watch(envs: VectorEnv[Any, Any, Any]) -> None:
+        (picture,) = cast(tuple[NDArray[np.uint8]], envs.render())
+        frames.append(picture)
+
+    _side_by_side(env, controller, [seed], watch)
+    return frames
+
+
+def _side_by_side(
+    env: EnvConfig,
+    controller: Controller,
+    seeds: Sequence[int],
+    watch: Callable[[VectorEnv[Any, Any, Any]], None] | None = None,
+) -> Episodes:
+    """One episode per seed, all at a time, each to its end; `watch` is called at every state."""
+    envs = make_vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
+    task = getattr(envs, "task", None) if env.is_tracking else None
+    observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
+    controller.begin(cast(TrackingTask, task), len(seeds))
+    drawn = info.get("sampled", {}) if task else {}
+    errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
+    running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
+    while running.any():
+        if watch:
+            watch(envs)
+        observation, reward, terminated, truncated, info = envs.step(controller.act(Seen(observation, task)))
+        errors.append(np.where(running, tip_errors(info), errors[-1]))
+        rewards += np.where(running, reward, 0.0)
+        early |= running & terminated
+        running &= ~(terminated | truncated)
+    if watch:
+        watch(envs)
+    envs.close()
+    series = [drawn.get(name) for name in ("forces", "link", "targets")]
+    return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, *series)
+
+
+def _joined(blocks: Sequence[Episodes]) -> Episodes:
+    """The episodes of all blocks; those of shorter ones keep their last error."""
+    times = max(block.errors.shape[1] for block in blocks)
+    padded = [np.pad(block.errors, ((0, 0), (0, times - block.errors.shape[1])), mode="edge") for block in blocks]
+    series: list[Any] = []
+    for name in ("loads", "link", "targets"):
+        parts = [getattr(block, name) for block in blocks]
+        series.append(None if parts[0] is None else np.concatenate(parts))
+    return Episodes(
+        np.concatenate([block.seeds for block in blocks]),
+        np.concatenate(padded),
+        np.concatenate([block.rewards for block in blocks]),
+        np.concatenate([block.terminated for block in blocks]),
+        *series,
+    )

@@ -1,0 +1,51 @@
+"""Shipped policies by name or from a file; the policy of a run folder only if its pickles are trusted."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from agents.policies.file import SUFFIX, read_bytes
+from agents.policies.network import PolicyError
+from agents.policies.shipped import ShippedPolicy
+from rollingjoint.checks import suggestion
+
+FOLDER = Path(__file__).parent
+PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
+
+
+def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> ShippedPolicy:
+    """The shipped policy of that name, or the policy in the file at that path.
+
+    Args:
+        name_or_path: one of list_policies(), or a policy file that agents.export wrote, or policy.zip in a run folder.
+        trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, needs torch, and
+            warns (UserWarning).
+    Raises:
+        PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".zip":
+        return _load_pickle(path, trust_pickle)
+    if str(name_or_path) in list_policies():
+        path = FOLDER / f"{name_or_path}{SUFFIX}"
+    elif not path.is_file():
+        hint = suggestion(str(name_or_path), list_policies())
+        known = f"a policy file or one of {', '.join(list_policies())}"
+        raise PolicyError("policy", str(name_or_path), known, hint)
+    return ShippedPolicy.from_bytes(read_bytes(path), str(path))
+
+
+def list_policies() -> list[str]:
+    """Names of the shipped policies, for load_policy."""
+    return sorted(path.stem for path in FOLDER.glob(f"*{SUFFIX}"))
+
+
+def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
+    if not trusted:
+        hint = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
+        raise PolicyError("policy", str(path), f"a {SUFFIX} file", hint)
+    from agents.policies.export import policy_in_run
+
+    warnings.warn(f"{path}: {PICKLE}", UserWarning, stacklevel=3)
+    return policy_in_run(path)

@@ -1,0 +1,225 @@
+"""A shipped policy: network, environment, recorded score; a Controller that runs with NumPy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from typing import Any, cast
+
+import gymnasium
+
+from agents.evaluation.controller import Seen
+from agents.evaluation.rollout import run_episodes
+from agents.evaluation.score import Score
+from agents.policies.file import content_hash, pack, unpack
+from agents.policies.network import Network, PolicyError, Vectors
+from agents.policies.recorded_score import RecordedScore
+from agents.runs.checks import integer, prefixed
+from agents.runs.environment import EnvConfig, plain_settings
+from rj_gym import IDS, settings_of
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.registry import task_of
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.checked_yaml import mapping, text
+from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
+from rollingjoint.mechanism import AnyMechanism
+
+
+@dataclass(frozen=True)
+class ShippedPolicy:
+    """A trained policy as it is shipped: network, normaliser, the environment that it was trained for, its score.
+
+    Call it with an observation, or use it as a Controller.
+
+    Args:
+        name: what it is called.
+        algorithm: what trained it, "ppo" for example.
+        network: its forward pass.
+        env_id: id of its environment, one of rj_gym.
+        settings: of that environment, standalone.
+        entries: of the observation vector, as entry_names gives them.
+        training: plain values about its training: `config`, `steps`, `seed`, `versions`.
+        score: what it scored, where it was scored.
+    Raises:
+        PolicyError: a network that does not fit the environment, or an environment that rj_gym does not have.
+    """
+
+    name: str
+    algorithm: str
+    network: Network
+    env_id: str
+    settings: TaskConfig
+    entries: tuple[str, ...]
+    training: Mapping[str, Any]
+    score: RecordedScore | None = None
+
+    def __post_init__(self) -> None:
+        if self.env_id not in IDS:
+            raise PolicyError("environment", self.env_id, f"one of {', '.join(IDS)}")
+        size = len(task_of(self.settings).goal_bounds())
+        inputs = {"achieved_goal": size, "desired_goal": size, "observation": len(self.entries)} if self.goal else {}
+        if dict(self.network.inputs) != inputs or (not inputs and self.network.entries != len(self.entries)):
+            raise PolicyError("inputs", self.network.inputs or self.network.entries, f"{inputs or len(self.entries)}")
+        if len(self.network.low) != self.mechanism.n_tendons:
+            raise PolicyError("actions", len(self.network.low), f"{self.mechanism.n_tendons}, one per tendon")
+        self._check_entries(self.settings)
+
+    @property
+    def goal(self) -> bool:
+        """Whether it is a policy of the goal environment."""
+        return is_goal(self.env_id)
+
+    @property
+    def mechanism(self) -> AnyMechanism:
+        """The mechanism that it was trained on."""
+        return _mechanism_of(self.settings)
+
+    @property
+    def sha256(self) -> str:
+        """The hash of all its content."""
+        return content_hash(self.to_dict(), self.network.tensors())
+
+    @property
+    def environment(self) -> EnvConfig:
+        """The environment that it was trained for, as agents.evaluation.rollout wants it."""
+        return EnvConfig(self.env_id, settings={"mechanism": self.mechanism} | plain_settings(self.settings))
+
+    def make_env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
+        """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
+        return gymnasium.make(self.env_id, config=self.settings, **arguments)
+
+    def __call__(self, observation: Any) -> Vectors:
+        """The action, (m,) or (B, m) in [-1, 1]; the same as the deterministic action of the trained policy.
+
+        Args:
+            observation: (entries,) or (B, entries), or such a dictionary of the goal environment.
+        Raises:
+            PolicyError: another shape, a missing key, or numbers that are not finite.
+        """
+        return self.network(observation)
+
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
+        """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
+        hint = "policy.make_env() makes the environment of this policy."
+        if task is None:
+            raise PolicyError("environment", "not one of rj_gym", self.env_id, hint)
+        if _numbers_of(task.mechanism) != _numbers_of(self.mechanism):
+            allowed = f"the mechanism that {self.name!r} was trained on, {self.mechanism.name!r}, in every number"
+            raise PolicyError("mechanism", task.mechanism.name, allowed, hint)
+        scale = task.config.action_scale_mm
+        if scale != self.settings.action_scale_mm:
+            raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", hint)
+        self._check_entries(replace(task.config, mechanism=task.mechanism), hint)
+
+    def act(self, seen: Seen) -> Vectors:
+        """The actions, (B, m)."""
+        return self(seen.observation)
+
+    def score_on(self, seeds: range) -> Score:
+        """What it scores in the episodes with these seeds."""
+        return Score.of(run_episodes(self.environment, self, seeds))
+
+    def rescore(self) -> Score:
+        """What it scores now in the episodes of its recorded score; raises PolicyError if it has none."""
+        if self.score is None:
+            raise PolicyError("score", None, "a policy that was scored when it was exported")
+        return self.score_on(self.score.seeds)
+
+    def _check_entries(self, settings: TaskConfig, hint: str = "") -> None:
+        found = entry_names(settings, self.goal)
+        if found != self.entries:
+            other = [one for one in found if one not in self.entries] or [f"{len(found)} entries"]
+            allowed = f"the {len(self.entries)} observation entries that {self.name!r} was trained on"
+            raise PolicyError("observation", ", ".join(other), allowed, hint)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON: all but the arrays."""
+        network = self.network
+        settings = {"mechanism": mechanism_to_dict(self.mechanism)} | plain_settings(self.settings)
+        return {
+            "name": self.name,
+            "algorithm": self.algorithm,
+            "network": {"inputs": dict(network.inputs), "activation": network.activation, "output": network.output},
+            "environment": {"id": self.env_id, "settings": settings, "entries": list(self.entries)},
+            "training": dict(self.training),
+            "score": asdict(self.score) if self.score else None,
+        }
+
+    def to_bytes(self) -> bytes:
+        """The policy file."""
+        return pack(self.to_dict(), self.network.tensors())
+
+    @classmethod
+    def from_bytes(cls, data: bytes, source: str = "policy file") -> ShippedPolicy:
+        """The policy in the bytes of a policy file.
+
+        Args:
+            source: how messages call the file.
+        Raises:
+            PolicyError: no policy file, a damaged one, or one whose parts do not fit together.
+        """
+        content, tensors = unpack(data, source)
+        with _located(source):
+            return cls(**_fields(content, tensors))
+
+
+def is_goal(env_id: str) -> bool:
+    """Whether an id of rj_gym is that of the environment with goals."""
+    return IDS[env_id].endswith("Goal")
+
+
+def standalone(settings: TaskConfig) -> TaskConfig:
+    """The settings with the mechanism itself in place of its name or file."""
+    return settings.updated({"mechanism": _mechanism_of(settings)})
+
+
+def entry_names(settings: TaskConfig, goal: bool) -> tuple[str, ...]:
+    """The entries of the observation vector, with their units: "target x [L]"."""
+    return tuple(f"{entry.name} [{entry.unit}]" for entry in task_of(settings).entries(goal))
+
+
+def _mechanism_of(settings: TaskConfig) -> AnyMechanism:
+    mechanism: AnyMechanism = task_of(settings).mechanism
+    return mechanism
+
+
+def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of the policy from the plain values and arrays of its file."""
+    keys = ("name", "algorithm", "network", "environment", "training", "score")
+    content = mapping("top level", content, keys, keys)
+    network = mapping("network", content["network"], *[("inputs", "activation", "output")] * 2)
+    environment = mapping("environment", content["environment"], *[("id", "settings", "entries")] * 2)
+    training = mapping("training", content["training"], *[("config", "steps", "seed", "versions")] * 2)
+    settings = dict(environment["settings"])
+    mechanism = mechanism_from_dict(settings.pop("mechanism"))
+    integer(0)("training.steps", training["steps"])
+    env_id = text("environment.id", environment["id"])
+    kind = cast(type[TaskConfig], settings_of(env_id))
+    return {
+        "name": text("name", content["name"]),
+        "algorithm": text("algorithm", content["algorithm"]),
+        "network": Network.from_tensors(tensors, **network),
+        "env_id": env_id,
+        "settings": kind.from_dict(settings | {"mechanism": mechanism}),
+        "entries": tuple(environment["entries"]),
+        "training": training,
+        "score": None if content["score"] is None else RecordedScore(**content["score"]),
+    }
+
+
+def _numbers_of(mechanism: AnyMechanism) -> dict[str, Any]:
+    """All that makes up a mechanism, but its name."""
+    return mechanism_to_dict(mechanism) | {"name": ""}
+
+
+@contextmanager
+def _located(source: str) -> Iterator[None]:
+    """Makes every complaint about the content of a file a PolicyError that names the file."""
+    try:
+        with prefixed(f"{source}: ", PolicyError):
+            yield
+    except PolicyError:
+        raise
+    except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
+        raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

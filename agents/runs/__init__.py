@@ -1,0 +1,15 @@
+"""What a training run is: its configuration, its folder, and what every command needs to handle both.
+
+Modules:
+    checks: checks of configuration values.
+    schedules: hyper-parameters that change during training.
+    algorithms: learning algorithms and the hyper-parameters that a configuration may set.
+    environment: the environment of a run, and how Gymnasium makes it.
+    config: the whole configuration, read from YAML.
+    files: files that are written whole or not at all; tables read back.
+    locks: locks between processes.
+    folder: the run folder.
+    command_line: exit codes, error lines and signals of the commands.
+
+Nothing is imported here; torch and Stable-Baselines3 are loaded by the functions that need them.
+"""

@@ -1,0 +1,225 @@
+"""The configuration of a training run: frozen, checked once when built, read from YAML."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from agents.runs.algorithms import PARAMETERS, check_hindsight, checked_parameters
+from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
+from agents.runs.environment import EnvConfig
+from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
+from rollingjoint.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """The networks: hidden layers, activation, first log standard deviation (PPO).
+
+    `value_hidden` are the hidden layers of the value functions; None: those of the policy.
+    """
+
+    hidden: Sequence[int] = (64, 64)
+    value_hidden: Sequence[int] | None = None
+    activation: str = "tanh"
+    log_std_init: float = 0.0
+
+    def __post_init__(self) -> None:
+        widths = integers(1, 4096)
+        activation = choice("tanh", "relu", "elu")
+        check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
+        check_fields(self, "policy.", log_std_init=number(-10.0, 3.0))
+
+
+@dataclass(frozen=True)
+class HerConfig:
+    """Hindsight experience replay: `goals` relabelled transitions to every real one, and which states become goals.
+
+    Source: Andrychowicz et al., Hindsight Experience Replay, 2017.
+    """
+
+    goals: int = 4
+    strategy: str = "future"
+
+    def __post_init__(self) -> None:
+        check_fields(self, "her.", goals=integer(1, 100), strategy=choice("future", "final", "episode"))
+
+
+@dataclass(frozen=True)
+class NormaliseConfig:
+    """Running normalisation of observations and rewards (VecNormalize)."""
+
+    observation: bool = True
+    reward: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self, "normalise.", observation=boolean, reward=boolean)
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """Evaluation during training: every `every` steps, on `episodes` fixed seeds from `seed` on."""
+
+    every: int = 50_000
+    episodes: int = 40
+    seed: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        check_fields(self, "evaluation.", every=integer(1), episodes=integer(1), seed=integer(0, 2**31))
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of its episodes."""
+        return range(self.seed, self.seed + self.episodes)
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that a training run depends on; steps are counted over all environments together."""
+
+    algorithm: str = "ppo"
+    total_timesteps: int = 1_000_000
+    seed: int = 0
+    env: EnvConfig = field(default_factory=EnvConfig)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
+    normalise: NormaliseConfig = field(default_factory=NormaliseConfig)
+    her: HerConfig | None = None
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    checkpoint_every: int = 250_000
+    torch_threads: int = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self, algorithm=choice(*PARAMETERS), total_timesteps=integer(1), seed=integer(0, 2**31))
+        check_fields(self, checkpoint_every=integer(1), torch_threads=integer(1, 256))
+        parameters = checked_parameters(self.algorithm, self.parameters, self.env.n_envs)
+        object.__setattr__(self, "parameters", parameters)
+        if self.her is not None:
+            check_hindsight(self.algorithm, self.parameters, self.env.n_envs, self.env.episode_steps)
+
+    @property
+    def seeds(self) -> dict[str, range]:
+        """The seeds that the run uses."""
+        environments = range(self.seed, self.seed + self.env.n_envs)
+        return {"training_environments": environments, "evaluation_during_training": self.evaluation.seeds}
+
+    def use_of(self, seeds: range) -> str | None:
+        """What the run uses one of these seeds for; None if for nothing."""
+        return next((use for use, used in self.seeds.items() if overlap(used, seeds)), None)
+
+    def check_unused(self, seeds: range) -> None:
+        """Raise ConfigError unless these are seeds, at least one, that training has not used."""
+        integer(1)("--episodes", len(seeds))
+        integer(0)("--seed", seeds.start)
+        if self.use_of(seeds):
+            hint = "The run's seeds.json lists them; give another --seed."
+            raise ConfigError("--seed", seeds.start, "seeds that training has not used", hint)
+
+    @classmethod
+    def from_dict(cls, values: Any) -> TrainConfig:
+        """The configuration in plain values; raises ConfigError naming the key."""
+        values = dict(mapping("top level", values, [f.name for f in fields(cls)]))
+        for name, section in SECTIONS.items():
+            if name in values and not (name == "her" and values[name] is None):
+                values[name] = section(**mapping(name, values[name], [f.name for f in fields(section)]))
+        return cls(**values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for YAML; from_dict gives the same configuration back."""
+        values = asdict(self)
+        for name in ("hidden", "value_hidden"):
+            widths = values["policy"][name]
+            values["policy"][name] = None if widths is None else list(widths)
+        return values
+
+    def content(self) -> dict[str, Any]:
+        """Plain values of all that it means: defaults of the environment written in, a mechanism as its numbers."""
+        values = self.to_dict()
+        values["env"]["settings"] = self.env.complete_settings()
+        return values
+
+
+SECTIONS: dict[str, type] = {
+    "env": EnvConfig,
+    "policy": PolicyConfig,
+    "normalise": NormaliseConfig,
+    "her": HerConfig,
+    "evaluation": EvaluationConfig,
+}
+
+
+def overlap(one: range, other: range) -> bool:
+    """Whether two ranges of seeds have one in common."""
+    return one.start < other.stop and other.start < one.stop
+
+
+def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
+    """The configuration in a YAML file, with "section.key=value" overrides on top.
+
+    `env.file` names a YAML file of environment settings, relative to this file; `env.settings` goes on top of it.
+    Raises ConfigError that names the file, the key and the nearest valid key.
+    """
+    path = Path(path)
+    values = _section(read_yaml(path), str(path))
+    with prefixed(f"{path} with --set: " if overrides else f"{path}: "):
+        values = apply_overrides(values, overrides)
+        if isinstance(values.get("env"), dict):
+            values["env"] = _resolve_env(values["env"], path.parent)
+        return TrainConfig.from_dict(values)
+
+
+def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """A copy of nested values with each "section.key=value" set; the value is read as YAML."""
+    values = copy.deepcopy(values)
+    for text in overrides:
+        keys, equals, value = text.partition("=")
+        *sections, key = keys.strip().split(".")
+        if not equals or not key or not all(sections):
+            raise ConfigError("--set", text, "section.key=value, for example parameters.gamma=0.9")
+        place = values
+        for section in sections:
+            if not isinstance(place.setdefault(section, {}), dict):
+                raise ConfigError("--set", text, f"a key of a section; '{section}' is a value")
+            place = place[section]
+        place[key] = parse_yaml(value, f"--set {text}")
+    return values
+
+
+def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The env section with the settings of `env.file` read in and paths of mechanism files resolved."""
+    env = dict(mapping("env", env, ["file", *(f.name for f in fields(EnvConfig))]))
+    name = env.pop("file", None)
+    settings = _with_mechanism(env.get("settings"), folder)
+    if name is not None:
+        if not isinstance(name, str):
+            raise ConfigError("env.file", name, "the path of a YAML file")
+        path = folder / name
+        settings = _merged(_with_mechanism(_section(read_yaml(path), str(path)), path.parent), settings)
+    return env | {"settings": settings}
+
+
+def _section(values: object, where: str) -> dict[str, Any]:
+    """A copy of a mapping read from YAML; nothing is an empty one."""
+    if values is not None and not isinstance(values, dict):
+        raise ConfigError(where, values, "a mapping of keys to values")
+    return dict(values or {})
+
+
+def _with_mechanism(settings: Any, folder: Path) -> dict[str, Any]:
+    """The settings; a `mechanism` that names a file in `folder` gets its whole path."""
+    settings = _section(settings, "env.settings")
+    mechanism = settings.get("mechanism")
+    if isinstance(mechanism, str) and (folder / mechanism).is_file():
+        settings["mechanism"] = str((folder / mechanism).resolve())
+    return settings
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    both = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, dict) and isinstance(both.get(key), dict)
+        both[key] = _merged(both[key], value) if nested else value
+    return both

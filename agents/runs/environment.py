@@ -1,0 +1,117 @@
+"""The environment of a run, and how Gymnasium makes it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from agents.runs.checks import check_fields, integer, prefixed
+from rollingjoint.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gymnasium.vector import VectorEnv
+
+    from rj_gym.core.config import TaskConfig
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """The environment: Gymnasium id, copies that are stepped together, and settings.
+
+    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
+    """
+
+    id: str = "rj_gym/RollingJoint-v0"
+    n_envs: int = 16
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, str) or not self.id:
+            raise ConfigError("env.id", self.id, "the id of a Gymnasium environment")
+        check_fields(self, "env.", n_envs=integer(1, 1024))
+        if not isinstance(self.settings, Mapping):
+            raise ConfigError("env.settings", self.settings, "a mapping of settings to values")
+        self.arguments()
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it is one of rj_gym."""
+        return self.id.startswith("rj_gym/")
+
+    @property
+    def is_tracking(self) -> bool:
+        """Whether its task is to track a target, with a planar chain or an arm: these have baselines and floors."""
+        from rj_gym import IDS
+
+        return self.id in IDS
+
+    def arguments(self) -> dict[str, Any]:
+        """Keyword arguments for gymnasium.make; raises ConfigError for settings the environment does not have."""
+        if not self.is_ours:
+            return dict(self.settings)
+        from rj_gym import settings_of
+
+        kind = settings_of(self.id)
+        with prefixed("env.settings: "):
+            return {"config": kind.from_dict(copy.deepcopy(dict(self.settings)))}
+
+    @property
+    def episode_steps(self) -> int | None:
+        """Steps of an episode; None for an environment that is not one of rj_gym."""
+        return self.arguments()["config"].episode_steps if self.is_ours else None
+
+    def complete_settings(self) -> dict[str, Any]:
+        """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
+        if not self.is_tracking:
+            return dict(self.settings)
+        from rj_gym.core.registry import task_of
+        from rollingjoint.io.mechanism_file import mechanism_to_dict
+
+        config = self.arguments()["config"]
+        return plain_settings(config) | {"mechanism": mechanism_to_dict(task_of(config).mechanism) | {"name": ""}}
+
+
+def plain_settings(config: TaskConfig) -> dict[str, Any]:
+    """All settings of a tracking environment except the mechanism, as plain values."""
+    either_task: Any = config
+    values = asdict(replace(either_task, mechanism=""))
+    del values["mechanism"]
+    return values
+
+
+def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
+    """One environment of the run; raises ConfigError if Gymnasium cannot make it."""
+    with making(config):
+        return gymnasium.make(config.id, **config.arguments(), **arguments)
+
+
+def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
+    """A native vector environment of rj_gym with `count` copies; for other ids, scalar ones stepped in turn."""
+    if not config.is_ours:
+        return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
+    with making(config):
+        return gymnasium.make_vec(config.id, count, "vector_entry_point", **config.arguments(), **arguments)
+
+
+@contextmanager
+def making(config: EnvConfig) -> Iterator[None]:
+    """Registers the ids of rj_gym; a complaint of Gymnasium becomes a ConfigError."""
+    if config.is_ours:
+        import rj_gym  # noqa: F401
+    try:
+        yield
+    except (gymnasium.error.Error, TypeError) as error:
+        raise ConfigError("env", config.id, "an environment that Gymnasium can make", str(error)) from error
+
+
+def tip_errors(info: Mapping[str, Any]) -> Any:
+    """The tip errors in an info [mm]; raises ConfigError for an environment that does not report them."""
+    if "error_mm" not in info:
+        raise ConfigError("info", sorted(info), 'an environment that reports info["error_mm"], the tip error in mm')
+    return info["error_mm"]

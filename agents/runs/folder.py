@@ -1,0 +1,206 @@
+"""A run folder: everything needed to repeat a training run and to use its policy.
+
+    config.yaml          the configuration, complete: environment settings and overrides written in
+    command.txt          what was typed; one more line for every --resume
+    mechanism.yaml       the mechanism, where the environment names a mechanism file
+    versions.json        Python, packages, platform
+    seeds.json           seeds of training and of the evaluations during training
+    policy.zip           the policy at the end (or where training was stopped), with normaliser.pkl
+    best/                the policy with the smallest tip error in the evaluations, with its normaliser.pkl
+    checkpoints/         STEPS/ with the policy at that time; the newest one holds all that --resume needs
+    logs/                progress.csv and TensorBoard events
+    evaluations.csv      tip error in the evaluations during training
+    evaluation/          report, pictures and animation, written by agents.evaluate
+    error.txt            the traceback, if training broke off
+    lock                 held by the training that runs
+
+Policies and normalisers are pickles: load only run folders that you trust.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents.runs.config import TrainConfig, load_config
+from agents.runs.files import RunFolderError, read_rows, write_json, write_text
+from agents.runs.locks import alone_in
+from rollingjoint.checked_yaml import dump_yaml, read_yaml
+
+UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
+PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
+PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which other work does not stretch
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths of a run folder, and its configuration."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, config: TrainConfig, command: Sequence[str], force: bool = False) -> RunFolder:
+        """A new run folder with all that is known before training; it appears whole or not at all.
+
+        Raises RunFolderError if the folder is there and holds something; `force` replaces an earlier run.
+        """
+        cls.check_free(path, force)
+        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            partial.mkdir(parents=True)
+            write_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
+            write_text(partial / "command.txt", shlex.join(command) + "\n")
+            write_json(partial / "versions.json", versions())
+            write_json(partial / "seeds.json", _seeds(config))
+            if force and path.exists():
+                cls(path)._give_way_to(partial)
+            else:
+                os.replace(partial, path)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+        return cls(path)
+
+    def _give_way_to(self, partial: Path) -> None:
+        """Put the folder `partial` in the place of this one, which goes unless a training runs in it."""
+        old = partial.with_name(f"{partial.name}.old")
+        with self.locked():
+            os.replace(self.path, old)
+            os.replace(partial, self.path)
+            shutil.rmtree(old)
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """The run folder at `path`; raises RunFolderError if there is no run."""
+        if not (path / "config.yaml").is_file():
+            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by agents.train")
+        return cls(path)
+
+    @staticmethod
+    def check_free(path: Path, force: bool) -> None:
+        """Raise RunFolderError unless a run can be written to `path`."""
+        if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+            return
+        if not (path / "config.yaml").is_file():
+            raise RunFolderError("run folder", str(path), "a new folder", "What is there is no run; it stays as it is.")
+        if not force:
+            hint = "There is a run already: --resume goes on with it, --force replaces it, --run-dir names another."
+            raise RunFolderError("run folder", str(path), "a new folder", hint)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the run folder alone; raises RunFolderError where another training holds it."""
+        with alone_in(self.path, "run folder", "one in which no training runs"):
+            yield
+
+    def restart(self) -> None:
+        """Remove what training left that was interrupted before its first checkpoint."""
+        for folder in (self.logs, self.checkpoints, self.path / "best"):
+            shutil.rmtree(folder, ignore_errors=True)
+        self.evaluations.unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """Remove files that a killed training had begun to write, and the account of an earlier failure."""
+        unfinished = [path for path in self.path.rglob(".*") if UNFINISHED.fullmatch(path.name)]
+        for path in sorted(unfinished, reverse=True):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        (self.path / "error.txt").unlink(missing_ok=True)
+
+    def extend(self, total_timesteps: int, command: Sequence[str]) -> None:
+        """Record the new end of the run, and the command that set it."""
+        values: Any = read_yaml(self.path / "config.yaml")
+        write_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
+        commands = self.path / "command.txt"
+        write_text(commands, commands.read_text() + shlex.join(command) + "\n")
+
+    def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
+        """The configuration of the run, with overrides on top."""
+        return load_config(self.path / "config.yaml", overrides)
+
+    @property
+    def begun_with(self) -> str:
+        """The version of this project that wrote the folder, in words."""
+        try:
+            found = json.loads((self.path / "versions.json").read_text())["rollingjoint"]
+        except (OSError, ValueError, LookupError, TypeError):
+            return "an unknown version of rollingjoint"
+        return f"rollingjoint {found}"
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all steps are done and saved: the last thing that training writes is a checkpoint."""
+        done = [int(path.name) for path in self.checkpoints.glob("[0-9]*") if path.name.isdigit()]
+        return max(done, default=0) >= self.config().total_timesteps
+
+    @property
+    def training_seconds(self) -> float:
+        """Processor time of the training to the last row of its log [s]; 0 where there is none."""
+        return max((float(row.get(PROCESSOR) or 0) for row in read_rows(self.progress)), default=0.0)
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the training log."""
+        return self.path / "logs"
+
+    @property
+    def progress(self) -> Path:
+        """The training log as a table."""
+        return self.logs / "progress.csv"
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the checkpoints."""
+        return self.path / "checkpoints"
+
+    @property
+    def evaluations(self) -> Path:
+        """Tip errors in the evaluations during training."""
+        return self.path / "evaluations.csv"
+
+    @property
+    def evaluation(self) -> Path:
+        """Folder of the report that agents.evaluate writes."""
+        return self.path / "evaluation"
+
+    def policy_files(self, which: str) -> tuple[Path, Path]:
+        """Policy and normaliser: "last", "best", or the steps of a checkpoint."""
+        folders = {"last": self.path, "best": self.path / "best"}
+        folder = folders.get(which, self.checkpoints / which)
+        return folder / "policy.zip", folder / "normaliser.pkl"
+
+
+def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The plain configuration; a mechanism file that it names is copied into `folder` and named there."""
+    mechanism = values["env"]["settings"].get("mechanism")
+    if isinstance(mechanism, str) and Path(mechanism).is_file():
+        shutil.copyfile(mechanism, folder / "mechanism.yaml")
+        values["env"]["settings"]["mechanism"] = "mechanism.yaml"
+    return values
+
+
+def _seeds(config: TrainConfig) -> dict[str, Any]:
+    """Plain values for seeds.json: first and last of each range."""
+    return {"training": config.seed} | {use: [used[0], used[-1]] for use, used in config.seeds.items()}
+
+
+def versions(*more: str) -> dict[str, str]:
+    """Versions of Python, of our packages and of `more`, and the platform."""
+    found = {"python": platform.python_version()}
+    for name in (*PACKAGES, *more):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    return found | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}

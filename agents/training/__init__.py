@@ -1,0 +1,12 @@
+"""Training: from a configuration to a run folder with a policy.
+
+Modules:
+    build: environments and model of a configuration.
+    learn: a run from its beginning, or continued.
+    callbacks: checkpoints, evaluations, progress, stopping on a signal.
+    checkpoint: checkpoints, from which a run continues exactly.
+    log: the training log, which a resumed run continues.
+    campaign: many runs, some at a time.
+
+Nothing is imported here: torch and Stable-Baselines3 are loaded by the modules that need them.
+"""

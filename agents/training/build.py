@@ -1,0 +1,100 @@
+"""The environments and the Stable-Baselines3 model of a configuration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import torch
+from stable_baselines3 import HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
+
+from agents.runs.algorithms import algorithm_class, constructor_arguments
+from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig, make_env, making, tip_errors
+from rj_gym.sb3 import make_sb3_env
+from rollingjoint.errors import ConfigError
+
+
+def make_training_env(config: EnvConfig) -> VecEnv:
+    """The copies that training steps together: a native vector environment, else scalar ones in turn."""
+    envs: VecEnv
+    if config.is_ours:
+        with making(config):
+            envs = make_sb3_env(config.id, config.n_envs, **config.arguments())
+    else:
+        _check_reports_error(config)
+        envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
+    return VecMonitor(envs, info_keywords=("error_mm",))
+
+
+def _check_reports_error(config: EnvConfig) -> None:
+    """Raise ConfigError, before training begins, for an environment without info["error_mm"]."""
+    env = make_env(config)
+    try:
+        tip_errors(env.reset()[1])
+    finally:
+        env.close()
+
+
+def build_model(config: TrainConfig) -> BaseAlgorithm:
+    """A fresh model on fresh, seeded environments, normalised as the configuration says.
+
+    Raises ConfigError if Stable-Baselines3 refuses the configuration.
+    """
+    torch.set_num_threads(config.torch_threads)
+    env = make_training_env(config.env)
+    if config.normalise.observation or config.normalise.reward:
+        gamma = config.parameters.get("gamma", 0.99)
+        env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
+    policy = "MultiInputPolicy" if isinstance(env.observation_space, gymnasium.spaces.Dict) else "MlpPolicy"
+    arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
+    try:
+        _check_observation(config, env.observation_space)
+        return algorithm_class(config.algorithm)(
+            policy, env, seed=config.seed, device="cpu", policy_kwargs=_policy_arguments(config), **arguments
+        )
+    except ConfigError:
+        env.close()
+        raise
+    except (ValueError, TypeError, AssertionError) as error:
+        env.close()
+        raise ConfigError("parameters", dict(config.parameters), "what the algorithm accepts", str(error)) from error
+
+
+def close(model: BaseAlgorithm) -> None:
+    """Close the model's environments."""
+    env = model.get_env()
+    if env is not None:
+        env.close()
+
+
+def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
+    activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
+    layers: Any = list(config.policy.hidden)
+    if config.policy.value_hidden is not None:
+        value = "vf" if config.algorithm == "ppo" else "qf"
+        layers = {"pi": layers, value: list(config.policy.value_hidden)}
+    arguments: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
+    if config.algorithm == "ppo":
+        arguments["log_std_init"] = config.policy.log_std_init
+    return arguments
+
+
+def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
+    if config.her is None:
+        return {}
+    goals = {"n_sampled_goal": config.her.goals, "goal_selection_strategy": config.her.strategy}
+    return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
+
+
+def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None:
+    """Raise ConfigError for an algorithm that cannot work with this kind of observation."""
+    parts = set(space.spaces) if isinstance(space, gymnasium.spaces.Dict) else set()
+    if config.her is not None and not {"achieved_goal", "desired_goal"} <= parts:
+        allowed = "an environment with goals, such as rj_gym/RollingJointGoal-v0"
+        raise ConfigError("env.id", config.env.id, allowed, "Hindsight (her) relabels goals.")
+    if config.algorithm == "crossq" and parts:
+        hint = "sb3-contrib has no CrossQ policy for observations in parts: sac and tqc have one."
+        raise ConfigError("env.id", config.env.id, "an environment whose observation is one vector", hint)

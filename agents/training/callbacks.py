@@ -1,0 +1,177 @@
+"""Callbacks of training: checkpoints, evaluations, progress, stopping on a signal."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from agents.evaluation.policy import Policy
+from agents.evaluation.rollout import run_episodes
+from agents.runs.config import TrainConfig
+from agents.runs.folder import RunFolder
+from agents.training import checkpoint
+from agents.training.checkpoint import Moment, save_policy
+
+Row = dict[str, float]
+Watch = Callable[[Row], bool]
+
+
+def due_after(every: int, steps: int) -> int:
+    """The first multiple of `every` beyond `steps`."""
+    return every * (steps // every + 1)
+
+
+class StopOnSignal(BaseCallback):
+    """Ends training cleanly after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
+
+    Training continues to the end of the rollout, from where it can be resumed exactly. A context manager: the
+    handlers are in place inside it. `signal` is what arrived, or None.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.signal: signal.Signals | None = None
+        self.ends = False
+
+    def __enter__(self) -> StopOnSignal:
+        self.handlers = {number: signal.signal(number, self._stop) for number in self.SIGNALS}
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self.handlers.items():
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, frame: object) -> None:
+        if self.signal is not None:
+            raise KeyboardInterrupt
+        self.signal = signal.Signals(number)
+
+    def _on_rollout_start(self) -> None:
+        self.ends = self.signal is not None
+
+    def _on_step(self) -> bool:
+        return not self.ends
+
+
+class Checkpoints(BaseCallback):
+    """Saves a checkpoint at the start of a rollout: every `every` steps or a little later, and when training stops.
+
+    Args:
+        moment: for a resumed run, what to restore at the start of its first rollout.
+    """
+
+    def __init__(self, run: RunFolder, every: int, stop: StopOnSignal, moment: Moment | None = None) -> None:
+        super().__init__()
+        self.run, self.every, self.stop, self.moment = run, every, stop, moment
+
+    def _on_training_start(self) -> None:
+        self.next = due_after(self.every, self.model.num_timesteps)
+
+    def _on_rollout_start(self) -> None:
+        steps = self.model.num_timesteps
+        if self.moment is not None:
+            self.moment.restore(self.model)
+            self.moment = None
+        if steps >= self.next or self.stop.ends:
+            self.next = due_after(self.every, steps)
+            if not checkpoint.save(self.model, self.run):
+                tqdm.write("note: environments of this kind do not pickle, so this run cannot be resumed", sys.stderr)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class Evaluator(BaseCallback):
+    """Evaluates the deterministic policy on fixed seeds, now and then and at the end, and keeps the best one.
+
+    The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...).
+
+    Args:
+        watch: called with every new row of evaluations.csv but the last; True ends training.
+    """
+
+    COLUMNS = ("steps", "mean_mm", "median_mm", "p95_mm", "mean_reward")
+
+    def __init__(
+        self, run: RunFolder, config: TrainConfig, show: Callable[[str], Any] = tqdm.write, watch: Watch | None = None
+    ) -> None:
+        super().__init__()
+        self.run, self.config, self.show, self.watch = run, config, show, watch
+        self.seeds = config.evaluation.seeds
+
+    def _on_training_start(self) -> None:
+        self.next = due_after(self.config.evaluation.every, self.model.num_timesteps)
+        if not self.run.evaluations.is_file():
+            self._write(self.COLUMNS)
+        with self.run.evaluations.open(newline="") as stream:
+            self.best = min((float(row["mean_mm"]) for row in csv.DictReader(stream)), default=np.inf)
+
+    def _on_step(self) -> bool:
+        if self.next <= self.num_timesteps < self.locals["total_timesteps"]:
+            self.next = due_after(self.config.evaluation.every, self.num_timesteps)
+            row = self.evaluate()
+            return self.watch is None or not self.watch(row)
+        return True
+
+    def _on_training_end(self) -> None:
+        self.evaluate()
+        self.logger.dump(self.num_timesteps)
+
+    def evaluate(self) -> Row:
+        """Score the policy as it is now: the new row of evaluations.csv."""
+        policy = Policy(self.model, self.model.get_vec_normalize_env())
+        episodes = run_episodes(self.config.env, policy, self.seeds)
+        final = episodes.final_errors
+        mean, median, p95 = float(final.mean()), float(np.median(final)), float(np.percentile(final, 95))
+        values = (self.num_timesteps, mean, median, p95, float(episodes.rewards.mean()))
+        for name, value in zip(self.COLUMNS[1:], values[1:], strict=True):
+            self.logger.record(f"evaluation/{name}", value)
+        self._write(values)
+        is_best = mean < self.best
+        self.show(f"{self.num_timesteps:>9} steps: mean tip error {mean:6.2f} mm{'  (best so far)' if is_best else ''}")
+        if is_best:
+            self.best = mean
+            save_policy(self.model, self.run.policy_files("best"))
+        return dict(zip(self.COLUMNS, values, strict=True))
+
+    def _write(self, row: Any) -> None:
+        with self.run.evaluations.open("a", newline="") as stream:
+            csv.writer(stream).writerow(row)
+
+
+class FinalError(BaseCallback):
+    """Logs the tip error at the end of the training episodes (rollout/final_error_mm)."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        finished = [episode["error_mm"] for episode in self.model.ep_info_buffer or ()]
+        if finished:
+            self.logger.record("rollout/final_error_mm", float(np.mean(finished)))
+
+
+class Progress(BaseCallback):
+    """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
+
+    def _on_training_start(self) -> None:
+        hidden = not sys.stderr.isatty() or "CI" in os.environ
+        total, done = self.locals["total_timesteps"], self.model.num_timesteps
+        self.bar = tqdm(total=total, initial=done, unit=" steps", unit_scale=True, disable=hidden, dynamic_ncols=True)
+
+    def _on_step(self) -> bool:
+        self.bar.update(min(self.num_timesteps, self.bar.total) - self.bar.n)
+        return True
+
+    def _on_training_end(self) -> None:
+        self.bar.close()

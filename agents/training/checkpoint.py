@@ -1,0 +1,217 @@
+"""Checkpoints: from the newest one a training run continues as if it had never been interrupted.
+
+A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by renaming, or not at all.
+
+    policy.zip, normaliser.pkl              the policy as it was
+    resume/                                 what else resuming needs; deleted from older checkpoints
+        training.pkl                        model, optimisers, environments, random numbers, the pending row of the log
+        replay_buffer.pkl                   where the algorithm has one
+        evaluations.csv, progress.csv, best/     copies of those in the run folder
+
+Checkpoints are taken where a rollout begins: there the loops of Stable-Baselines3 hold nothing in local variables.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import random
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cloudpickle  # type: ignore[import-untyped]
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from agents.runs.config import TrainConfig
+from agents.runs.files import RunFolderError, write_bytes, write_file
+from agents.runs.folder import RunFolder
+from agents.training.build import build_model
+
+NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
+NO_PART_OF_A_POLICY = ("replay_buffer_class", "replay_buffer_kwargs")  # hindsight would ask for environments
+PENDING = ("name_to_value", "name_to_count", "name_to_excluded")
+UNREADABLE = (pickle.PickleError, RuntimeError, AttributeError, ImportError, LookupError, TypeError, EOFError)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The state outside model and environments when a rollout begins.
+
+    Args:
+        generators: states of the global random number generators of Python, NumPy and torch.
+        exploration: matrices of state-dependent exploration, which Stable-Baselines3 draws just before.
+        log: values recorded for the next row of the log.
+        elapsed: time spent on training so far [ns].
+    """
+
+    generators: tuple[Any, Any, Any]
+    exploration: Mapping[str, Any]
+    log: Mapping[str, Mapping[str, Any]]
+    elapsed: int
+
+    @classmethod
+    def now(cls, model: BaseAlgorithm) -> Moment:
+        """The moment at which `model` is."""
+        return cls(
+            (random.getstate(), np.random.get_state(), torch.get_rng_state()),
+            {name: value.detach() for name, value in _exploration(model).items()},
+            {name: dict(getattr(model.logger, name)) for name in PENDING},
+            int(time.time_ns() - model.start_time),
+        )
+
+    def restore(self, model: BaseAlgorithm) -> None:
+        """Restore this moment; to be called at the start of a rollout."""
+        python, numpy, of_torch = self.generators
+        random.setstate(python)
+        np.random.set_state(numpy)
+        torch.set_rng_state(of_torch)
+        for name, matrix in self.exploration.items():
+            setattr(_actor(model).action_dist, name, matrix)
+        for name, values in self.log.items():
+            getattr(model.logger, name).update(values)
+        model.start_time = time.time_ns() - self.elapsed
+        model._num_timesteps_at_start = 0
+
+
+def save_policy(model: BaseAlgorithm, files: tuple[Path, Path]) -> None:
+    """Save model and normaliser in two files, each whole or not at all."""
+    policy, normaliser = files
+    if model.get_vec_normalize_env() is not None:
+        write_bytes(normaliser, pickle.dumps(model.get_vec_normalize_env()))
+    stream = io.BytesIO()  # so that a full disk is an OSError: torch would make something else of it
+    model.save(stream, exclude=NO_PART_OF_A_POLICY)
+    write_bytes(policy, stream.getvalue())
+
+
+def save(model: BaseAlgorithm, run: RunFolder) -> bool:
+    """Save a checkpoint of a model whose rollout is about to begin; whether the run can be resumed from it.
+
+    It cannot if the environments do not pickle. Raises OSError, on a full disk for example, and leaves nothing behind.
+    """
+    folder = run.checkpoints / f"{model.num_timesteps:09d}"
+    partial = folder.with_name(f".{folder.name}")
+    try:
+        save_policy(model, (partial / "policy.zip", partial / "normaliser.pkl"))
+        resumable = _save_rest(model, run, partial / "resume")
+        shutil.rmtree(folder, ignore_errors=True)
+        os.rename(partial, folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    for older in run.checkpoints.iterdir():
+        if older != folder:
+            shutil.rmtree(older / "resume", ignore_errors=True)
+    return resumable
+
+
+def newest(run: RunFolder) -> Path | None:
+    """The newest checkpoint from which the run can be resumed; None if there is none."""
+    complete = [path.parent for path in run.checkpoints.glob("[0-9]*/resume")]
+    return max(complete, key=steps_of, default=None)
+
+
+def steps_of(checkpoint: Path) -> int:
+    """Environment steps that were done when the checkpoint was made."""
+    return int(checkpoint.name)
+
+
+def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
+    """The model with its environments, and the moment to restore; raises RunFolderError if they cannot be read."""
+    try:
+        content = torch.load(checkpoint / "resume" / "training.pkl", weights_only=False)
+        model = build_model(config)
+        model.__dict__.update(content["model"])
+        _put_back(model.env, *content["environments"])
+        _load_replay_buffer(model, checkpoint / "resume" / "replay_buffer.pkl")
+    except UNREADABLE as error:
+        raise _unreadable(checkpoint, error) from error
+    return model, content["moment"]
+
+
+def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
+    """What to say of a checkpoint that was damaged, or that another version of the packages wrote."""
+    run = RunFolder(checkpoint.parents[1])
+    hint = (
+        f"{type(error).__name__}: {error}. The run was begun with {run.begun_with}: a resumed run needs the same code. "
+        f"Its policies can still be evaluated and exported; to train again: python -m agents.train --config "
+        f"{run.path / 'config.yaml'} --run-dir NEW"
+    )
+    return RunFolderError("checkpoint", str(checkpoint), "a checkpoint that this version can read", hint)
+
+
+def bring_back_files(checkpoint: Path, run: RunFolder) -> None:
+    """Restore log, evaluations and best policy from the checkpoint; whatever came after it is deleted."""
+    for copy, original in _copies(run, checkpoint / "resume"):
+        if copy.is_file():
+            write_bytes(original, copy.read_bytes())
+        else:
+            original.unlink(missing_ok=True)
+
+
+def _save_rest(model: BaseAlgorithm, run: RunFolder, folder: Path) -> bool:
+    content = {
+        "model": {name: value for name, value in vars(model).items() if name not in NOT_IN_THE_MODEL},
+        "environments": _taken_apart(model.env),
+        "moment": Moment.now(model),
+    }
+    stream = io.BytesIO()
+    try:
+        torch.save(content, stream, pickle_module=cloudpickle)
+    except (pickle.PickleError, TypeError, AttributeError):
+        return False
+    write_bytes(folder / "training.pkl", stream.getvalue())
+    replay_buffer = getattr(model, "replay_buffer", None)
+    if replay_buffer is not None:
+        write_file(folder / "replay_buffer.pkl", lambda stream: pickle.dump(replay_buffer, stream))
+    for copy, original in _copies(run, folder):
+        if original.is_file():
+            write_bytes(copy, original.read_bytes())
+    return True
+
+
+def _copies(run: RunFolder, folder: Path) -> list[tuple[Path, Path]]:
+    """Files of a checkpoint that are copies, each with its original in the run folder."""
+    best = [(folder / "best" / path.name, path) for path in run.policy_files("best")]
+    return [(folder / path.name, path) for path in (run.evaluations, run.progress)] + best
+
+
+def _taken_apart(env: VecEnv | None) -> tuple[list[dict[str, Any]], VecEnv | None]:
+    """What the wrappers hold, outermost first, and the environments inside; wrappers themselves do not pickle."""
+    wrappers = []
+    while isinstance(env, VecEnvWrapper):
+        wrappers.append({k: v for k, v in vars(env).items() if k not in ("venv", "class_attributes")})
+        env = env.venv
+    return wrappers, env
+
+
+def _put_back(env: Any, wrappers: list[dict[str, Any]], inside: VecEnv) -> None:
+    for held in wrappers:
+        vars(env).update(held)
+        outer, env = env, env.venv
+    env.close()
+    outer.venv = inside
+
+
+def _load_replay_buffer(model: Any, path: Path) -> None:
+    if not path.is_file():
+        return
+    with path.open("rb") as stream:
+        model.replay_buffer = pickle.load(stream)
+    if hasattr(model.replay_buffer, "set_env"):  # hindsight recomputes rewards
+        model.replay_buffer.set_env(model.env)
+
+
+def _actor(model: Any) -> Any:
+    return getattr(model, "actor", model.policy)
+
+
+def _exploration(model: Any) -> dict[str, torch.Tensor]:
+    held = vars(_actor(model).action_dist) if model.use_sde else {}
+    return {name: held[name] for name in ("exploration_mat", "exploration_matrices") if name in held}

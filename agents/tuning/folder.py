@@ -1,0 +1,58 @@
+"""The folder of a study: its paths, and its journal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import optuna
+from optuna.study import Study
+
+from agents.runs.files import RunFolderError, write_text
+from agents.tuning.journal import journal_storage
+from agents.tuning.study import StudyConfig, load_study
+from rollingjoint.checked_yaml import dump_yaml
+from rollingjoint.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """Paths of a study, and its journal."""
+
+    path: Path
+
+    def config(self, file: Path | None) -> StudyConfig:
+        """What the study searches; raises ConfigError where `file` says something else than the study that is there."""
+        begun = self.path / "study.yaml"
+        if file is None and not begun.is_file():
+            raise ConfigError("--config", None, f"a YAML file, since no study is in {self.path}")
+        config = load_study(begun if file is None else file)
+        if begun.is_file() and replace(load_study(begun), trials=config.trials) != config:
+            hint = "Leave --config out to go on with the study, or give another --study."
+            raise ConfigError("--config", str(file), f"what the study in {self.path} began with", hint)
+        return config
+
+    def begin(self, config: StudyConfig) -> None:
+        """Make the folder, unless the study is there; raises RunFolderError for a folder that holds something else."""
+        if not (self.path / "study.yaml").is_file():
+            own = (".study.yaml", "lock")  # another process may just begin it
+            if self.path.exists() and not all(path.name.startswith(own) for path in self.path.iterdir()):
+                raise RunFolderError("study", str(self.path), "a new folder, or one with a study", "It stays as it is.")
+            write_text(self.path / "study.yaml", dump_yaml(config.to_dict()))
+
+    def journal(self, config: StudyConfig) -> Study:
+        """The study as Optuna knows it, in a file that several processes may write."""
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        pruners = {
+            "median": optuna.pruners.MedianPruner(n_startup_trials=config.startup),
+            "halving": optuna.pruners.SuccessiveHalvingPruner(),
+            "none": optuna.pruners.NopPruner(),
+        }
+        storage = journal_storage(self.path / "journal.log")
+        return optuna.create_study(
+            storage=storage, study_name="study", load_if_exists=True, pruner=pruners[config.pruner]
+        )
+
+    def trial(self, number: int) -> Path:
+        """Folder of a trial."""
+        return self.path / "trials" / f"{number:04d}"

@@ -1,0 +1,119 @@
+"""Running episodes of the arm's task."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.arm import kernels
+from rj_gym.arm.kernels import FX, GRAVITY, OWN, TARGET_FRAME, Course, Inputs, Solved, State
+from rj_gym.arm.render import ArmCanvas, ArmScene
+from rj_gym.arm.sampling import ArmDraws
+from rj_gym.arm.task import ArmTask
+from rj_gym.core.draws import over_time
+from rj_gym.core.episodes import Observation
+from rj_gym.core.kernels import FORCE, TENSIONS
+from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
+from rj_gym.rendering.canvas import Screen
+from rollingjoint.compiled import machine_code
+from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import stack
+from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
+from rollingjoint.spatial.chain import HingeChain
+
+Array = NDArray[np.float64]
+
+
+class ArmEpisodeBuffer(TrackingEpisodeBuffer):
+    """Room for B episodes of the arm's task."""
+
+    _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
+    _FORCE: ClassVar[slice] = slice(FX, FX + 3)
+    task: ArmTask
+    mechanisms: tuple[HingeChain, ...]
+    course: Course
+    state: State
+
+    def scene(self, trail: Array, lane: int = 0) -> ArmScene:
+        """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
+        readings, own = self.readings[lane], TENSIONS + 2 * self._actions.shape[1]
+        frame = readings[own + TARGET_FRAME : own + TARGET_FRAME + 9].reshape(3, 3)
+        return ArmScene(
+            **self._shared_scene(trail, lane),
+            target_frame=frame if self.task.config.orientation else None,
+            gravity=readings[own + GRAVITY : own + GRAVITY + 3],
+            payload=readings[FORCE : FORCE + 3],
+        )
+
+    def renderer(self) -> Screen[ArmScene]:
+        """What draws the scenes."""
+        return Screen(ArmCanvas(self.task.mechanism))
+
+    def sampled_info(self, draws: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        times, count = self.task.config.episode_steps + 1, len(draws)
+        drawn = {
+            "payloads": over_time(draws.payloads[..., None], times)[..., 0],
+            "gravity": draws.gravity.copy(),
+            "hinge_stiffnesses": draws.hinge_stiffnesses,
+            "weights": draws.weights,
+        }
+        if self.task.config.orientation:
+            rotations = over_time(self.course.targets[:count, :, 3:], times)
+            drawn["target_rotations"] = rotations.reshape(count, times, 3, 3)
+        return super().sampled_info(draws) | drawn
+
+    def _make_room(self) -> None:
+        capacity, config, arm = self.capacity, self.task.config, self.task.mechanism
+        n, m, times = arm.n_links, arm.n_tendons, config.episode_steps + 1
+        self.course = Course(
+            np.zeros((capacity, times if config.target.process == "path" else 1, 12 if config.orientation else 3)),
+            np.zeros((capacity, 1 if config.load.process == "constant" else times, 3)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, times if config.randomization.sensor_noise else 0, 6)),
+        )
+        self.state = State(
+            np.zeros((capacity, n - 1)),
+            np.zeros((capacity, n, 4, 4)),
+            np.zeros((capacity, 2, m)),
+            np.zeros((capacity, TENSIONS + 2 * m + OWN)),
+        )
+        self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
+        self._results = new_results(capacity, n - 1, m)
+
+    def _enter_loads(self, draws: ArmDraws) -> None:
+        count, own = len(draws), TENSIONS + 2 * self._actions.shape[1]
+        self.state.readings[:count, own + GRAVITY : own + GRAVITY + 3] = draws.gravity
+        self._loads[:count] = self.task.load_tables(draws, 0)
+
+    def _tips(self, count: int) -> Array:
+        tips = self._results.poses[:count, -1]
+        position, rotation = tips[:, :3, 3], tips[:, :3, :3].reshape(count, 9)
+        return np.concatenate([position, rotation], axis=1) if self.task.config.orientation else position
+
+    def _step(self, observation: Observation, first: int, last: int) -> int:
+        return self._begin_step(first, last)
+
+    def _observe(self, observation: Observation) -> None:
+        self._fill(observation)
+
+    def _bind_step(self) -> None:
+        solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
+        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        kinds, known = (kernels.Rules, Course, State), (self._rules, self.course, self.state)
+        self._begin_step = partial(machine_code(kernels.prepare, *kinds, Inputs, int, int), *known, inputs)
+        self._finish = partial(machine_code(kernels.finish, *kinds, Solved, FLAT, int, int), *known, solved)
+        self._fill = partial(machine_code(kernels.observe, *kinds, FLAT), *known)
+
+    def _bound_solve(self) -> Any:
+        arrays = self._laws, self._loads, self._starts, self._results
+        try:
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *arrays))
+        except InvalidInput:  # tendons that end on different links
+            alone = np.zeros_like(self.designs)
+            solvers = [PinnedRange(BatchArrays(arm.arrays, alone, *arrays)) for arm in self.mechanisms]
+            return LaneByLane(solvers, self.designs)

@@ -1,0 +1,151 @@
+"""Settings that the tracking tasks share: target, reward, randomisation, and the fields of every task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+from rj_gym.core.settings import Range, Settings
+from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
+from rollingjoint.errors import ConfigError
+
+PROCESSES = ("constant", "step", "ou")
+"""How a load changes from step to step."""
+
+
+class LoadSettings(Settings):
+    """What the loads of every task have: a range of magnitudes, and how they change over time."""
+
+    _SECTION: ClassVar[str] = "load."
+    magnitude: Range
+    process: str
+    hold_steps: float
+    correlation_steps: float
+
+    def __post_init__(self) -> None:
+        self._check(as_range, "magnitude", low=0.0, unit="N")
+        self._check(as_choice, "process", choices=PROCESSES)
+        self._check(as_number, "hold_steps", low=1.0)
+        self._check(as_number, "correlation_steps", low=1e-3)
+
+
+@dataclass(frozen=True)
+class TargetConfig(Settings):
+    """Where the tip should be: tips of unloaded equilibria, so that the unloaded mechanism reaches every target.
+
+    Args:
+        process: "fixed" for the whole episode, or "path": a smooth walk through `waypoints` reachable points.
+        tension_range: tensions drawn log-uniformly per tendon [N]; unloaded, only their ratios matter.
+        waypoints: number of drawn points of a path, its two ends included.
+    """
+
+    _SECTION: ClassVar[str] = "target."
+    process: str = "fixed"
+    tension_range: Range = (1.0, 6.0)
+    waypoints: int = 3
+
+    def __post_init__(self) -> None:
+        self._check(as_choice, "process", choices=("fixed", "path"))
+        self._check(as_range, "tension_range", low=1e-3, unit="N")
+        self._check(as_integer, "waypoints", low=2)
+
+
+@dataclass(frozen=True)
+class RewardConfig(Settings):
+    """Scales and weights of the reward terms.
+
+    Args:
+        error_scale_mm: tip error that costs 1 per step [mm].
+        effort: weight of mean((tension / largest tension)²).
+        smoothness: weight of mean((action - previous action)²).
+        failure_penalty: subtracted once when the solver finds no usable pose and the episode ends.
+        goal: reward of the Goal environment, "dense" (the tracking term) or "sparse" (0 within the tolerance, else -1).
+        goal_tolerance_mm: tip error that counts as reached when sparse [mm].
+    """
+
+    _SECTION: ClassVar[str] = "reward."
+    error_scale_mm: float = 10.0
+    effort: float = 0.01
+    smoothness: float = 0.01
+    failure_penalty: float = 100.0
+    goal: str = "dense"
+    goal_tolerance_mm: float = 2.0
+
+    def __post_init__(self) -> None:
+        self._check(as_number, "error_scale_mm", low=1e-3)
+        self._check(as_number, "effort", "smoothness", "failure_penalty", low=0.0)
+        self._check(as_choice, "goal", choices=("dense", "sparse"))
+        self._check(as_number, "goal_tolerance_mm", low=1e-6)
+
+
+class Randomization(Settings):
+    """What the randomisation of every task shares: numbers of at least 0, some of at most `_HIGHEST`."""
+
+    _SECTION: ClassVar[str] = "randomization."
+    _HIGHEST: ClassVar[dict[str, float]] = {}
+    position_noise_mm: float
+    angle_noise_rad: float
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):  # type: ignore[arg-type]
+            self._check(as_number, name, low=0.0, high=self._HIGHEST.get(name, float("inf")))
+
+    @property
+    def sensor_noise(self) -> bool:
+        """Whether measured poses differ from the true ones."""
+        return self.position_noise_mm > 0 or self.angle_noise_rad > 0
+
+
+@dataclass(frozen=True)
+class TaskConfig(Settings):
+    """The settings that every tracking task has, and their checks.
+
+    A task's own class says which mechanisms it takes, `MECHANISM` and in words, and the classes of nested settings.
+
+    Args:
+        mechanism: preset name, mechanism file, or a mechanism.
+        episode_steps: steps until the episode is truncated.
+        action_scale_mm: tendon length pulled in by an action of 1 [mm per step].
+        tension_range: minimum and maximum tendon tension [N].
+        start: "equal" tensions `start_tension`, or "random" ones from `start_tension_range`.
+        start_tension: tension of every tendon at the start, before the load acts [N].
+        start_tension_range: range of the log-uniform start tensions [N].
+        command_scale_mm: commanded lengths are observed in units of this [mm].
+        observe_tensions: whether the observation contains the tendon tensions.
+        observe_load: whether the observation contains the external force and the link where it acts.
+        load, target, reward, randomization: nested settings, each also a dictionary.
+    """
+
+    MECHANISM: ClassVar[type] = object
+    MECHANISMS: ClassVar[str] = "a mechanism"
+    _NESTED: ClassVar[dict[str, type[Settings]]] = {}
+    _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load")
+    mechanism: Any = ""
+    episode_steps: int = 50
+    action_scale_mm: float = 1.0
+    tension_range: Range = (0.5, 15.0)
+    start: str = "equal"
+    start_tension: float = 3.0
+    start_tension_range: Range = (1.0, 6.0)
+    command_scale_mm: float = 20.0
+    observe_tensions: bool = True
+    observe_load: bool = False
+    load: Any = None
+    target: TargetConfig = field(default_factory=TargetConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    randomization: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, str | self.MECHANISM):
+            raise ConfigError("mechanism", self.mechanism, self.MECHANISMS)
+        self._check(as_integer, "episode_steps", low=1)
+        self._check(as_number, "action_scale_mm", "command_scale_mm", low=1e-6)
+        self._check(as_range, "tension_range", low=0.0, unit="N")
+        low, high = self.tension_range
+        if low == high:
+            raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
+        self._check(as_choice, "start", choices=("equal", "random"))
+        self._check(as_number, "start_tension", low=max(low, 1e-3), high=high)
+        self._check(as_range, "start_tension_range", low=max(low, 1e-3), high=high, unit="N")
+        self._check(as_boolean, *self._SWITCHES)
+        self._check_nested(self._NESTED)

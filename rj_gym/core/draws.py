@@ -1,0 +1,209 @@
+"""Random episodes: uniform numbers, one row per episode, and what every tracking task makes of them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.config import LoadSettings, TaskConfig
+from rj_gym.core.generators import Generators, Random
+from rj_gym.core.options import TrackingOptions
+
+Array = NDArray[np.float64]
+D = TypeVar("D", bound="TrackingDraws")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingDraws:
+    """What was drawn for B episodes of any tracking task; T is the number of steps, time 0 the start.
+
+    A series has one entry where it does not change over time.
+
+    Args:
+        mechanisms: the mechanisms that occur: one, or one per lane.
+        designs: which of them each lane has, (B,).
+        targets: of the tip, (B, 1 or T + 1, ...) [mm]; or None: tips of the unloaded equilibria at target_tensions.
+        target_tensions: (B, 1 or T + 1, m) [N].
+        start_tensions: tensions before the load acts, (B, m) [N].
+        stiffnesses: of the tendons, (B, m) [N/mm].
+        actuator_offsets: what the motors add to every length command, (B, m) [mm].
+        noise: measurement errors, (B, T + 1, ...) [mm, rad], or None.
+    """
+
+    mechanisms: tuple[Any, ...]
+    designs: NDArray[np.int64]
+    targets: Array | None
+    target_tensions: Array
+    start_tensions: Array
+    stiffnesses: Array
+    actuator_offsets: Array
+    noise: Array | None
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    @property
+    def rest_causes(self) -> Array:
+        """Numbers on which the pose before the load acts depends, beside the mechanism, (B, ...)."""
+        return self.start_tensions
+
+
+def shared_draws(
+    config: TaskConfig, mechanisms: tuple[Any, ...], designs: NDArray[np.int64], uniforms: Uniforms, noise: list[float]
+) -> dict[str, Any]:
+    """The fields of TrackingDraws; `noise` has the standard deviations of a pose's numbers [mm, rad]."""
+    randomization = config.randomization
+    return {
+        "mechanisms": mechanisms,
+        "designs": designs,
+        "targets": None,
+        "target_tensions": target_tensions(config, uniforms["target"]),
+        "start_tensions": start_tensions(config, uniforms["start"]),
+        "stiffnesses": of_lanes([mechanism.stiffnesses for mechanism in mechanisms], designs),
+        "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
+        "noise": np.array(noise) * normal(uniforms["noise"]) if randomization.sensor_noise else None,
+    }
+
+
+def of_lanes(values: Sequence[Any], designs: NDArray[np.int64]) -> Array:
+    """The values of every lane's design, (B, ...)."""
+    return np.array(values, float).take(designs, axis=0)
+
+
+class Block(NamedTuple):
+    """Where one quantity's uniform numbers stand in the row of an episode, and their shape."""
+
+    start: int
+    stop: int
+    shape: tuple[int, ...]
+
+
+class Uniforms:
+    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, to be read only.
+
+    Args:
+        blocks: from uniform_blocks.
+        rngs: one generator per episode; each is asked once.
+    """
+
+    def __init__(self, blocks: dict[str, Block], rngs: Random) -> None:
+        self._blocks = blocks
+        self._rows: Array = np.empty((len(rngs), next(reversed(blocks.values())).stop))
+        if isinstance(rngs, Generators):
+            rngs.fill(self._rows)
+        else:
+            for rng, row in zip(rngs, self._rows, strict=True):
+                rng.random(out=row)
+
+    def __getitem__(self, name: str) -> Array:
+        start, stop, shape = self._blocks[name]
+        return self._rows[:, start:stop].reshape(-1, *shape)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+
+def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Block]:
+    """Blocks of these shapes, one after the other."""
+    stops = list(itertools.accumulate(map(math.prod, shapes.values())))
+    return dict(zip(shapes, map(Block, [0, *stops], stops, shapes.values()), strict=False))
+
+
+def target_shape(config: TaskConfig, n_tendons: int) -> tuple[int, int]:
+    """Shape of the uniform numbers from which targets come, (waypoints, m)."""
+    return config.target.waypoints if config.target.process == "path" else 1, n_tendons
+
+
+def load_shapes(config: LoadSettings, times: int, drawn: Sequence[str], walk: tuple[int, ...]) -> dict[str, Any]:
+    """Shapes of the uniform numbers from which loads come: what is drawn, or the coordinates of a random walk."""
+    if config.process == "ou":
+        return {"walk": (times, *walk, 2)}
+    step = config.process == "step"
+    return dict.fromkeys(drawn, (times if step else 1,)) | ({"jump": (times,)} if step else {})
+
+
+def loads_over_time(config: LoadSettings, drawn: Array, uniforms: Uniforms) -> Array:
+    """Loads (B, 1 or T + 1, ...) of the process "constant" or "step" from independent draws of that shape."""
+    if config.process == "constant":
+        return drawn
+    held = held_draws(uniforms["jump"], config.hold_steps)
+    return np.take_along_axis(drawn, held.reshape(*held.shape, *[1] * (drawn.ndim - 2)), axis=1)
+
+
+def hold(drawn: D, fixed: TrackingOptions) -> D:
+    """The draws with what is fixed in their place, the same in every lane."""
+    held: dict[str, Any] = {
+        name: np.stack([np.asarray(value)] * len(drawn))
+        for name, value in vars(fixed).items()
+        if value is not None and name != "mechanism"
+    }
+    return replace(drawn, **held) if held else drawn
+
+
+def target_tensions(config: TaskConfig, uniforms: Array) -> Array:
+    """Tensions whose unloaded equilibria have their tips at the targets, (B, 1 or T + 1, m) [N].
+
+    A path moves from one of its waypoints (B, W, m) to the next with a smoothstep in log tension, so it stays in the
+    drawn range and is at rest at each of them.
+    """
+    tensions = log_uniform(uniforms, config.target.tension_range)
+    if config.target.process == "fixed":
+        return tensions
+    position = np.linspace(0.0, tensions.shape[1] - 1, config.episode_steps + 1)
+    before = np.minimum(position.astype(int), tensions.shape[1] - 2)
+    u = (position - before)[:, None]
+    blend = u * u * (3 - 2 * u)
+    logs = np.log(tensions)
+    return np.exp((1 - blend) * logs[:, before] + blend * logs[:, before + 1])
+
+
+def held_draws(uniforms: Array, hold_steps: float) -> NDArray[np.int64]:
+    """Which draw holds at each time, (B, T + 1), where the next one comes after `hold_steps` on average."""
+    jumps = uniforms < 1 / hold_steps
+    jumps[:, 0] = False
+    return np.cumsum(jumps, axis=1, dtype=np.int64)
+
+
+def fading_walk(normal: Array, correlation_steps: float) -> Array:
+    """Ornstein-Uhlenbeck processes of standard deviation 1, (B, T + 1, ...), from normal numbers of that shape."""
+    keep = math.exp(-1 / correlation_steps)
+    walk = normal.copy()
+    for t in range(1, walk.shape[1]):
+        walk[:, t] = keep * walk[:, t - 1] + math.sqrt(1 - keep * keep) * normal[:, t]
+    return walk
+
+
+def start_tensions(config: TaskConfig, uniforms: Array) -> Array:
+    """Tensions before the load acts, (B, m) [N]."""
+    if config.start == "random":
+        return log_uniform(uniforms, config.start_tension_range)
+    return np.full(uniforms.shape, config.start_tension)
+
+
+def symmetric(bound: float | Array, uniforms: Array) -> Array:
+    """Uniform numbers in [-bound, bound)."""
+    return 2 * bound * uniforms - bound
+
+
+def log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
+    """Numbers within the limits whose logarithms are uniform."""
+    low, high = limits
+    return low * (high / low) ** uniforms
+
+
+def normal(uniforms: Array) -> Array:
+    """Standard normal numbers from pairs of uniform ones, (..., 2) -> (...) (Box and Muller 1958)."""
+    return np.sqrt(-2 * np.log1p(-uniforms[..., 0])) * np.cos(2 * np.pi * uniforms[..., 1])
+
+
+def over_time(series: Array, times: int) -> Array:
+    """A fresh series (..., times, d) from one that has one entry where nothing changes, (..., 1 or times, d)."""
+    spread = np.empty((*series.shape[:-2], times, series.shape[-1]))
+    spread[...] = series
+    return spread

@@ -1,0 +1,163 @@
+"""The scalar environment of every task: a Gymnasium shell around a single lane; and what goals change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.core.episodes import EpisodeBuffer
+from rj_gym.core.info import only_lane
+from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
+from rj_gym.core.registry import task_of
+from rj_gym.core.settings import Settings
+from rj_gym.core.spaces import goal_observation, observation_space
+from rollingjoint.errors import InvalidInput
+
+_ALONE = np.zeros(1, np.int64)
+
+
+class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+    """What the scalar environments of every task do; a task's class says which settings and episode buffer it has.
+
+    Args:
+        render_mode: None, "human" or "rgb_array".
+        config: settings of the environment's class, or a dictionary of their fields.
+        overrides: settings on top of that.
+    Raises:
+        InvalidInput, ConfigError: arguments that cannot be used.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 12}  # noqa: RUF012 (Gymnasium's own form)
+    settings: ClassVar[type[Settings]]
+    buffer: ClassVar[type[EpisodeBuffer]]
+    goal: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        config: Settings | Mapping[str, Any] | None = None,
+        **overrides: Any,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InvalidInput("render_mode", render_mode, f"None or one of {self.metadata['render_modes']}")
+        if not isinstance(config, self.settings):
+            config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
+        self.task: Any = task_of(config.updated(overrides))
+        self.render_mode = render_mode
+        self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
+        self.observation_space = observation_space(self.task, self.goal)
+        self._buffer = self.buffer(self.task, 1, self.goal)
+        self._steps, self._last_status = self.config.episode_steps, self.task.last_status
+        self._begun = False
+        self._over = True
+        self._trail: list[NDArray[np.float64]] = []
+        self._renderer: Any = None
+
+    @property
+    def config(self) -> Any:
+        """The settings."""
+        return self.task.config
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """First observation and info of a new episode.
+
+        Args:
+            seed: of the environment's random numbers.
+            options: what to hold fixed; see the task's checked_options.
+        Raises:
+            InvalidInput: options that cannot be used; nothing has changed then.
+        """
+        fixed = self.task.checked_options(options)
+        super().reset(seed=seed)
+        sampled, observation = self._buffer.restart(_ALONE, [self.np_random], fixed)
+        readings = self._buffer.read_alone()
+        self._begun, self._over = True, False
+        self._trail = []
+        if self.render_mode is not None:
+            self._show(readings)
+        info = self.task.single_info(readings, readings.tolist())
+        del info["reward_terms"]
+        info["sampled"] = only_lane(sampled)
+        return self._observation(observation[0], readings), info
+
+    def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and info after one step.
+
+        Raises:
+            InvalidInput: an action that is not of the space's shape or not finite; nothing has changed then.
+            gymnasium.error.ResetNeeded: before the first reset, or after the end of an episode.
+        """
+        if self._over:
+            raise ResetNeeded("No episode is running: call reset() before step().")
+        buffer = self._buffer
+        vector = buffer.step_alone(action)
+        readings = buffer.read_alone()
+        numbers = readings.tolist()
+        terminated, truncated = numbers[STATUS] > self._last_status, numbers[STEP] >= self._steps
+        self._over = terminated or truncated
+        if self.render_mode is not None:
+            self._show(readings)
+        return vector, numbers[REWARD], terminated, truncated, self.task.single_info(readings, numbers)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The picture (H, W, 3) in mode "rgb_array"; in mode "human" it goes to the window."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() needs render_mode "human" or "rgb_array" in gymnasium.make.')
+            return None
+        if not self._begun:
+            raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
+        scene = self._buffer.scene(np.array(self._trail))
+        if self._renderer is None:
+            self._renderer = self._buffer.renderer()
+        if self.render_mode == "rgb_array":
+            picture: NDArray[np.uint8] = self._renderer.picture(scene)
+            return picture
+        self._renderer.show(scene, self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}
+
+    def _show(self, readings: NDArray[np.float64]) -> None:
+        """Draw the trail on, and the window."""
+        self._trail.append(readings[TIP : TIP + self.task.dimension].copy())
+        if self.render_mode == "human":
+            self.render()
+
+    def _observation(self, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+        return vector
+
+
+class GoalTaskEnv(TaskEnv):
+    """What the Goal environments of every task do differently, put before their class."""
+
+    goal: ClassVar[bool] = True
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
+        """Reward for goals (..., d), a float for one pair and (...) for batches; info is not used."""
+        reward = self.task.goal_reward(achieved_goal, desired_goal)
+        return float(reward) if np.ndim(reward) == 0 else reward
+
+    def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """As without goals, with is_success in info."""
+        vector, _, terminated, truncated, info = super().step(action)
+        observation = self._observation(vector, self._buffer.readings[0])
+        reward = self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)
+        info["reward_terms"] = {"tracking": reward}
+        info["is_success"] = bool(self.task.reached(self._buffer.readings[0]))
+        return observation, reward, terminated, truncated, info
+
+    def _observation(self, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+        return goal_observation(self.task, vector, readings)

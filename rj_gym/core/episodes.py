@@ -1,0 +1,102 @@
+"""The interface of an episode buffer: running episodes of a task side by side, one lane each."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.core.generators import Random
+from rj_gym.core.task import Task
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Observation = NDArray[np.float32]
+
+NO_ROWS: Rows = np.zeros(0, np.int64)
+
+
+class EpisodeBuffer(ABC):
+    """Room for B episodes of a task, in arrays that are kept from step to step; a scalar environment has one lane.
+
+    The arrays change in every call: who hands out parts of them takes copies.
+
+    Args:
+        task: the task.
+        capacity: B.
+        goal: whether observations leave out what a goal says.
+    """
+
+    readings: Array  # (B, columns), see Task
+    task: Any
+
+    def __init__(self, task: Task, capacity: int, goal: bool = False) -> None:
+        self.task, self.capacity, self.goal = task, capacity, goal
+        self._actions = np.zeros((capacity, task.action_size))
+
+    def accept(self, actions: ArrayLike) -> None:
+        """Keep actions, (B, m), for `advance`.
+
+        Raises:
+            InvalidInput: actions that are not finite numbers of that shape; nothing has changed then.
+        """
+        self._accept("actions", actions, self._actions)
+        if not self._finite():
+            raise InvalidInput("actions", actions, self._allowed(self._actions.shape))
+
+    @abstractmethod
+    def advance(self, ended: Rows = NO_ROWS) -> Observation:
+        """One step of all lanes with the accepted actions; fresh observations, (B, entries).
+
+        Lanes that have `ended` are about to begin anew: whether they step, too, makes no difference.
+        """
+
+    @abstractmethod
+    def step_alone(self, action: ArrayLike) -> Observation:
+        """One step of the only lane, with an action (m,); its fresh observation, (entries,). Raises as `accept`."""
+
+    @abstractmethod
+    def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
+        """New episodes in these lanes, one per generator: what was drawn, and observations (len(rows), entries)."""
+
+    def read_alone(self) -> Array:
+        """The readings of the only lane, (columns,): a copy."""
+        return self.readings[0].copy()
+
+    @abstractmethod
+    def observe(self) -> Observation:
+        """The observations of all lanes once more, (B, entries)."""
+
+    @abstractmethod
+    def scene(self, trail: Array, lane: int = 0) -> Any:
+        """What a picture of one lane shows; trail (steps, dimension) [mm] is where its tip has been."""
+
+    @abstractmethod
+    def renderer(self) -> Any:
+        """What draws the scenes."""
+
+    @abstractmethod
+    def _allowed(self, shape: tuple[int, ...]) -> str:
+        """What actions have to be, in words."""
+
+    def _finite(self) -> bool:
+        """Whether all actions are finite."""
+        return bool(np.isfinite(self._actions).all())
+
+    def _accept(self, what: str, actions: ArrayLike, place: Array) -> None:
+        """Put actions of the right shape into their place.
+
+        Raises:
+            InvalidInput: others.
+        """
+        if isinstance(actions, np.ndarray) and actions.dtype.kind == "f":
+            values: NDArray[Any] = actions
+        else:
+            values = as_floats(what, actions, self._allowed(place.shape))
+        if values.shape != place.shape:
+            raise InvalidInput(what, actions, self._allowed(place.shape))
+        place[...] = values

@@ -1,0 +1,152 @@
+"""Infos: of all lanes in Gymnasium's vector form, or of the only lane of a scalar environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.kernels import (
+    EFFORT,
+    ERROR,
+    FAILURE,
+    FORCE,
+    LINK,
+    SMOOTHNESS,
+    STATUS,
+    TARGET,
+    TENSIONS,
+    TIP,
+    TRACKING,
+)
+from rollingjoint.solution import Status
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STATUS_NAMES = [status.name for status in Status]
+STATUS_NAMES = np.array(_STATUS_NAMES, dtype=object)
+"""Name of every status."""
+
+Places = tuple[slice, slice, slice]
+IN_PLANE: Places = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
+IN_SPACE: Places = slice(TIP, TIP + 3), slice(TARGET, TARGET + 3), slice(FORCE, FORCE + 3)
+"""Columns of tip, target and force."""
+
+_TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
+
+
+def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
+    """What info says in every step of every tracking task, arrays (B, ...): parts of the readings, and copies.
+
+    Args:
+        readings: (B, columns) without those that a task has of its own.
+        places: IN_PLANE or IN_SPACE.
+    """
+    tip, target, force = places
+    m = (readings.shape[1] - TENSIONS) // 2
+    return {
+        "error_mm": readings[:, ERROR],
+        "status": STATUS_NAMES[readings[:, STATUS].astype(np.intp)],
+        "tip": readings[:, tip],
+        "target": readings[:, target],
+        "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
+        "tensions": readings[:, TENSIONS : TENSIONS + m],
+        "command": readings[:, TENSIONS + m :],
+    }
+
+
+def reward_info(readings: Array) -> dict[str, Array]:
+    """The terms of the reward, (B,) each: parts of the readings."""
+    return {name: readings[:, column] for name, column in _TERMS.items()}
+
+
+def single_info(readings: Array, numbers: list[float], places: Places = IN_PLANE) -> dict[str, Any]:
+    """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+    tip, target, force = places
+    m = (len(numbers) - TENSIONS) // 2
+    return {
+        "error_mm": numbers[ERROR],
+        "status": _STATUS_NAMES[int(numbers[STATUS])],
+        "tip": readings[tip],
+        "target": readings[target],
+        "load": {"link": int(numbers[LINK]), "force": readings[force]},
+        "tensions": readings[TENSIONS : TENSIONS + m],
+        "command": readings[TENSIONS + m :],
+        "reward_terms": {
+            "tracking": numbers[TRACKING],
+            "effort": numbers[EFFORT],
+            "smoothness": numbers[SMOOTHNESS],
+            "failure": numbers[FAILURE],
+        },
+    }
+
+
+def only_lane(info: Mapping[str, Any]) -> dict[str, Any]:
+    """every_lane of a batch of one, for an info without masks and nested ones."""
+    return {key: values.item(0) if values.ndim == 1 else values[0] for key, values in info.items()}
+
+
+def every_lane(infos: Mapping[str, Any], rows: Sequence[int]) -> list[dict[str, Any]]:
+    """The infos of these lanes one by one, without masks: Python numbers and strings, and parts of the arrays."""
+    keys = [key for key in infos if not key.startswith("_")]
+    columns = [_column(infos[key], rows) for key in keys]
+    return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _column(values: Any, rows: Sequence[int]) -> list[Any]:
+    if isinstance(values, dict):
+        return every_lane(values, rows)
+    chosen = values if len(rows) == len(values) else values[rows]
+    return chosen.tolist() if chosen.ndim == 1 else list(chosen)
+
+
+def masked_info(info: Mapping[str, Any], mask: Mask) -> dict[str, Any]:
+    """A batch's info in Gymnasium's vector form: `_key` says which lanes have `key`; the others hold zero or None.
+
+    The arrays in `info` are changed for that.
+    """
+    return _masked(info, mask.copy(), None if mask.all() else ~mask)
+
+
+def whole_info(info: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """masked_info where all `count` lanes have everything."""
+    return _masked(info, np.ones(count, bool), None)
+
+
+def _masked(info: Mapping[str, Any], mask: Mask, blank: Mask | None) -> dict[str, Any]:
+    masked: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            value = _masked(value, mask, blank)
+        elif blank is not None:
+            value[blank] = None if value.dtype == object else 0
+        masked[key], masked[f"_{key}"] = value, mask
+    return masked
+
+
+def spread_info(info: Mapping[str, Any], rows: NDArray[np.int64], count: int) -> dict[str, Any]:
+    """The info of some lanes in arrays for all `count`; the other lanes hold zero or None."""
+    if len(rows) == count:
+        return dict(info)
+    return {
+        key: spread_info(value, rows, count) if isinstance(value, dict) else _spread(value, rows, count)
+        for key, value in info.items()
+    }
+
+
+def unmasked_info(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Infos without their `_key` masks, in fresh arrays."""
+    return {
+        key: unmasked_info(value) if isinstance(value, dict) else value.copy()
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }
+
+
+def _spread(values: NDArray[Any], rows: NDArray[np.int64], count: int) -> NDArray[Any]:
+    spread = np.full((count, *values.shape[1:]), None if values.dtype == object else 0, values.dtype)
+    spread[rows] = values
+    return spread

@@ -1,0 +1,101 @@
+"""Formulas that every tracking task shares, compiled, and the columns of readings.
+
+Kernels work on lanes first to last - 1 of arrays that have the lane first; lanes do not see each other.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rollingjoint.compiled import borrow, kernel, next_uniform
+from rollingjoint.solution import Status
+
+AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
+
+# Columns of readings, the numbers that infos and rewards are made of: the first four of every task, the others of every
+# tracking task. Vectors have room for three coordinates. From TENSIONS on: tensions [N] and commands [mm] of the
+# tendons, m each, and after them what a task has of its own.
+STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
+)  # fmt: skip
+REWARDS = slice(REWARD, FAILURE + 1)
+
+REFUSED = -1  # what a step returns instead of a number of lanes
+
+
+@kernel
+def all_finite(values):
+    """Whether no value (B, m) is NaN or infinite."""
+    return finite(borrow(values), 0, len(values))
+
+
+@kernel(inline="always")
+def finite(values, first, last):
+    """Whether no value of these lanes is NaN or infinite."""
+    fine = True
+    for lane in range(first, last):
+        for j in range(values.shape[1]):
+            fine &= math.isfinite(values[lane, j])
+    return fine
+
+
+@kernel
+def fill_uniforms(sources, rows):
+    """Fill rows (B, K) with numbers in [0, 1) from bit generators: (B, 2), next_double and the state it works on."""
+    for row in range(len(rows)):
+        entry, source = sources[row, 0], sources[row, 1]
+        for column in range(rows.shape[1]):
+            rows[row, column] = next_uniform(entry, source)
+
+
+@kernel(inline="always")
+def pull_tendons(rules, course, state, inputs, lane):
+    """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
+    offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
+    actions, commands = inputs.actions, inputs.commands
+    m = actions.shape[1]
+    readings[lane, STEP] += 1.0
+    for j in range(m):
+        taken[lane, 1, j] = taken[lane, 0, j]
+        taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
+        believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
+        commands[lane, j] = believed + offsets[lane, j]
+
+
+@kernel(inline="always")
+def settle_tendons(course, state, solved, lane):
+    """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
+
+    Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
+    that commands never wind up; elsewhere that is the command itself.
+    """
+    readings, tensions, lengths = state.readings, solved.tensions, solved.lengths
+    stiffnesses, offsets = course.stiffnesses, course.actuator_offsets
+    m = tensions.shape[1]
+    readings[lane, STATUS] = solved.status[lane]
+    usable = solved.status[lane] <= AT_LIMIT
+    if usable:
+        for j in range(m):
+            unstretched = lengths[lane, j] - tensions[lane, j] / stiffnesses[lane, j]
+            readings[lane, TENSIONS + j] = tensions[lane, j]
+            readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
+    return usable
+
+
+@kernel(inline="always")
+def reward_terms(rules, state, first, last):
+    """The terms of the reward that every task has, and their sum."""
+    readings, actions = state.readings, state.actions
+    m = actions.shape[2]
+    for lane in range(first, last):
+        effort = change = 0.0
+        for j in range(m):
+            effort += (readings[lane, TENSIONS + j] / rules.highest_tension) ** 2
+            change += (actions[lane, 0, j] - actions[lane, 1, j]) ** 2
+        tracking = -readings[lane, ERROR] / rules.error_scale
+        effort *= -rules.effort / m
+        change *= -rules.smoothness / m
+        failure = 0.0 if readings[lane, STATUS] <= AT_LIMIT else -rules.failure_penalty
+        readings[lane, TRACKING], readings[lane, EFFORT] = tracking, effort
+        readings[lane, SMOOTHNESS], readings[lane, FAILURE] = change, failure
+        readings[lane, REWARD] = tracking + effort + change + failure

@@ -1,0 +1,96 @@
+"""Options of `reset` that hold something fixed, checked before anything changes: what every tracking task has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.config import TaskConfig
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.io.mechanism_file import load_mechanism
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """What the caller of reset holds fixed, the same in every lane; None is drawn.
+
+    Shapes as in TrackingDraws without the lane axis. A fixed mechanism is not randomised.
+    """
+
+    mechanism: Any = None
+    targets: Array | None = None
+    start_tensions: Array | None = None
+
+
+def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
+    """The options, empty for None; InvalidInput unless they are a dictionary with known keys."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(known)}")
+    for key in options:
+        if key not in known:
+            raise InvalidInput("reset options key", key, f"one of {', '.join(known)}")
+    return options
+
+
+def shared_options(options: Mapping[str, Any], config: TaskConfig, nominal: Any) -> dict[str, Any]:
+    """What "mechanism" and "start" hold fixed, fields of TrackingOptions; InvalidInput for values of no use."""
+    fixed: dict[str, Any] = {}
+    if "mechanism" in options:
+        fixed["mechanism"] = _like_mechanism(options["mechanism"], nominal, config)
+    if "start" in options:
+        fixed["start_tensions"] = _start_tensions(options["start"], config, nominal.n_tendons)
+    return fixed
+
+
+def _like_mechanism(value: object, nominal: Any, config: TaskConfig) -> Any:
+    """The mechanism of an option; InvalidInput unless it has as many links and tendons as the nominal one."""
+    mechanism: Any = value
+    if isinstance(value, str):
+        mechanism = load_mechanism(value, config.MECHANISM)
+    if not isinstance(mechanism, config.MECHANISM):
+        raise InvalidInput("options['mechanism']", value, config.MECHANISMS)
+    counts, expected = _counts(mechanism), _counts(nominal)
+    if counts != expected:
+        raise InvalidInput(
+            "options['mechanism'] (links, tendons)", counts, f"{expected}", "Make an environment with this mechanism."
+        )
+    return mechanism
+
+
+def _counts(mechanism: Any) -> tuple[int, int]:
+    return mechanism.n_links, mechanism.n_tendons
+
+
+def _start_tensions(value: object, config: TaskConfig, n_tendons: int) -> Array:
+    """The tensions of an option, (m,); InvalidInput unless they are within the tension range."""
+    tensions = finite_floats("options['start']", value)
+    low, high = config.tension_range
+    if tensions.shape != (n_tendons,) or np.any(tensions < low) or np.any(tensions > high) or np.any(tensions <= 0):
+        raise InvalidInput("options['start']", value, f"{n_tendons} tensions > 0 within [{low:g}, {high:g}] N")
+    return tensions
+
+
+def vector_series(what: str, value: object, axes: str, times: int, unit: str) -> Array:
+    """Finite vectors over time, (times, d), or (1, d): one for the whole episode; InvalidInput for anything else."""
+    array, d = finite_floats(what, value), len(axes)
+    if array.shape not in ((d,), (times, d)):
+        allowed = f"({', '.join(axes)}) or an array of shape ({times}, {d}) over time [{unit}]"
+        raise InvalidInput(what, value, allowed)
+    return np.atleast_2d(array)
+
+
+def finite_floats(what: str, value: object) -> Array:
+    """The values as an array; InvalidInput for anything but finite numbers."""
+    array = as_floats(what, value, "numbers")
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(what, value, "finite numbers")
+    return array

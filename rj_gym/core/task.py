@@ -1,0 +1,68 @@
+"""The interface of a task, as environments see it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.generators import Random
+from rj_gym.core.info import every_lane
+from rj_gym.core.kernels import AT_LIMIT
+from rj_gym.core.observation import Entry
+
+Array = NDArray[np.float64]
+
+
+class Task(ABC):
+    """What an environment of one configuration asks; no method changes anything.
+
+    Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are those of
+    rj_gym/core/kernels.py.
+
+    Attributes:
+        config: its settings. length: of the mechanism [mm].
+        action_size: numbers of an action.
+        dimension: number of coordinates of the position that pictures trace; 0 where they trace none.
+        last_status: the largest status with which an episode continues.
+    """
+
+    dimension: ClassVar[int] = 0
+    last_status: ClassVar[int] = AT_LIMIT
+    config: Any
+    length: float
+    action_size: int
+
+    @abstractmethod
+    def entries(self, goal: bool = False) -> list[Entry]:
+        """The entries of the observation vector; `goal` leaves out what a goal says."""
+
+    @abstractmethod
+    def sample(self, rngs: Random, fixed: Any = None) -> Any:
+        """One episode per generator."""
+
+    @abstractmethod
+    def checked_options(self, options: Mapping[str, Any] | None) -> Any:
+        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+
+    @abstractmethod
+    def state_info(self, readings: Array) -> dict[str, Any]:
+        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+
+    @abstractmethod
+    def reward_info(self, readings: Array) -> dict[str, Array]:
+        """The terms of the reward, (B,) each: parts of the readings."""
+
+    def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
+        """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+        row = readings[None]
+        (info,) = every_lane(self.state_info(row) | {"reward_terms": self.reward_info(row)}, [0])
+        return info
+
+    def observation_bounds(self, goal: bool = False) -> tuple[Array, Array]:
+        """Lowest and highest value of every observation entry, (entries,) each."""
+        entries = self.entries(goal)
+        return np.array([entry.low for entry in entries]), np.array([entry.high for entry in entries])

@@ -1,0 +1,113 @@
+"""The base of the tracking tasks: bring the tip of a mechanism to a target by moving its tendons."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.core import info
+from rj_gym.core.config import TaskConfig
+from rj_gym.core.draws import Block
+from rj_gym.core.kernels import ERROR, TARGET, TIP
+from rj_gym.core.observation import POSITION_BOUND
+from rj_gym.core.task import Task
+from rollingjoint.io.mechanism_file import load_mechanism
+
+Array = NDArray[np.float64]
+
+
+class TrackingTask(Task):
+    """A tracking task of one configuration, as environments and controllers see it; no method changes anything.
+
+    Attributes:
+        config: its settings. mechanism: before randomisation.
+        length: of the mechanism [mm]. neutral_lengths: of its tendons at rest, (m,) [mm].
+        dimension: number of coordinates of a position.
+    Raises:
+        ConfigError, MechanismError: a mechanism that cannot be loaded, or none of this task.
+    """
+
+    dimension: ClassVar[int]
+    mechanism: Any
+
+    def __init__(self, config: TaskConfig) -> None:
+        self.config = config
+        chosen = config.mechanism
+        self.mechanism = load_mechanism(chosen, config.MECHANISM) if isinstance(chosen, str) else chosen
+        self.length = float(self.mechanism.length)
+        self.action_size = self.mechanism.n_tendons
+        self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
+        self._blocks = self._uniform_blocks()
+
+    @abstractmethod
+    def rules(self, goal: bool = False) -> Any:
+        """The numbers that all lanes share, as the kernels want them."""
+
+    @abstractmethod
+    def load_tables(self, episodes: Any, step: int) -> Array:
+        """The true loads of E episodes at a step, tables (E, rows, columns)."""
+
+    @abstractmethod
+    def base_load_tables(self, episodes: Any) -> Array:
+        """Loads of the unloaded states, in which episodes begin and targets are found, tables (E, rows, columns)."""
+
+    def goals(self, positions: Array) -> NDArray[np.float32]:
+        """Positions (..., d) [mm] in units of the length, within the bounds of the goal spaces."""
+        return np.clip(positions / self.length, -POSITION_BOUND, POSITION_BOUND).astype(np.float32)
+
+    def goal_bounds(self) -> Array:
+        """Largest size of every entry of a goal."""
+        return np.full(self.dimension, POSITION_BOUND)
+
+    def achieved_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where tips are, from readings (..., columns)."""
+        return self.goals(readings[..., TIP : TIP + self.dimension])
+
+    def desired_goals(self, readings: Array) -> NDArray[np.float32]:
+        """Where they should be."""
+        return self.goals(readings[..., TARGET : TARGET + self.dimension])
+
+    def goal_reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Reward of the Goal environment for goals (..., d), (...)."""
+        reward = self.config.reward
+        difference = np.asarray(achieved, dtype=float) - np.asarray(desired, dtype=float)
+        error = self.length * np.linalg.norm(difference, axis=-1)
+        if reward.goal == "sparse":
+            return -(error > reward.goal_tolerance_mm).astype(float)
+        return -error / reward.error_scale_mm
+
+    def reached(self, readings: Array) -> Any:
+        """Whether the target is reached within the tolerance, from readings (..., columns)."""
+        return readings[..., ERROR] <= self.config.reward.goal_tolerance_mm
+
+    def reward_info(self, readings: Array) -> dict[str, Array]:
+        """The terms of the reward, (B,) each: parts of the readings."""
+        return info.reward_info(readings)
+
+    def _shared_rules(self, goal: bool) -> dict[str, Any]:
+        """The fields that the rules of every tracking task have."""
+        config, reward = self.config, self.config.reward
+        low, high = self.observation_bounds(goal)
+        return {
+            "action_scale": config.action_scale_mm,
+            "length": self.length,
+            "command_scale": config.command_scale_mm,
+            "error_scale": reward.error_scale_mm,
+            "highest_tension": config.tension_range[1],
+            "effort": reward.effort,
+            "smoothness": reward.smoothness,
+            "failure_penalty": reward.failure_penalty,
+            "observe_tensions": config.observe_tensions,
+            "observe_target": not goal,
+            "observe_load": config.observe_load,
+            "neutral_lengths": self.neutral_lengths,
+            "low": low.astype(np.float32),
+            "high": high.astype(np.float32),
+        }
+
+    @abstractmethod
+    def _uniform_blocks(self) -> dict[str, Block]:
+        """The blocks of uniform numbers that one episode needs."""

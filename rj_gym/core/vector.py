@@ -1,0 +1,255 @@
+"""The native vector environment of every task: all lanes in one batch; and what goals change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.core.episodes import EpisodeBuffer
+from rj_gym.core.generators import Generators
+from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
+from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
+from rj_gym.core.registry import task_of
+from rj_gym.core.settings import Settings
+from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
+from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Vectors = NDArray[np.float32]
+
+
+class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+    """What the native vector environments of every task do; a task's class says which settings and buffer it has.
+
+    Args:
+        num_envs: number of lanes, at least 1.
+        render_mode: None or "rgb_array"; `render` then returns one picture per lane in `render_lanes`.
+        config, overrides: as for the scalar environment.
+        autoreset_mode: an AutoresetMode or its value ("NextStep", "SameStep", "Disabled").
+        render_lanes: lanes to draw; None is all of them.
+    """
+
+    metadata = {  # noqa: RUF012 (Gymnasium's own form)
+        "render_modes": ["rgb_array"],
+        "render_fps": 12,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    settings: ClassVar[type[Settings]]
+    buffer: ClassVar[type[EpisodeBuffer]]
+    goal: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        config: Settings | Mapping[str, Any] | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_lanes: Sequence[int] | None = None,
+        **overrides: Any,
+    ) -> None:
+        self.num_envs = as_integer("num_envs", num_envs, 1, allowed="a whole number of lanes, 1 or more")
+        if render_mode not in (None, "rgb_array"):
+            raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
+        if not isinstance(config, self.settings):
+            config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
+        self.task: Any = task_of(config.updated(overrides))
+        self.render_mode = render_mode
+        self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
+        self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
+        self.single_observation_space = observation_space(self.task, self.goal)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._generators = Generators([None] * self.num_envs)
+        self._buffer = self.buffer(self.task, self.num_envs, self.goal)
+        self._begun = False
+        self._over: Mask = np.ones(self.num_envs, bool)
+        self._trail: list[Array] = []
+        self._renderer: Any = None
+
+    @property
+    def config(self) -> Any:
+        """The settings."""
+        return self.task.config
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Observations and infos of new episodes.
+
+        Args:
+            seed: lane i gets seed + i; or one seed per lane, None leaving a lane's random numbers as they are.
+            options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes
+                to reset.
+        Raises:
+            InvalidInput: seeds or options that cannot be used; nothing has changed then.
+        """
+        fixed_options = dict(options or {})
+        mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
+        fixed = self.task.checked_options(fixed_options)
+        for lane, lane_seed in enumerate(checked_seeds(seed, self.num_envs)):
+            if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
+                self._generators[lane] = seeding.np_random(lane_seed)[0]
+        sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
+        if not mask.all():
+            vectors = self._buffer.observe()
+        readings = self._buffer.readings.copy()
+        self._begun = True
+        self._over = self._over & ~mask
+        self._remember(readings)
+        info = self.task.state_info(readings) | {"sampled": sampled}
+        return self._observation(vectors, readings), masked_info(info, mask)
+
+    def step(self, actions: ArrayLike) -> tuple[Any, Array, Mask, Mask, dict[str, Any]]:
+        """Observations, rewards, terminations, truncations and infos after one step of every lane.
+
+        Raises:
+            InvalidInput: actions that are not of the space's shape or not finite; nothing has changed then.
+            gymnasium.error.ResetNeeded: before the first reset; with autoreset disabled, while an ended lane waits.
+        """
+        if not self._begun:
+            raise ResetNeeded("No episode is running: call reset() before step().")
+        fresh = np.flatnonzero(self._over)
+        if len(fresh) and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ResetNeeded(f"Lanes {fresh.tolist()} have ended: reset them with options={{'reset_mask': ...}}.")
+        self._buffer.accept(actions)
+        vectors, sampled = self._advance(fresh)
+        readings = self._buffer.readings.copy()
+        self._remember(readings)
+        terminated, truncated = (
+            readings[:, STATUS] > self.task.last_status,
+            readings[:, STEP] >= self.config.episode_steps,
+        )
+        terminated[fresh] = False
+        observations = self._observation(vectors, readings)
+        rewards, terms = self._rewards(observations, readings)
+        rewards[fresh] = 0.0
+        infos = self._infos(readings, terms, sampled)
+        self._over = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
+            observations, infos = self._restart(vectors, observations, infos)
+        return observations, rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One picture (H, W, 3) per lane in `render_lanes`."""
+        if self.render_mode is None:
+            return None
+        if not self._begun:
+            raise ResetNeeded("There is nothing to draw yet: call reset() before render().")
+        if self._renderer is None:
+            self._renderer = self._buffer.renderer()
+        return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}
+
+    def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
+        """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
+        rngs = self._generators if len(rows) == self.num_envs else self._generators.of(rows)
+        sampled, vectors = self._buffer.restart(rows, rngs, fixed)
+        return spread_info(sampled, rows, self.num_envs), vectors
+
+    def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
+        """One step, of which ended lanes use theirs to begin anew: all vectors, and what was drawn if anything was."""
+        if len(fresh) == self.num_envs:
+            sampled, vectors = self._begin(fresh)
+            return vectors, sampled
+        vectors = self._buffer.advance(fresh)
+        if len(fresh) == 0:
+            return vectors, None
+        sampled, vectors[fresh] = self._begin(fresh)
+        return vectors, sampled
+
+    def _restart(self, vectors: Vectors, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Same-step autoreset: ended lanes begin anew; what they ended with goes into final_obs and final_info."""
+        ended = self._over
+        rows = np.flatnonzero(ended)
+        sampled, begun = self._begin(rows)
+        final = np.full(self.num_envs, None, dtype=object)
+        final[rows] = lane_observations(observations, rows)
+        if len(rows) < self.num_envs:
+            vectors = vectors.copy()
+            vectors[rows] = begun
+        else:
+            vectors = begun
+        self._over = np.zeros(self.num_envs, bool)
+        readings = self._buffer.readings.copy()
+        base = self.task.state_info(readings)
+        restarted = whole_info(base, self.num_envs) | masked_info({"sampled": sampled}, ended)
+        if len(rows) < self.num_envs:
+            stepped = {key: value for key, value in unmasked_info(infos).items() if key not in base}
+            restarted |= masked_info(stepped, ~ended)
+        restarted |= masked_info({"final_info": unmasked_info(infos)}, ended)
+        restarted |= {"final_obs": final, "_final_obs": ended.copy()}
+        return self._observation(vectors, readings), restarted
+
+    def _infos(self, readings: Array, terms: dict[str, Array], sampled: dict[str, Any] | None) -> dict[str, Any]:
+        """Infos of a step; lanes that have used it to begin anew are those that are still over."""
+        everywhere, stepped = self.task.state_info(readings), self._step_info(readings, terms)
+        if sampled is None:
+            return whole_info(everywhere | stepped, self.num_envs)
+        infos = whole_info(everywhere, self.num_envs) | masked_info({"sampled": sampled}, self._over)
+        return infos if self._over.all() else infos | masked_info(stepped, ~self._over)
+
+    def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
+        """What only a step has to say, (B, ...)."""
+        return {"reward_terms": terms}
+
+    def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
+        """Rewards and their terms, (B,) each."""
+        return readings[:, REWARD].copy(), self.task.reward_info(readings)
+
+    def _observation(self, vectors: Vectors, readings: Array) -> Any:
+        return vectors
+
+    def _remember(self, readings: Array) -> None:
+        """Keep tips for the trails in pictures."""
+        if self.render_mode is not None:
+            self._trail = [*self._trail[-self.config.episode_steps :], self._tips(readings)]
+
+    def _tips(self, readings: Array) -> Array:
+        return readings[:, TIP : TIP + self.task.dimension].copy()
+
+    def _picture(self, renderer: Any, lane: int) -> NDArray[np.uint8]:
+        steps = int(self._buffer.readings[lane, STEP])
+        scene = self._buffer.scene(np.array(self._trail)[-(steps + 1) :, lane], lane)
+        picture: NDArray[np.uint8] = renderer.picture(scene)
+        return picture
+
+
+class GoalTaskVectorEnv(TaskVectorEnv):
+    """What the Goal vector environments of every task do differently, put before their class."""
+
+    goal: ClassVar[bool] = True
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> NDArray[np.float64]:
+        """Reward for goals (..., d), (...); info is not used."""
+        return self.task.goal_reward(achieved_goal, desired_goal)
+
+    def _observation(self, vectors: Vectors, readings: Array) -> Any:
+        return goal_observation(self.task, vectors, readings)
+
+    def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
+        rewards = self.task.goal_reward(observations["achieved_goal"], observations["desired_goal"])
+        return rewards, {"tracking": rewards.copy()}
+
+    def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
+        return {"reward_terms": terms, "is_success": self.task.reached(readings)}

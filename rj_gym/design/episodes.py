@@ -1,0 +1,105 @@
+"""Running episodes of the design task."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
+from rj_gym.core.generators import Random
+from rj_gym.core.kernels import ERROR, STEP
+from rj_gym.design.observation import observation_values
+from rj_gym.design.render import DesignCanvas, DesignScene
+from rj_gym.design.sampling import DesignDraws, blank_draws
+from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
+from rj_gym.rendering.canvas import Screen
+from rollingjoint.errors import InvalidInput
+from rollingjoint.solution import Status
+
+Array = NDArray[np.float64]
+
+
+class DesignEpisodeBuffer(EpisodeBuffer):
+    """Room for B episodes of the design task."""
+
+    task: DesignTask
+
+    def __init__(self, task: DesignTask, capacity: int, goal: bool = False) -> None:
+        super().__init__(task, capacity, goal)
+        self.draws = blank_draws(task.config, capacity)
+        self.readings = np.zeros((capacity, task.columns["cases"].stop))
+        self._bounds = task.observation_bounds()
+
+    @property
+    def designs(self) -> Array:
+        """The present designs, (B, d)."""
+        return self.task.part(self.readings, "design")
+
+    def advance(self, ended: Rows = NO_ROWS) -> Observation:
+        """One step of the lanes that have not ended; fresh observations of all, (B, entries)."""
+        rows, config = np.delete(np.arange(self.capacity), ended), self.task.config
+        before, actions = self.readings[rows], np.clip(self._actions[rows], -1.0, 1.0)
+        designs = np.clip(self.designs[rows] + config.action_scale * actions, -1.0, 1.0)
+        judged = self.task.judge(designs, DesignDraws(*(part[rows] for part in self.draws)))
+        terms = reward_terms(config.reward, before[:, ERROR], judged)
+        self._enter(rows, before[:, STEP] + 1, designs, judged, terms)
+        return self.observe()
+
+    def step_alone(self, action: ArrayLike) -> Observation:
+        """One step of the only lane, with an action (d,); its fresh observation, (entries,). Raises as `accept`."""
+        self._accept("action", action, self._actions[0])
+        if not self._finite():
+            raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
+        return self.advance()[0]
+
+    def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
+        """New episodes in these lanes, one per generator. Where it raises, nothing has changed here."""
+        draws = self.task.sample(rngs, fixed)
+        for mine, drawn in zip(self.draws, draws, strict=True):
+            mine[rows] = drawn
+        judged = self.task.judge(draws.start_design, draws)
+        self._enter(rows, np.zeros(len(rows)), draws.start_design, judged, np.zeros((len(rows), len(TERMS))))
+        return draws._asdict(), self.observe()[rows]
+
+    def observe(self) -> Observation:
+        """The observations of all lanes once more, (B, entries)."""
+        read = partial(self.task.part, self.readings)
+        values = observation_values(self.task.config, self.task.length, read, self.draws)
+        return np.clip(values, *self._bounds).astype(np.float32)
+
+    def scene(self, trail: Array, lane: int = 0) -> DesignScene:
+        """What a picture of one lane shows; it has no trail."""
+        task, draws, row = self.task, self.draws, self.readings[lane : lane + 1]
+        valid = bool((task.part(row, "margins") >= 0).all())
+        design = self.designs[lane] if valid else task.space.reference()
+        mechanism, poses = task.drawn(design, draws.tensions[lane], draws.forces[lane])
+        return DesignScene(
+            mechanism=mechanism,
+            poses=poses,
+            ok=task.part(row, "cases")[0] <= Status.AT_LIMIT,
+            targets=draws.targets[lane],
+            tensions=draws.tensions[lane],
+            forces=draws.forces[lane],
+            case_errors=task.part(row, "case_errors")[0],
+            error=float(row[0, ERROR]),
+            valid=valid,
+            step=int(row[0, STEP]),
+            steps=task.config.episode_steps,
+        )
+
+    def renderer(self) -> Screen[DesignScene]:
+        """What draws the scenes."""
+        return Screen(DesignCanvas(self.task.length))
+
+    def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
+        """Put what these lanes have come to into their readings, in the order of the task's columns."""
+        worst, total = judged.status.max(-1), terms.sum(-1)
+        own = terms, judged.case_errors, judged.margins, designs, judged.positions, judged.status
+        parts = (np.reshape(part, (len(rows), -1)) for part in (steps, worst, judged.error, total, *own))
+        self.readings[rows] = np.concatenate(list(parts), axis=1)
+
+    def _allowed(self, shape: tuple[int, ...]) -> str:
+        return f"finite numbers in [-1, 1] of shape {shape}, one per dimension of the design"

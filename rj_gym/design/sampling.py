@@ -1,0 +1,61 @@
+"""Random episodes of the design task: what is drawn, from one generator per episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.design.config import DesignConfig
+from rollingjoint.errors import InvalidInput
+
+Array = NDArray[np.float64]
+Rngs = Sequence[np.random.Generator]
+
+_CANDIDATES = 6  # designs drawn at a time for a lane
+_MOST_ROUNDS = 20_000
+
+
+class DesignDraws(NamedTuple):
+    """What was drawn for B episodes: arrays with the lane first.
+
+    Fields: the hidden design and the one to begin with, (B, d); tensions (B, K, 2) [N]; force on the tip in every case,
+    (B, K, 2) [N]; origins of the hidden design's moving links, (B, K, n - 1, 2) [mm].
+    """
+
+    target_design: Array
+    start_design: Array
+    tensions: Array
+    forces: Array
+    targets: Array
+
+
+def blank_draws(config: DesignConfig, count: int) -> DesignDraws:
+    """Zeros in the shapes of `count` episodes, with the tensions of the settings."""
+    designs = np.zeros((count, config.space.dimensions))
+    tensions, places = np.tile(config.tensions, (count, 1, 1)), (count, config.cases, config.space.n_links - 1, 2)
+    return DesignDraws(designs, designs.copy(), tensions, np.zeros((count, config.cases, 2)), np.zeros(places))
+
+
+def tip_forces(config: DesignConfig, rngs: Rngs) -> Array:
+    """Forces of all cases, uniform in direction and magnitude, (len(rngs), K, 2) [N]."""
+    low, high = config.force
+    uniform = np.array([rng.random((config.cases, 2)) for rng in rngs])
+    size, angle = low + (high - low) * uniform[..., 0], 2.0 * np.pi * uniform[..., 1]
+    return size[..., None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def valid_pairs(margins: Callable[[Array], Array], dimensions: int, rngs: Rngs) -> Array:
+    """Two valid designs from every generator, uniform in the box by rejection, (len(rngs), 2, d)."""
+    found: list[list[Array]] = [[] for _ in rngs]
+    for _ in range(_MOST_ROUNDS):
+        left = [lane for lane, own in enumerate(found) if len(own) < 2]
+        if not left:
+            return np.array([own[:2] for own in found])
+        drawn = np.array([rngs[lane].uniform(-1.0, 1.0, (_CANDIDATES, dimensions)) for lane in left])
+        good = np.all(margins(drawn) >= 0, axis=-1)
+        for place, lane in enumerate(left):
+            found[lane] += list(drawn[place][good[place]])
+    raise InvalidInput("designs", "hardly any valid", "a space with valid designs", "Narrow its ranges.")

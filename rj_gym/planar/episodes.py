@@ -1,0 +1,105 @@
+"""Running episodes of the planar task."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.episodes import Observation
+from rj_gym.core.kernels import FORCE, LINK, TENSIONS
+from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
+from rj_gym.planar import kernels
+from rj_gym.planar.kernels import Course, Inputs, Solved, State, TaskArrays
+from rj_gym.planar.render import PlanarCanvas, PlanarScene
+from rj_gym.planar.sampling import PlanarDraws
+from rj_gym.planar.task import PlanarTask
+from rj_gym.rendering.canvas import Screen
+from rollingjoint.compiled import BatchArrays, Pinned, PinnedRange, machine_code
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import LOAD_COLUMNS
+from rollingjoint.mechanism import stack
+from rollingjoint.planar.batch import new_results, solve_range
+from rollingjoint.planar.chain import RollingChain
+
+Array = NDArray[np.float64]
+
+_LINK = LOAD_COLUMNS.index("link")
+
+
+class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
+    """Room for B episodes of the planar task."""
+
+    _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
+    _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
+    task: PlanarTask
+    mechanisms: tuple[RollingChain, ...]
+    course: Course
+    state: State
+
+    def scene(self, trail: Array, lane: int = 0) -> PlanarScene:
+        """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
+        readings = self.readings[lane]
+        return PlanarScene(
+            **self._shared_scene(trail, lane), force=readings[FORCE : FORCE + 2], link=int(readings[LINK])
+        )
+
+    def renderer(self) -> Screen[PlanarScene]:
+        """What draws the scenes."""
+        return Screen(PlanarCanvas(self.task.length))
+
+    def sampled_info(self, draws: Any) -> dict[str, Any]:
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        return super().sampled_info(draws) | {"surface_offsets": draws.surface_offsets}
+
+    def _make_room(self) -> None:
+        capacity, config = self.capacity, self.task.config
+        n, m, times = self.task.mechanism.n_links, self.task.mechanism.n_tendons, config.episode_steps + 1
+        self.course = Course(
+            np.zeros((capacity, times if config.target.process == "path" else 1, 2)),
+            np.zeros((capacity, 1 if config.load.process == "constant" else times, 2)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, m)),
+            np.zeros((capacity, times if config.randomization.sensor_noise else 0, n - 1, 3)),
+        )
+        self.state = State(
+            np.zeros((capacity, n - 1)),
+            np.zeros((capacity, n - 1, m)),
+            np.zeros((capacity, n, 3)),
+            np.zeros((capacity, 2, m)),
+            np.zeros((capacity, TENSIONS + 2 * m)),
+        )
+        self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
+        self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
+
+    def _enter_loads(self, draws: PlanarDraws) -> None:
+        count = len(draws)
+        self._loads[:count, 0, _LINK] = draws.links
+        self.state.responses[:count] = 0.0
+
+    def _tips(self, count: int) -> Array:
+        return self._results.poses[:count, -1, :2]
+
+    def _observe(self, observation: Observation) -> None:
+        kernels.observe(self._pins, observation)
+
+    def _bind_step(self) -> None:
+        results = self._results
+        solved = Solved(*(getattr(results, name) for name in Solved._fields))
+        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, inputs, solved))
+        self._pins = self._pinned.address_for(TaskArrays)
+        bound = self._pins, self._solve.entry, self._solve.pins
+        self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), *bound)
+        self._finish = partial(machine_code(kernels.finish, int, FLAT, int, int), self._pins)
+
+    def _bound_solve(self) -> PinnedRange | LaneByLane:
+        problem = (self._laws, self._loads, self._starts, self._results)
+        try:
+            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *problem))
+        except InvalidInput:  # tendons that end on different links
+            alone = np.zeros_like(self.designs)
+            problems = [BatchArrays(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
+            return LaneByLane([partial(solve_range, each) for each in problems], self.designs)

@@ -1,1 +1,0 @@
-"""The tracking task: bring the tip to a target under loads."""

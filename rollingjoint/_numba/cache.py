@@ -1,0 +1,142 @@
+"""Compiled kernels on disk, under a key that notices every edit in any kernel source.
+
+numba keys a cached function on the file of that function alone, so an edit in a callee in another file would serve
+the old answer. Here the key is a hash over all files that hold kernels.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import caching
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys  # type: ignore[attr-defined]
+
+from rollingjoint._numba.bounds import CHECKED
+from rollingjoint._numba.layout import is_layout
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+@functools.cache
+def _source_hash() -> str:
+    """Hash of every source that kernels are compiled from."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for room in ("_numba", "kernels"):
+        for path in sorted((_PACKAGE / room).rglob("*.py")):
+            digest.update(path.relative_to(_PACKAGE).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def cache_directory() -> Path:
+    """First writable place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space."""
+    home = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser()
+    scratch = Path(tempfile.gettempdir()) / f"rollingjoint-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    chosen = os.environ.get("ROLLINGJOINT_CACHE")
+    places = [Path(chosen)] if chosen else [_PACKAGE / "__pycache__", home / "rollingjoint", scratch]
+    name = f"kernels-{_source_hash()}" + ("-checked" if CHECKED else "")
+    for place in places:
+        folder = place / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError:
+            continue
+        return folder
+    return places[-1] / name
+
+
+def _sources(function: Callable[..., Any]) -> list[Path]:
+    """Files outside this package that a kernel is made of: its own, those of kernels and layouts that it imports."""
+    files: list[Path] = []
+    waiting = [function]
+    while waiting:
+        one = waiting.pop(0)
+        file = Path(one.__code__.co_filename)
+        if file not in files and _PACKAGE not in file.parents:
+            files.append(file)
+            waiting += [seen.py_func for seen in one.__globals__.values() if isinstance(seen, CPUDispatcher)]
+            for seen in filter(is_layout, list(one.__globals__.values())):
+                path = Path(getattr(sys.modules[seen.__module__], "__file__", None) or file)
+                files += [path] if path not in files and _PACKAGE not in path.parents else []
+    return files
+
+
+@functools.cache
+def _announce() -> None:
+    """Tell a person at a terminal, once, what the wait is for."""
+    if sys.stderr.isatty():
+        print("rollingjoint: compiling kernels, ten seconds or more; they are kept for next time", file=sys.stderr)
+
+
+class _KernelLocator(caching._CacheLocator):
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._name = "-".join(Path(py_file).with_suffix("").parts[-2:])  # folders may have kernels of one name
+        self._sources = _sources(py_func)
+
+    def get_cache_path(self) -> str:
+        return str(cache_directory())
+
+    def get_source_stamp(self) -> str:
+        """Of the package's kernels, and of what kernels of other packages are made of beside them."""
+        digest = hashlib.sha256()
+        for path in self._sources:
+            digest.update(path.read_bytes())
+        return _source_hash() + digest.hexdigest()[:16]
+
+    def get_disambiguator(self) -> str:
+        return self._name
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _KernelLocator:
+        return cls(py_func, py_file)
+
+
+class _KernelCacheImpl(caching.CompileResultCacheImpl):
+    _locator_classes = [_KernelLocator]  # noqa: RUF012 (numba's own form)
+
+
+_UNREADABLE = (OSError, EOFError, ValueError, pickle.UnpicklingError)
+
+
+class _KernelCache(caching.FunctionCache):
+    _impl_class = _KernelCacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code from disk, or None when there is none that can be read.
+
+        numba would first import everything that compiling may need, which takes longer than the rest of the start.
+        """
+        rtsys.initialize(target_context)
+        with contextlib.suppress(*_UNREADABLE):
+            if (compiled := self._load_overload(sig, target_context)) is not None:
+                return compiled
+        _announce()
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code, over what cannot be read; a full or read-only disk costs only the next start its time."""
+        try:
+            try:
+                super().save_overload(sig, data)
+            except _UNREADABLE:
+                self.flush()
+                super().save_overload(sig, data)
+        except OSError:
+            self.disable()
+
+
+def keep_on_disk(dispatcher: Any) -> None:
+    """Have a dispatcher look for compiled code on disk, and leave it there."""
+    dispatcher._cache = _KernelCache(dispatcher.py_func)

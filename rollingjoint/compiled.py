@@ -1,0 +1,59 @@
+"""The door for other packages to compiled code: kernels of their own, and solvers that kernels call.
+
+Kernels:
+    kernel: a decorator; the function is compiled for plain arrays and numbers with IEEE arithmetic, and kept on disk
+        until a source that it is made of changes. kernel(nogil=True) releases Python's lock.
+    part: a decorator for what only kernels call; part(inline=True) where a call would cost as much as the work.
+    standalone: a part that Python can call, for tests.
+    machine_code: a kernel for arguments of declared kinds, without numba's look at them. Nothing checks the arguments
+        of a call, so bind it where they are made.
+    entry_address: where the machine code of a kernel lies, for call_range.
+Arrays in kernels:
+    borrow: arrays, and NamedTuples of them, without reference counts. Whoever owns them must outlive what is borrowed:
+        borrow from arguments, not from arrays that the same function makes.
+    carve: an array of a shape from one-dimensional borrowed memory.
+    next_uniform: the next number of a NumPy bit generator.
+Arrays that stay where they are:
+    Floats, Singles, Integers: for declarations, `field: Annotated[Floats, "B", 3]` in a NamedTuple; its other fields
+        are float, int, bool, or such NamedTuples.
+    Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
+    unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
+Solvers:
+    BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its lanes.
+    call_range: in a kernel, call_range(entry, pins, BatchArrays, first, last) with those of a PinnedRange; how many
+        rows are left to its solve_the_rest, -1 where it had no memory.
+    PENDING: the status of such a lane.
+    run_in_threads: work on ranges of lanes, on the threads of this process.
+
+ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
+"""
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, standalone
+from rollingjoint._numba.layout import Floats, Integers, Singles
+from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
+from rollingjoint._numba.views import carve
+from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
+from rollingjoint.threads import run_in_threads
+
+__all__ = [
+    "PENDING",
+    "BatchArrays",
+    "Floats",
+    "Integers",
+    "Pinned",
+    "PinnedRange",
+    "Singles",
+    "WrongLayout",
+    "borrow",
+    "call_range",
+    "carve",
+    "entry_address",
+    "kernel",
+    "machine_code",
+    "next_uniform",
+    "part",
+    "run_in_threads",
+    "standalone",
+    "unpin",
+]

@@ -1,0 +1,126 @@
+"""What a family of mechanisms brings; everything that serves all families asks this interface and no class.
+
+A new family is a folder with a `family.py` that makes a Family, and that Family in `statics.families.FAMILIES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.load import Gravity, Load
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.threads import run_in_threads
+
+Array = NDArray[np.float64]
+
+
+class BatchModule(Protocol):
+    """`batch.py` of a family: the solver behind the checks of its inputs."""
+
+    @property
+    def BatchArrays(self) -> Callable[..., Any]:  # noqa: N802
+        """Equilibria to be solved as a batch, and where they go: chain, designs, laws, loads, starts, results.
+
+        chain: from `mechanism.stack`; designs: which of the stacked mechanisms each row has, (B,); laws: (B, m) each;
+        loads: load tables, (B, rows, columns); starts: joint angles, (B, J) [rad]; results: from `new_results`. All
+        arrays are contiguous.
+        """
+
+    def solve_one(self, mechanism: Any, law: TendonLaw, table: Array, start: Array, /) -> Any:
+        """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]."""
+
+    def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
+        """Empty outputs of a batch."""
+
+    def solve_range(self, arrays: Any, first: int, last: int, /) -> None:
+        """Solve rows first to last - 1; Python's lock is released meanwhile."""
+
+    def pack(self, mechanism: Any, tables: Array, results: Any, /) -> Any:
+        """The equilibria in the outputs; mechanism: one, or one per row."""
+
+
+class FileModule(Protocol):
+    """`file.py` of a family: the content of its mechanism files."""
+
+    @property
+    def HEADER(self) -> str:  # noqa: N802
+        """The comment that a file begins with."""
+
+    @property
+    def PARTS(self) -> str:  # noqa: N802
+        """The key that tells such a file: of its links, or the like."""
+
+    @property
+    def KEYS(self) -> tuple[str, ...]:  # noqa: N802
+        """All keys at the top of a file."""
+
+    def from_dict(self, content: object, source: str, name: str, /) -> Any:
+        """The mechanism that the content of a file describes; raises ConfigError."""
+
+    def to_dict(self, mechanism: Any, /) -> dict[str, Any]:
+        """The content that makes the same mechanism exactly."""
+
+
+class ReportModule(Protocol):
+    """`report.py` of a family: its mechanisms and equilibria in words, tables and JSON."""
+
+    def travel(self, mechanism: Any, /) -> str:
+        """How far the joints move, in words."""
+
+    def remark(self, found: Any, /) -> str:
+        """What else the status line says of an equilibrium, with a leading comma, or nothing."""
+
+    def tables(self, found: Any, friction: float, /) -> tuple[str, str]:
+        """Links and joints of an equilibrium as aligned columns."""
+
+    def as_dict(self, found: Any, friction: float, /) -> dict[str, Any]:
+        """Links and joints of an equilibrium as plain dicts, lists and numbers; units stand in the key names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Everything that differs between families of mechanisms.
+
+    Attributes:
+        kind: class of its mechanisms.
+        title: what such a mechanism is, in messages.
+        dimension: coordinates of a point, 2 or 3.
+        presets: its named mechanisms.
+        load_columns: columns of its load tables.
+        load_table: rows of these columns for loads and a number of links; InvalidInput for other loads.
+        batch, file, report: its modules of these names.
+        start_angles: joint angles [rad] of joints at places given in the unit of `joint_limits`.
+        own_weight: the weight of a mechanism's parts along a direction; None where its parts have none of their own.
+        length_methods: methods of `solve_lengths` that it has.
+        slips: whether its joints are contacts, which may slip.
+    """
+
+    kind: type[AnyMechanism]
+    title: str
+    dimension: int
+    presets: Mapping[str, Callable[[], AnyMechanism]]
+    load_columns: tuple[str, ...]
+    load_table: Callable[[Sequence[Load], int], Array]
+    batch: BatchModule
+    file: FileModule
+    report: ReportModule
+    start_angles: Callable[[Any, Sequence[float]], Array]
+    own_weight: Callable[[Any, Any], Gravity] | None = None
+    length_methods: tuple[str, ...] = ("elastic",)
+    slips: bool = False
+
+    def solve_batch(
+        self, mechanism: Any, chain: Any, designs: NDArray[np.int64], laws: TendonLaw, tables: Array, starts: Array
+    ) -> Any:
+        """The equilibria of a batch, unchecked; arguments as of BatchArrays, mechanism: one, or one per row."""
+        results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
+        arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
+        run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1])
+        return self.batch.pack(mechanism, tables, results)

@@ -1,0 +1,175 @@
+"""The base class of all mechanisms, and several mechanisms of one kind as one stack of arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput, MechanismError
+
+Array = NDArray[np.float64]
+S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
+_T = TypeVar("_T")
+
+
+class Mechanism(ABC, Generic[S]):
+    """A chain of joints with one angle each, base first, pulled by tendons; each family is a frozen dataclass on top.
+
+    Attributes:
+        tendons: at least one; each has a stiffness and last_link(n_links).
+        name: for tables and pictures.
+    """
+
+    tendons: Any
+    name: str
+
+    def __repr__(self) -> str:
+        kind = type(self).__name__
+        return f"<{kind} {self.name!r}: {self.parts}, {self.n_tendons} tendons, {self.length:g} mm>"
+
+    @property
+    @abstractmethod
+    def parts(self) -> str:
+        """How many parts it consists of, in words, such as "5 links"."""
+
+    @property
+    @abstractmethod
+    def n_links(self) -> int:
+        """Number of links, the base included."""
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.n_links - 1
+
+    @property
+    def n_tendons(self) -> int:
+        """Number of tendons."""
+        return len(self.tendons)
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Length of the mechanism at rest [mm]."""
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Tendon stiffnesses, (m,) [N/mm]."""
+        return read_only(np.array([tendon.stiffness for tendon in self.tendons]))
+
+    @cached_property
+    def last_links(self) -> tuple[int, ...]:
+        """The link where each tendon ends, counted from 0, (m,)."""
+        return tuple(tendon.last_link(self.n_links) for tendon in self.tendons)
+
+    @property
+    @abstractmethod
+    def joint_limits(self) -> Array:
+        """Range of every joint, (n - 1, 2): of its contact's arc length [mm] or of its angle [rad]."""
+
+    @property
+    @abstractmethod
+    def neutral_angles(self) -> Array:
+        """Joint angles at rest, (n - 1,) [rad]."""
+
+    @cached_property
+    def neutral_lengths(self) -> Array:
+        """Tendon lengths at rest, (m,) [mm]."""
+        return read_only(self.tendon_lengths(self.neutral_angles))
+
+    @property
+    @abstractmethod
+    def arrays(self) -> Any:
+        """Tables for the kernels, a stack of one design."""
+
+    @abstractmethod
+    def poses(self, joint_angles: ArrayLike) -> Array:
+        """Link poses in the base frame, (..., n, 3) or (..., n, 4, 4)."""
+
+    @abstractmethod
+    def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Length of every tendon: gaps plus channels inside the links, (..., m) [mm]."""
+
+    @abstractmethod
+    def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
+        """World points of every tendon's holes, base to end, a list of (k, 2 or 3) [mm]."""
+
+    @staticmethod
+    @abstractmethod
+    def join(parts: Sequence[Any]) -> Any:
+        """The arrays of several mechanisms with the same numbers of links, tendons and crossed joints, as one stack."""
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with other fields, checked anew."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]  # each family is a dataclass
+
+    def per_joint(self, what: str, values: ArrayLike) -> Array:
+        """The values as floats, one per joint in the last axis; InvalidInput for anything else."""
+        allowed = f"{self.n_joints} numbers in the last axis, one per joint"
+        array = as_floats(what, values, allowed)
+        if array.ndim == 0 or array.shape[-1] != self.n_joints:
+            raise InvalidInput(what, values, allowed)
+        return array
+
+
+AnyMechanism = Mechanism[Any]
+
+
+def designs_of(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) -> tuple[Any, NDArray[np.int64]]:
+    """The arrays of the distinct mechanisms as one stack, and which of them each row of a batch has, (B,).
+
+    Raises:
+        InvalidInput: more or fewer than one mechanism per row, or what `stack` refuses.
+    """
+    if isinstance(mechanism, Mechanism):
+        return mechanism.arrays, np.zeros(n_rows, np.int64)
+    if len(mechanism) != n_rows:
+        raise InvalidInput("number of mechanisms", len(mechanism), f"{n_rows}, one per row of the batch")
+    different = distinct(mechanism)
+    places = {each: place for place, each in enumerate(different)}
+    return stack(different), np.array([places[each] for each in mechanism], np.int64)
+
+
+def distinct(mechanisms: Iterable[_T]) -> tuple[_T, ...]:
+    """The different ones of the mechanisms, in the order in which they come first."""
+    return tuple(dict.fromkeys(mechanisms))
+
+
+def stack(mechanisms: Sequence[AnyMechanism]) -> Any:
+    """The arrays of several mechanisms of one family as one stack; the rows of a batch choose theirs by its index.
+
+    Raises:
+        InvalidInput: mechanisms whose numbers of links, of tendons or of joints that a tendon crosses differ.
+    """
+    first = mechanisms[0]
+    for each in mechanisms[1:]:
+        if (each.n_links, each.last_links) != (first.n_links, first.last_links):
+            allowed = "as many links and tendons, crossing as many joints, as the first"
+            raise InvalidInput("mechanism", each, allowed)
+    return first.arrays if len(mechanisms) == 1 else first.join([each.arrays for each in mechanisms])
+
+
+def members(what: str, values: object, kind: type[_T], least: int = 1, note: str = "") -> tuple[_T, ...]:
+    """The values as a tuple; MechanismError unless they are a list of at least so many objects of that kind."""
+    if not isinstance(values, Iterable):
+        raise MechanismError(what, values, f"a list of {kind.__name__} objects")
+    found = tuple(values)
+    for i, member in enumerate(found):
+        if not isinstance(member, kind):
+            raise MechanismError(f"{what}[{i}]", member, f"a {kind.__name__}")
+    if len(found) < least:
+        raise MechanismError(f"number of {what}", len(found), f"{least} or more{note}")
+    return found
+
+
+def read_only(array: Array) -> Array:
+    """The array, write-protected: what a mechanism computes once must not be changed by a caller."""
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,86 @@
+"""A figure of any mechanism or equilibrium, and figures as files; matplotlib is imported when one is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.plotting.planar import plot_mechanism
+from rollingjoint.plotting.spatial import plot_arm
+from rollingjoint.solution import Solution, Status
+from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.spatial.equilibrium import HingeEquilibrium
+from rollingjoint.statics.families import family_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_FZ = SPATIAL_LOAD_COLUMNS.index("fz")
+
+
+def figure_of(what: AnyMechanism | Solution) -> Figure:
+    """A new figure of a mechanism at rest, or of one equilibrium."""
+    from matplotlib.figure import Figure
+
+    mechanism = what.mechanism if isinstance(what, Solution) else what
+    figure = Figure(figsize=(6.4, 6.4))
+    ax = _DRAWN[family_of(mechanism).kind](what, figure)
+    ax.set_title(_title(what))
+    return figure
+
+
+def _draw_chain(what: RollingChain | Equilibrium, figure: Figure) -> Axes:
+    return plot_mechanism(what, figure.subplots())
+
+
+def _draw_arm(what: HingeChain | HingeEquilibrium, figure: Figure) -> Axes:
+    ax = plot_arm(what, figure.add_subplot(projection="3d"))
+    if isinstance(what, HingeEquilibrium) and what.loads[:, _FZ].sum() > 0:
+        ax.invert_zaxis()  # it hangs
+    return ax
+
+
+_DRAWN: dict[type, Callable[[Any, Figure], Axes]] = {RollingChain: _draw_chain, HingeChain: _draw_arm}
+
+
+def _title(what: AnyMechanism | Solution) -> str:
+    """Name of the mechanism, and the status if it is not simply converged."""
+    if not isinstance(what, Solution):
+        return what.name
+    name, status = what.mechanism.name, Status(int(what.status))
+    return str(name) if status == Status.CONVERGED else f"{name}: {status.name}"
+
+
+def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
+    """The path, after writing the figure there in the format of its suffix.
+
+    Raises:
+        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
+    """
+    path = check_figure_path(path)
+    fig.savefig(path, dpi=dpi, bbox_inches="tight")
+    return path
+
+
+def check_figure_path(path: str | Path) -> Path:
+    """The path, if a figure could be written there.
+
+    Raises:
+        InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    path = Path(path)
+    suffixes = sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix.lower().lstrip(".") not in suffixes:
+        raise InvalidInput("picture", str(path), f"a file name that ends in one of .{', .'.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise InvalidInput("picture", str(path), "a file in an existing folder", f"Create {path.parent} first.")
+    return path

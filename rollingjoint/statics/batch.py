@@ -1,0 +1,104 @@
+"""Inputs of many solves, checked, and their solution as one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.load import Load, filled_up, wrong_links
+from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
+from rollingjoint.solution import Solution
+from rollingjoint.statics.families import FAMILIES, KINDS, family_of
+
+Array = NDArray[np.float64]
+
+Start = ArrayLike | Solution | None
+"""Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rows that are solved in one call: the inputs of each, (B, m), and its mechanism."""
+
+    mechanism: AnyMechanism | tuple[AnyMechanism, ...]
+    family: Family
+    chains: tuple[AnyMechanism, ...]  # the different ones
+    arrays: Any
+    designs: NDArray[np.int64]
+    inputs: Array
+
+    @classmethod
+    def of(cls, mechanism: AnyMechanism | Sequence[AnyMechanism], what: str, inputs: ArrayLike) -> Batch:
+        """The batch, checked."""
+        every = mechanism if isinstance(mechanism, Mechanism) else _mechanisms(mechanism)
+        chains = distinct(every) if isinstance(every, tuple) else (every,)
+        array = _rows(what, inputs, chains[0].n_tendons)
+        return cls(every, family_of(chains[0]), chains, *designs_of(every, len(array)), array)
+
+    def per_row(self, values: Sequence[Array]) -> Array:
+        """What each different mechanism has, for every row, (B, ...)."""
+        return np.take(values, self.designs, axis=0)
+
+    def repeated(self, values: Array) -> Array:
+        """The same values for every row, (B, ...)."""
+        return np.repeat(values[None], len(self.inputs), axis=0)
+
+    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start) -> Any:
+        """The equilibria."""
+        tables, phi = self._tables(loads), self._starts(starts)
+        return self.family.solve_batch(self.mechanism, self.arrays, self.designs, laws, tables, phi)
+
+    def _tables(self, loads: Sequence[Load] | Array) -> Array:
+        """Load tables of all rows, (B, rows, columns)."""
+        count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.family.load_columns
+        if not isinstance(loads, np.ndarray):
+            return self.repeated(self.family.load_table(loads, n_links))
+        tables = filled_up(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == count else None
+        if tables is None:
+            raise InvalidInput("shape of the load table", loads.shape, f"({count}, rows, {len(columns)})")
+        tables = as_floats("load table", tables, "numbers")
+        links = wrong_links(tables, columns, n_links)
+        if links is not None:
+            raise InvalidInput("links of the load table", links, f"integers from 0 to {n_links - 1}")
+        return tables
+
+    def _starts(self, starts: Start) -> Array:
+        if starts is None:
+            return self.per_row([chain.neutral_angles for chain in self.chains])
+        angles = starts.joint_angles if isinstance(starts, Solution) else starts
+        phi = _rows("starts", angles, self.chains[0].n_joints)
+        if len(phi) != len(self.inputs):
+            raise InvalidInput("number of starts", len(phi), f"{len(self.inputs)}, one per row of the batch")
+        return phi
+
+
+def prescribed(tensions: Array) -> TendonLaw:
+    """The law of tendons under given tensions, (..., m) [N]."""
+    return TendonLaw(np.zeros_like(tensions), np.ones_like(tensions), tensions, tensions)
+
+
+def _with_zeros(tables: Array, missing: int) -> Array:
+    return np.pad(tables, ((0, 0), (0, 0), (0, missing)))
+
+
+def _mechanisms(mechanisms: Iterable[AnyMechanism]) -> tuple[AnyMechanism, ...]:
+    chains = tuple(mechanisms) if isinstance(mechanisms, Iterable) else ()
+    if not chains or not any(all(isinstance(each, family.kind) for each in chains) for family in FAMILIES):
+        allowed = f"{KINDS}, or a list of at least one, all of one kind"
+        raise InvalidInput("mechanism", mechanisms, allowed, "rollingjoint.preset(name) makes a named one.")
+    return chains
+
+
+def _rows(what: str, values: ArrayLike, size: int) -> Array:
+    array = as_floats(what, values, f"numbers of shape (B, {size})")
+    if array.ndim != 2 or array.shape[1] != size:
+        raise InvalidInput(f"shape of {what}", array.shape, f"(B, {size})")
+    return array
