@@ -92,7 +92,7 @@ class Inputs(NamedTuple):
     actions: Annotated[Floats, "B", "m"]  # not yet clipped
     starts: Annotated[Floats, "B", "J"]  # joint angles from which the solver starts, rad
     commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
-    loads: Annotated[Floats, "B", 1, 11]  # columns of load.LOAD_COLUMNS
+    loads: Annotated[Floats, "B", 1, len(LOAD_COLUMNS)]
 
 
 class Solved(NamedTuple):

@@ -42,6 +42,7 @@ FIELDS = [
 ]
 DEAD = [rj.WorldForce(2, (0.3, -0.4), point=(1.0, 2.0))]
 EVERY = [*DEAD, rj.Spring(1, 0.02, (30.0, 50.0), (0.5, 1.0)), rj.BodyWrench(-1, (0.1, 0.2), moment=1.0)]
+EVERY += [rj.TorsionSpring(2, 4.0, 0.1, 1), rj.TorsionSpring(-1, 3.0, -0.2)]
 
 
 def mixed():

@@ -11,7 +11,7 @@ from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, 
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.side_by_side import solve_side_by_side
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.batch import Problem, TendonLaw, new_results
+from rollingjoint.planar.batch import BatchArrays, TendonLaw, new_results
 from rollingjoint.planar.published import solve_tensions_published
 from rollingjoint.statics import sensitivity
 
@@ -112,7 +112,7 @@ def test_side_by_side_and_lane_by_lane_agree():
     tables = np.repeat(load_table([FORCE, *SPRINGS], 5)[None], 64, axis=0)
     starts, designs = np.repeat(FIVE.neutral_angles[None], 64, axis=0), np.zeros(64, np.int64)
     laws = TendonLaw(*(np.ascontiguousarray(np.broadcast_to(values, (64, 2))) for values in law_of(command)))
-    fast, slow = (Problem(FIVE.arrays, designs, laws, tables, starts, new_results(64, 4, 2)) for _ in range(2))
+    fast, slow = (BatchArrays(FIVE.arrays, designs, laws, tables, starts, new_results(64, 4, 2)) for _ in range(2))
     assert solve_side_by_side(*fast, 0, 64) == 0
     solve_lanes(*slow, np.arange(64))
     assert np.all(slow.results.status == 0)
