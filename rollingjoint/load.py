@@ -313,14 +313,14 @@ def acts(table: NDArray[np.float64]) -> bool:
 
 
 def filled_up(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any]) -> Any:
-    """Load tables (..., rows, columns) with the trailing columns that they may lack; None where the width is wrong.
+    """Load tables (..., rows, columns) with the trailing columns that planar ones may lack; None for a wrong width.
 
     pad: appends that many columns of zeros.
     """
     missing = len(columns) - tables.shape[-1]
     if missing == 0:
         return tables
-    return pad(tables, missing) if missing > 0 and tables.shape[-1] >= _FIRST_COLUMNS else None
+    return pad(tables, missing) if columns is LOAD_COLUMNS and 0 < missing <= len(columns) - _FIRST_COLUMNS else None
 
 
 def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:

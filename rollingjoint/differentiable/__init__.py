@@ -2,14 +2,16 @@
 
 Nothing else in the project imports this package; `import rollingjoint` needs no torch. docs/differentiable.md shows it.
 
-    design.py      a mechanism, or many, as tensors
-    surface.py     curvature to tangent angles and points
-    geometry.py    where surfaces touch, where holes are
-    statics.py     the whole chain at given contacts: residual, stiffness, energy, contact forces
-    newton.py      equilibria of many lanes by Newton's method in torch
-    compiled.py    lanes through the compiled solver
-    equilibria.py  what the solvers return
-    solve.py       the two solvers, and the adjoint
+Modules:
+    compiled: batches through the compiled solver.
+    design: a mechanism, or many, as tensors.
+    equilibria: what the solvers return.
+    geometry: where surfaces touch, where holes are.
+    loads: loads, their energy, moments and stiffness.
+    newton: equilibria of a batch by Newton's method in torch.
+    solve: the two solvers, and the adjoint.
+    statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
+    surface: curvature to tangent angles and points.
 """
 
 from rollingjoint.differentiable.design import DifferentiableChain

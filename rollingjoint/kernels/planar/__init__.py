@@ -7,6 +7,7 @@ Modules:
     chain: poses, tendons, residual and stiffness at one configuration.
     forward: kinematics without statics.
     joint: one rolling joint: its table, and the tendon gaps across it.
+    loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and side by side.
     side_by_side: the solver of eight lanes side by side.
     solve: one equilibrium from one start.
 """

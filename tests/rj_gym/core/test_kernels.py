@@ -47,7 +47,8 @@ def scaled(pins):
     task = unpin(pins, Task)
     return task.scale * task.values[0]
 
-print(scaled(Pinned(Task(**{name: 3.0 if name == "scale" else np.array([5.0]) for name in Task._fields})).address))
+pinned = Pinned(Task(**{name: 3.0 if name == "scale" else np.array([5.0]) for name in Task._fields}))
+print(scaled(pinned.address))
 """
 
 
