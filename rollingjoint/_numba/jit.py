@@ -41,8 +41,8 @@ def part(function: Callable[..., Any] | None = None, *, inline: bool = False) ->
 
 @functools.cache
 def standalone(piece: Any) -> Any:
-    """A part compiled on its own, for tests and measurements from Python; not kept on disk."""
-    return numba.njit(**_OPTIONS)(piece.py_func)
+    """A part compiled on its own, for tests and measurements from Python."""
+    return kernel(piece.py_func)
 
 
 _compiled: dict[Any, Any] = {}
