@@ -14,12 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-_FIRST, _X, _Y, _TANGENT = (
-    0,
-    1,
-    2,
-    3,
-)  # columns of a piece: where it begins, the point there; tangent angle from here on
+# Columns of a piece: where it begins, the point there; coefficients of the tangent angle from _TANGENT on
+_FIRST, _X, _Y, _TANGENT = range(4)
 
 
 @dataclass(frozen=True)
