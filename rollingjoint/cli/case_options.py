@@ -80,9 +80,7 @@ def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
     loads = [
         option.make(link, numbers)
         for option in OPTIONS
-        for link, numbers in _each(
-            args, option, option.spatial if family.dimension == 3 else option.numbers, mechanism.n_links
-        )
+        for link, numbers in _each(args, option, option.names(family.dimension), mechanism.n_links)
     ]
     return loads + _gravity(args, mechanism, family)
 

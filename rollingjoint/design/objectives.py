@@ -20,7 +20,7 @@ from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import WorldForce
+from rollingjoint.load import LOAD_COLUMNS, WorldForce, pair_columns
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
 
@@ -224,10 +224,11 @@ class TendonTravel(_Sweep):
 
 
 def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
-    """Load tables with one dead force at the origin of the tip link, (..., 1, 11), of forces (..., 2) [N]."""
-    table = torch.nn.functional.pad(forces, (3, 6))[..., None, :]
+    """Load tables with one dead force at the origin of the tip link, (..., 1, columns), of forces (..., 2) [N]."""
+    (place,) = pair_columns("f")
+    table = torch.nn.functional.pad(forces, (place.start, len(LOAD_COLUMNS) - place.stop))[..., None, :]
     link = torch.zeros(table.shape[-1], dtype=table.dtype, device=table.device)
-    link[0] = chain.n_links - 1
+    link[LOAD_COLUMNS.index("link")] = chain.n_links - 1
     return table + link
 
 

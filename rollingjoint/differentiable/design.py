@@ -287,7 +287,7 @@ def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.nda
         "hole_arcs": hole_arcs,
         "stiffnesses": chain.stiffnesses.copy(),
         "on_surface": on_surface,
-        "crossed": np.array([tendon.last_link(n) for tendon in chain.tendons]),
+        "crossed": np.array(chain.last_links),
     }
 
 

@@ -25,7 +25,7 @@ from rollingjoint.differentiable.statics import Law, State
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
-from rollingjoint.load import LOAD_COLUMNS, Load, filled_up, load_table, wrong_links
+from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 from rollingjoint.solution import Status
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
@@ -70,7 +70,7 @@ def solve_lengths(
     Args:
         design, loads, starts, solver: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
-        tension_limits: lowest and highest tension, numbers or (..., m) [N].
+        tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
         Equilibria; look at `ok`.
     Raises:
@@ -219,7 +219,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     """Load tables, (..., rows, columns)."""
     if not isinstance(loads, Tensor):
         return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
-    table = filled_up(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
+    table = with_all_columns(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
     if table is None:
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
     links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links)

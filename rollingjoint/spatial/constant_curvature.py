@@ -31,7 +31,7 @@ class Segment:
 
 def segments_of(chain: HingeChain) -> tuple[Segment, ...]:
     """The segments of an arm, base first, one per link where a tendon ends."""
-    ends = np.array([tendon.last_link(chain.n_links) for tendon in chain.tendons])
+    ends = np.array(chain.last_links)
     borders = [0, *np.unique(ends).tolist()]
     return tuple(
         Segment(low, high, tuple(np.flatnonzero(ends == high).tolist())) for low, high in itertools.pairwise(borders)
