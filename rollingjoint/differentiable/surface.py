@@ -116,7 +116,7 @@ class Surfaces:
         return Surfaces(limits, borders, pieces, self.nodes, self.weights)
 
     def repeated(self, count: int) -> Surfaces:
-        """Of one link (..., 1, 2) the surfaces of so many alike, (..., count, 2)."""
+        """The surfaces of one link (..., 1, 2), repeated for `count` equal links, (..., count, 2)."""
         limits, borders = (
             table.expand(*table.shape[:-3], count, *table.shape[-2:]) for table in (self.limits, self.borders)
         )
