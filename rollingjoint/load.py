@@ -102,7 +102,7 @@ class WorldForce(Load):
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
-        return [{**_at_spatial(self, n_links), **_wrench("f", "m", self)}]
+        return [_at_spatial(self, n_links) | _wrench("f", "m", self)]
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class BodyWrench(Load):
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
-        return [{**_at_spatial(self, n_links), **_wrench("b", "n", self)}]
+        return [_at_spatial(self, n_links) | _wrench("b", "n", self)]
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class Spring(Load):
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
         at, k = _at_spatial(self, n_links), _number("spring stiffness", self.stiffness)
-        return [{**at, "k": k, **_along("a", _triple("spring anchor", self.anchor))}]
+        return [at | {"k": k} | _along("a", _triple("spring anchor", self.anchor))]
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class Gravity(Load):
         if norm == 0 or centres.shape != (n_links, 3):
             raise InvalidInput("Gravity", self, "a direction other than (0, 0, 0), and points (x, y, z)")
         forces = weights[:, None] * direction / norm
-        return [{"link": i, **_along("p", centres[i]), **_along("f", forces[i])} for i in range(n_links)]
+        return [{"link": i} | _along("p", centres[i]) | _along("f", forces[i]) for i in range(n_links)]
 
     def _weights(
         self, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
@@ -376,13 +376,13 @@ def _at(load: Any, n_links: int) -> Row:
 def _at_spatial(load: Any, n_links: int) -> Row:
     """Where a load acts on an arm."""
     point = _triple("load point", load.point, unset=(0.0, 0.0))
-    return {"link": link_index(load.link, n_links), **_along("p", point)}
+    return {"link": link_index(load.link, n_links)} | _along("p", point)
 
 
 def _wrench(force: str, moment: str, load: WorldForce | BodyWrench) -> Row:
     """Force and moment of a load on an arm, in columns of these letters."""
     forces, moments = _triple("load force", load.force), _triple("load moment", load.moment, unset=0.0)
-    return {**_along(force, forces), **_along(moment, moments)}
+    return _along(force, forces) | _along(moment, moments)
 
 
 def _along(letter: str, values: Iterable[float]) -> Row:

@@ -14,6 +14,7 @@ from rollingjoint.statics.batch import Start
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
+# Options that have no effect unless an equilibrium is solved
 _SOLVING = *(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits"
 
 

@@ -224,7 +224,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
     links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links)
     if links is not None:
-        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {design.n_links - 1}")
+        raise InvalidInput("links of the load table", links, f"integers from 0 to {design.n_links - 1}")
     return torch.as_tensor(table).to(design.device, torch.float64)
 
 
