@@ -1,8 +1,8 @@
 """Quasi-static physics of tendon-driven rolling-joint and flexible-joint mechanisms. Units: mm, N, N·mm, rad.
 
 Modules:
-    _numba: everything that touches the inside of numba.
-    cad: files for the workshop.
+    _numba: everything that uses private interfaces of numba.
+    cad: manufacturing files.
     checked_yaml: YAML files read strictly.
     checks: checks of single values.
     cli: the command `rj`.
@@ -10,7 +10,7 @@ Modules:
     design: design spaces, objectives and problems.
     differentiable: equilibria of planar chains as torch functions.
     errors: the exceptions.
-    family: what a family of mechanisms brings.
+    family: the interface of a family of mechanisms.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.

@@ -35,7 +35,7 @@ _StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", _NUMBER, list("-+
 
 
 def parse_yaml(text: str, where: str) -> object:
-    """What YAML text says: dicts, lists, numbers and text, never an object.
+    """Content of YAML text: dicts, lists, numbers and text, never other objects.
 
     Raises:
         ConfigError: no valid YAML, or a key given twice.
@@ -123,7 +123,7 @@ def whole_number(where: str, value: object) -> int:
 
 
 def text(where: str, value: object) -> str:
-    """Text; a bare number or date in YAML is none."""
+    """Text; a bare number or date in YAML is not text."""
     if not isinstance(value, str):
         raise ConfigError(where, value, "text", "Put it in quotes.")
     return value
@@ -131,7 +131,7 @@ def text(where: str, value: object) -> str:
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """Says where in the file what is built from it complained."""
+    """A context that adds the place in the file to errors of what is built from it."""
     try:
         yield
     except ConfigError:

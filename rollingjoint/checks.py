@@ -1,7 +1,7 @@
 """Checks of single values: each returns the value in its plain form, or raises an error that says what is allowed.
 
-One rule for all of the project: 2.0 is an integer, True is no number, NaN and infinity are no finite numbers, and text
-is never read as a number.
+The same rules everywhere: 2.0 is an integer, True is not a number, NaN and infinity are not finite, and text is never
+read as a number.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def as_floats(what: str, values: ArrayLike | object, allowed: str, error: Error 
 
 
 def as_vector(what: str, values: ArrayLike | object, size: int, meaning: str) -> NDArray[np.float64]:
-    """So many numbers as floats, (size,); InvalidInput for anything else."""
+    """`size` numbers as floats, (size,); InvalidInput for anything else."""
     allowed = f"{size} numbers, {meaning}"
     array = as_floats(what, values, allowed)
     if array.shape != (size,):
@@ -109,7 +109,7 @@ def as_range(
 
 
 def suggestion(word: str, valid: Sequence[str]) -> str:
-    """The question whether the nearest valid word was meant, or nothing if none is near."""
+    """A question suggesting the nearest valid word, or an empty text if none is near."""
     nearest = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
     return f"Did you mean {nearest[0]!r}?" if nearest else ""
 

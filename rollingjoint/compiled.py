@@ -19,11 +19,11 @@ Arrays that stay where they are:
     Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
 Solvers:
-    BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its lanes.
+    BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
     call_range: in a kernel, call_range(entry, pins, BatchArrays, first, last) with those of a PinnedRange; how many
         rows are left to its solve_the_rest, -1 where it had no memory.
-    PENDING: the status of such a lane.
-    run_in_threads: work on ranges of lanes, on the threads of this process.
+    PENDING: the status of a row left to it.
+    run_in_threads: work on ranges of rows, on the threads of this process.
 
 ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
 """

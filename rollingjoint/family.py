@@ -1,6 +1,6 @@
-"""What a family of mechanisms brings; everything that serves all families asks this interface and no class.
+"""The interface of a family of mechanisms: code that serves all families uses it, and no concrete class.
 
-A new family is a folder with a `family.py` that makes a Family, and that Family in `statics.families.FAMILIES`.
+A new family is a folder whose `family.py` makes a Family, which `statics.families.FAMILIES` lists.
 """
 
 from __future__ import annotations
@@ -49,17 +49,9 @@ class BatchModule(Protocol):
 class FileModule(Protocol):
     """`file.py` of a family: the content of its mechanism files."""
 
-    @property
-    def HEADER(self) -> str:  # noqa: N802
-        """The comment that a file begins with."""
-
-    @property
-    def PARTS(self) -> str:  # noqa: N802
-        """The key that tells such a file: of its links, or the like."""
-
-    @property
-    def KEYS(self) -> tuple[str, ...]:  # noqa: N802
-        """All keys at the top of a file."""
+    HEADER: str  # the comment that a file begins with
+    PARTS: str  # the key that identifies such a file, such as that of its links
+    KEYS: tuple[str, ...]  # all keys at the top level of a file
 
     def from_dict(self, content: object, source: str, name: str, /) -> Any:
         """The mechanism that the content of a file describes; raises ConfigError."""
@@ -72,33 +64,33 @@ class ReportModule(Protocol):
     """`report.py` of a family: its mechanisms and equilibria in words, tables and JSON."""
 
     def travel(self, mechanism: Any, /) -> str:
-        """How far the joints move, in words."""
+        """Range of the joints, in words."""
 
     def remark(self, found: Any, /) -> str:
-        """What else the status line says of an equilibrium, with a leading comma, or nothing."""
+        """What the status line adds, with a leading comma, or an empty text."""
 
     def tables(self, found: Any, friction: float, /) -> tuple[str, str]:
         """Links and joints of an equilibrium as aligned columns."""
 
     def as_dict(self, found: Any, friction: float, /) -> dict[str, Any]:
-        """Links and joints of an equilibrium as plain dicts, lists and numbers; units stand in the key names."""
+        """Links and joints of an equilibrium for JSON; units are in the key names."""
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Everything that differs between families of mechanisms.
+    """Everything that differs between families.
 
     Attributes:
         kind: class of its mechanisms.
-        title: what such a mechanism is, in messages.
+        title: what messages call such a mechanism.
         dimension: coordinates of a point, 2 or 3.
         presets: its named mechanisms.
         load_columns: columns of its load tables.
         load_table: rows of these columns for loads and a number of links; InvalidInput for other loads.
         batch, file, report: its modules of these names.
         start_angles: joint angles [rad] of joints at places given in the unit of `joint_limits`.
-        own_weight: the weight of a mechanism's parts along a direction; None where its parts have none of their own.
-        length_methods: methods of `solve_lengths` that it has.
+        own_weight: the weight of a mechanism along a direction; None where its parts have no weights of their own.
+        length_methods: methods of `solve_lengths` that it supports.
         slips: whether its joints are contacts, which may slip.
     """
 

@@ -1,8 +1,8 @@
 """External loads, and the tables of rows that the kernels read.
 
-A kind of load is one dataclass here: its fields, its rows of a table, and how `rj` spells it; mechanism files take the
-names of the fields. One row acts on one body point x of one link and is the sum of everything a row can hold: world
-force + body force turned with the link + spring k (anchor - x), and a moment.
+Each kind of load is one dataclass: its fields and its rows of a table; OPTIONS says how `rj` takes it, and mechanism
+files use the names of the fields. One row acts on one body point x of one link and is the sum of everything a row can
+hold: world force + body force turned with the link + spring k (anchor - x), and a moment.
 Planar chains take pairs (x, y) and a moment; spatial ones triples (x, y, z) throughout.
 """
 
@@ -34,12 +34,12 @@ __all__ = [
     "TorsionSpring",
     "WorldForce",
     "acts",
-    "filled_up",
+    "checked_springs",
     "link_index",
     "load_table",
     "pair_columns",
     "spatial_load_table",
-    "standing",
+    "with_all_columns",
     "wrong_links",
 ]
 
@@ -51,7 +51,7 @@ __all__ = [
 _PLACES, _SPATIAL_PLACES = (
     {name: place for place, name in enumerate(columns)} for columns in (LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS)
 )
-_FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; columns that it lacks are zero
+_FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; the columns that it omits are zero
 
 _POINT, _FORCE = (slice(first, first + 3) for first in map(SPATIAL_LOAD_COLUMNS.index, ("px", "fx")))
 
@@ -61,13 +61,13 @@ Row = dict[str, float]
 
 
 class Option(NamedTuple):
-    """How `rj` takes a load at the origin of a link: --name LINK NUMBERS."""
+    """An option of `rj` for a load at the origin of a link: --name LINK NUMBERS."""
 
     name: str
     metavar: str
     help: str
     numbers: tuple[str, ...]  # on a planar chain
-    spatial: tuple[str, ...]  # on an arm; none: it takes no such load
+    spatial: tuple[str, ...]  # on an arm; empty: arms take no such load
     make: Callable[[int, Any], Load]
     optional: int = 0  # how many of the last numbers may be left out
 
@@ -77,7 +77,7 @@ class Option(NamedTuple):
 
 
 class Load:
-    """What every kind of load has. A row names the columns that are not zero."""
+    """Base class of all loads. A row holds the columns that are not zero, by name."""
 
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
@@ -104,7 +104,7 @@ class WorldForce(Load):
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
-        return [{**_at_spatial(self, n_links), **_wrench("f", "m", self)}]
+        return [_at_spatial(self, n_links) | _wrench("f", "m", self)]
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class BodyWrench(Load):
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
-        return [{**_at_spatial(self, n_links), **_wrench("b", "n", self)}]
+        return [_at_spatial(self, n_links) | _wrench("b", "n", self)]
 
 
 @dataclass(frozen=True)
@@ -143,12 +143,12 @@ class Spring(Load):
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
         at, k = _at_spatial(self, n_links), _number("spring stiffness", self.stiffness)
-        return [{**at, "k": k, **_along("a", _triple("spring anchor", self.anchor))}]
+        return [at | {"k": k} | _along("a", _triple("spring anchor", self.anchor))]
 
 
 @dataclass(frozen=True)
 class TorsionSpring(Load):
-    """A linear torsion spring between two links of a planar chain, about the joint where they are neighbours.
+    """A linear torsion spring between two links of a planar chain; between neighbours it acts about their joint.
 
     Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
     in the base frame. The other link is the base unless it is given; -1 is the tip.
@@ -196,17 +196,14 @@ class Gravity(Load):
         if norm == 0 or centres.shape != (n_links, 3):
             raise InvalidInput("Gravity", self, "a direction other than (0, 0, 0), and points (x, y, z)")
         table = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
-        table[:, 0], table[:, _POINT], table[:, _FORCE] = (
-            np.arange(n_links),
-            centres,
-            weights[:, None] * direction / norm,
-        )
+        table[:, 0] = np.arange(n_links)
+        table[:, _POINT], table[:, _FORCE] = centres, weights[:, None] * direction / norm
         return table
 
     def _weights(
         self, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
     ) -> tuple[NDArray[np.float64], list[Any]]:
-        """Weights and points of all links, as many as there are links."""
+        """Weights and points, checked to be one per link."""
         allowed = f"{n_links} weights [N] (and points), one per link, the base included"
         weights, at = as_floats("Gravity weights", self.weights, allowed), list(points)
         if weights.shape != (n_links,) or len(at) != n_links:
@@ -264,7 +261,7 @@ OPTIONS = (
 LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
 _SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
 SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
-"""The kinds that can belong to a planar mechanism."""
+"""The kinds of loads that can belong to a planar mechanism."""
 
 
 def load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float64]:
@@ -285,8 +282,8 @@ def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float6
     return _table(loads, _SPATIAL_PLACES, lambda load: load.spatial_rows(n_links))
 
 
-def standing(springs: object, n_links: int) -> tuple[Load, ...]:
-    """The springs that belong to a planar mechanism, checked, their fields plain numbers.
+def checked_springs(springs: object, n_links: int) -> tuple[Load, ...]:
+    """The springs that belong to a planar mechanism, with plain numbers in their fields.
 
     Raises:
         InvalidInput: another kind of load, a link that does not exist, a number that is negative or not finite.
@@ -309,20 +306,20 @@ def standing(springs: object, n_links: int) -> tuple[Load, ...]:
 
 
 def pair_columns(*letters: str) -> list[slice]:
-    """Where a planar load table has the pairs x, y of these letters, such as "p" for px, py."""
+    """The columns of planar load tables that hold the pairs x, y of these letters, such as "p" for px, py."""
     firsts = [LOAD_COLUMNS.index(f"{letter}x") for letter in letters]
     return [slice(first, first + 2) for first in firsts]
 
 
 def acts(table: NDArray[np.float64]) -> bool:
-    """Whether a planar load table does anything."""
+    """Whether any row of a planar load table has an effect."""
     return bool(np.any(table[..., list(ACTING)]))
 
 
-def filled_up(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any]) -> Any:
-    """Load tables (..., rows, columns) with the trailing columns that planar ones may lack; None for a wrong width.
+def with_all_columns(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any]) -> Any:
+    """Load tables (..., rows, columns) with the trailing columns that planar ones may omit; None for a wrong width.
 
-    pad: appends that many columns of zeros.
+    `pad` appends a number of columns of zeros.
     """
     missing = len(columns) - tables.shape[-1]
     if missing == 0:
@@ -331,7 +328,7 @@ def filled_up(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any
 
 
 def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:
-    """The first column of load tables (..., rows, columns) that names a link that does not exist, or None."""
+    """The first column of load tables (..., rows, columns) with a link that does not exist, or None."""
     for name in LINK_COLUMNS:
         if name in columns:
             links = tables[..., columns.index(name)]
@@ -377,7 +374,7 @@ def _names(*kinds: type) -> str:
 
 
 def _plain(kind: object, value: Any) -> Any:
-    """The value of a field that is annotated so."""
+    """The value of a field of this annotation, in plain numbers."""
     if kind == "int":
         return int(value)
     return float(value) if kind == "float" else tuple(float(each) for each in value)
@@ -396,13 +393,13 @@ def _at(load: Any, n_links: int) -> Row:
 def _at_spatial(load: Any, n_links: int) -> Row:
     """Where a load acts on an arm."""
     point = _triple("load point", load.point, unset=(0.0, 0.0))
-    return {"link": link_index(load.link, n_links), **_along("p", point)}
+    return {"link": link_index(load.link, n_links)} | _along("p", point)
 
 
 def _wrench(force: str, moment: str, load: WorldForce | BodyWrench) -> Row:
     """Force and moment of a load on an arm, in columns of these letters."""
     forces, moments = _triple("load force", load.force), _triple("load moment", load.moment, unset=0.0)
-    return {**_along(force, forces), **_along(moment, moments)}
+    return _along(force, forces) | _along(moment, moments)
 
 
 def _along(letter: str, values: Iterable[float]) -> Row:

@@ -1,4 +1,4 @@
-"""The base class of all mechanisms, and several mechanisms of one kind as one stack of arrays."""
+"""The base class of all mechanisms, and stacks of several mechanisms of one family."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def designs_of(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) ->
 
 
 def distinct(mechanisms: Iterable[_T]) -> tuple[_T, ...]:
-    """The different ones of the mechanisms, in the order in which they come first."""
+    """The distinct mechanisms, in the order of their first occurrence."""
     return tuple(dict.fromkeys(mechanisms))
 
 
@@ -146,7 +146,7 @@ def stack(mechanisms: Sequence[AnyMechanism]) -> Any:
     """The arrays of several mechanisms of one family as one stack; the rows of a batch choose theirs by its index.
 
     Raises:
-        InvalidInput: mechanisms whose numbers of links, of tendons or of joints that a tendon crosses differ.
+        InvalidInput: mechanisms with different numbers of links, tendons or crossed joints.
     """
     first = mechanisms[0]
     for each in mechanisms[1:]:
@@ -157,7 +157,7 @@ def stack(mechanisms: Sequence[AnyMechanism]) -> Any:
 
 
 def members(what: str, values: object, kind: type[_T], least: int = 1, note: str = "") -> tuple[_T, ...]:
-    """The values as a tuple; MechanismError unless they are a list of at least so many objects of that kind."""
+    """The values as a tuple; MechanismError unless they are a list of at least `least` objects of that kind."""
     if not isinstance(values, Iterable):
         raise MechanismError(what, values, f"a list of {kind.__name__} objects")
     found = tuple(values)

@@ -48,7 +48,7 @@ _MESSAGES = {
     Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
 }
 
-_FAR = 1e15  # eigenvalue given to joints that are held
+_FAR = 1e15  # eigenvalue assigned to joints that are held
 
 
 @dataclass(frozen=True, eq=False, repr=False)

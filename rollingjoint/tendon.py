@@ -39,8 +39,8 @@ class Tendon:
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
     Raises:
-        MechanismError: a hole that is neither a point nor OnSurface; an end that is no integer; a stiffness that
-            is not positive.
+        MechanismError: a hole that is neither a point nor OnSurface; an end that is not an integer; a stiffness
+            that is not positive.
     """
 
     holes: Sequence[tuple[Hole, Hole]]
@@ -82,7 +82,7 @@ class BeadTendon:
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
     Raises:
-        MechanismError: a hole that is no point; an end that is no integer; a stiffness that is not positive.
+        MechanismError: a hole that is not a point; an end that is not an integer; a stiffness that is not positive.
     """
 
     holes: Sequence[tuple[float, float]]

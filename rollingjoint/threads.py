@@ -33,7 +33,7 @@ def set_threads(count: int) -> None:
 
 
 def run_in_threads(work: Callable[[int, int], object], n_rows: int, n_joints: int) -> None:
-    """Call work(first, last) on ranges that cover all rows of a batch of chains with so many joints."""
+    """Call work(first, last) on ranges that cover all rows of a batch of chains with n_joints joints."""
     count = max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
     if count == 1:
         work(0, n_rows)

@@ -1,17 +1,17 @@
-"""Mechanisms for the workshop: outlines as DXF and SVG, bodies as STL, an assembly drawing as PDF or PNG.
+"""Manufacturing files of mechanisms: outlines as DXF and SVG, bodies as STL, an assembly drawing as PDF or PNG.
 
 The packages that write these files are imported when a file is written: pip install "rollingjoint[cad]".
 
 Modules:
-    assembly: a mechanism put together: its bodies in their poses.
+    assembly: the bodies of a mechanism in their poses.
     body: bodies of the links: outlines and drilled channels.
     channel: where a tendon's channel runs through a link, and whether it can be drilled.
     command: the options of `rj export`, and its files.
     drawing: the assembly drawing.
     fabrication: how bodies are made: thickness, channels, tolerance.
-    files: all files of an export, or none.
+    files: the files of an export, written all or none.
     flat: DXF and SVG.
-    packages: packages that only an export needs.
+    packages: imports of packages that only an export needs.
     sampling: surfaces as polylines within a tolerance.
     sheet: a sheet of paper in mm.
     solid: bodies as STL.

@@ -1,4 +1,4 @@
-"""A mechanism as it is put together: its bodies in their poses."""
+"""Assemblies: the bodies of a mechanism in their poses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Assembly:
         poses: of its links, (n, 3) [mm, rad].
         making: how the bodies are made.
         bodies: one per link.
-        state: the pose in words.
+        state: a description of the pose.
     """
 
     chain: RollingChain
@@ -49,7 +49,7 @@ class Assembly:
 
     @cached_property
     def first_alike(self) -> list[int]:
-        """For every link the first link that is the same part."""
+        """For every link, the first link that is an identical part."""
         return [next(k for k, other in enumerate(self.bodies) if body.alike(other)) for body in self.bodies]
 
 
@@ -57,15 +57,15 @@ def assemble(mechanism: RollingChain | Equilibrium, making: Fabrication) -> Asse
     """The mechanism's bodies, at s = 0 or in the pose of an equilibrium.
 
     Raises:
-        MechanismError: a link that is no body, or a channel that cannot be drilled.
-        InvalidInput: a batch of equilibria, no planar chain. SolverError: an equilibrium that is not usable.
+        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
+        InvalidInput: a batch of equilibria, or no planar chain. SolverError: an unusable equilibrium.
     """
     if not isinstance(mechanism, Equilibrium):
         chain = planar(mechanism)
         poses = chain.poses(chain.neutral_angles)
         return Assembly(chain, poses, making, bodies(chain, making), "every contact at s = 0")
     if mechanism.poses.ndim != 2:
-        raise InvalidInput("equilibrium", mechanism.poses.shape, "one equilibrium, poses (n, 3)", "Solve one lane.")
+        raise InvalidInput("equilibrium", mechanism.poses.shape, "one equilibrium, poses (n, 3)", "Solve a single row.")
     chain = mechanism.require().chain
     tensions = ", ".join(f"{tension:.3g}" for tension in mechanism.tensions)
     return Assembly(chain, mechanism.poses, making, bodies(chain, making), f"equilibrium at tensions of {tensions} N")

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A link as it is made, in its own frame.
+    """A link as manufactured, in its own frame.
 
     Attributes:
         parent, child: its surfaces from first to last arc length, (k, 2) [mm].
@@ -51,7 +51,7 @@ class Body:
         return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
     def alike(self, other: Body) -> bool:
-        """Whether both are the same part to 1e-9 mm."""
+        """Whether both are identical to 1e-9 mm."""
         pairs = [(self.outline, other.outline), (self._mouths, other._mouths)]
         return all(a.shape == b.shape and bool(np.allclose(a, b, rtol=0.0, atol=1e-9)) for a, b in pairs)
 

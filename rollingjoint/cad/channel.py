@@ -15,7 +15,7 @@ from rollingjoint.errors import MechanismError
 
 Array = NDArray[np.float64]
 
-_BEYOND = 0.05  # mm that a drill runs past the mouths of its channel
+_BEYOND = 0.05  # mm that a drill extends past the mouths of its channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Channel:
         tendon: index of the tendon.
         holes: parent and child hole of the tendon, (2, 2) [mm].
         mouths: where the channel's centre line meets the parent and the child surface, (2, 2) [mm].
-        edges: the same for the two lines at a radius beside it, (2, 2, 2): edge, mouth, point [mm].
+        edges: the same for the two lines a radius to either side of it, (2, 2, 2): edge, mouth, point [mm].
         drill: begin and end of the cylinder that cuts it, beyond both surfaces, (2, 2) [mm].
         diameter: [mm].
     """
@@ -66,7 +66,7 @@ class _Drilling:
     making: Fabrication
 
     def channel(self) -> Channel:
-        """The channel; refuses what cannot be drilled."""
+        """The channel; MechanismError if it cannot be drilled."""
         span, diameter = float(np.hypot(*np.subtract(*self.holes))), self.making.channel_diameter
         if span < diameter:
             allowed = f"at least the diameter, {diameter:g} mm: their line is the channel"

@@ -20,7 +20,7 @@ _SIZES = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options for folder, formats and sizes."""
-    parser.add_argument("--out", required=True, metavar="FOLDER", help="where the files go; made if it is not there")
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the files; created if missing")
     known, default = ", ".join(FORMATS), " ".join(DEFAULT_FORMATS)
     parser.add_argument(
         "--format", nargs="+", default=DEFAULT_FORMATS, metavar="F", help=f"some of {known} (default {default})"
@@ -30,7 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             option, dest=name, type=float, default=default, metavar="MM", help=f"{text} (default {default:g})"
         )
-    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def export_files(mechanism: RollingChain | Equilibrium, args: argparse.Namespace) -> list[Path]:

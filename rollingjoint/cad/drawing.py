@@ -61,7 +61,7 @@ def assembly_drawing(
         path: the file; an existing one is replaced.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
     Raises:
-        MechanismError: a link that is no body, or a channel that cannot be drilled.
+        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
         InvalidInput: a number beyond its range, a suffix that cannot be written, a mechanism too large for a sheet.
         SolverError: an equilibrium that is not usable.
     """
@@ -181,7 +181,7 @@ def _right_edge(outline: Array, y: float) -> float:
 
 
 def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
-    """The part that there is most of, from the front and from the side."""
+    """The most frequent part, from the front and from the side."""
     first = max(assembly.first_alike, key=assembly.first_alike.count)
     body = assembly.bodies[first]
     low, high = body.bounds

@@ -36,18 +36,18 @@ def export(
     wall: float = Fabrication.wall,
     overwrite: bool = False,
 ) -> list[Path]:
-    """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, which says what links are alike.
+    """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, which says which links are identical.
 
     DXF, SVG and STL hold one link per file, in its own frame, in mm; DXF, SVG, PDF and PNG also the assembly.
 
     Args:
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
-        folder: made if it is not there; its parent must be.
+        folder: created if missing; its parent must exist.
         formats: some of FORMATS.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
-        overwrite: replace files that are there.
+        overwrite: replace existing files.
     Raises:
-        MechanismError: a link that is no body, or a channel that cannot be drilled.
+        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
         InvalidInput: unknown formats, numbers beyond their range, files that are there, a package that is missing.
         SolverError: an equilibrium that is not usable.
         OSError: a folder that cannot be written.
@@ -107,7 +107,7 @@ def _plane_files(
 
 
 def _write_parts(path: Path, assembly: Assembly) -> None:
-    """A table of the links: which are the same part, and their sizes."""
+    """A table of the links: which of them are identical, and their sizes."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(_PART)

@@ -1,4 +1,4 @@
-"""The tables of the assembly drawing: sizes of the links, places of the holes."""
+"""The tables of the assembly drawing: sizes of the links, positions of the holes."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def draw_tables(sheet: Sheet, box: Box, assembly: Assembly) -> None:
 
 
 def _shortened(rows: list[list[str]], room: int) -> list[list[str]]:
-    """As many rows as there is room for, the last one saying how many are left out."""
+    """As many rows as fit, the last one saying how many are omitted."""
     if len(rows) <= room:
         return rows
     return [*rows[: room - 1], ["...", f"{len(rows) - room + 1} more", *[""] * (len(rows[0]) - 2)]]
 
 
 def rows_left(box: Box, assembly: Assembly) -> int:
-    """Rows that are free below the holes; negative: rows that find no place."""
+    """Free rows below the holes; negative: rows that do not fit."""
     links = 0 if _two_columns(box) else len(_link_rows(assembly)) + 2
     return int(box.size[1] / ROW) - 1 - links - len(_hole_rows(assembly))
 
@@ -59,7 +59,7 @@ def _hole_rows(assembly: Assembly) -> list[list[str]]:
 
 
 def different_parts(assembly: Assembly) -> list[tuple[int, list[int]]]:
-    """For every different part its first link, and all links that are it."""
+    """For every distinct part, its first link and all its links."""
     alike = assembly.first_alike
     return [(first, [i for i, k in enumerate(alike) if k == first]) for first in sorted(set(alike))]
 
@@ -76,5 +76,5 @@ def ranges(links: Sequence[int]) -> str:
 
 
 def millimetres(length: float) -> str:
-    """A length in mm to 0.01 mm, without needless zeros."""
+    """A length in mm to 0.01 mm, without trailing zeros."""
     return f"{round(float(length), 2) + 0.0:.2f}".rstrip("0").rstrip(".")

@@ -14,7 +14,8 @@ from rollingjoint.statics.batch import Start
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
-_IDLE = (*(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits")
+# Options that have no effect unless an equilibrium is solved
+_SOLVING = *(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits"
 
 
 def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
@@ -24,18 +25,17 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
     actuation.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tendon tensions [N]")
     actuation.add_argument("--lengths", nargs="+", type=float, metavar="L", help="tendon lengths [mm]")
     parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
-    parser.add_argument(
-        "--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help="range a motor holds [N], for --lengths"
-    )
+    text = "minimum and maximum tendon tension [N], for --lengths"
+    parser.add_argument("--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help=text)
     loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
     for option in OPTIONS:
         names, text = ("LINK", option.metavar), option.help
         loads.add_argument(
             _option(option.name), nargs="+", type=float, metavar=names, action="append", default=[], help=text
         )
-    text = "weight of all links, or of each [N]; of an arm no number: beads have weights of their own"
+    text = "weight of all links, or of each [N]; without numbers for an arm, whose beads have weights of their own"
     loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
-    text = "default 0 -1, of an arm 0 0 -1: it stands; it hangs with 0 0 1"
+    text = "default 0 -1, for an arm 0 0 -1 (it stands; 0 0 1 lets it hang)"
     loads.add_argument("--gravity-direction", nargs="+", type=float, metavar="X", help=text)
     text = "contact points [mm], or hinge angles of an arm [rad], to start from"
     parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
@@ -45,18 +45,18 @@ def actuated(args: argparse.Namespace) -> bool:
     """Whether tensions or lengths are given.
 
     Raises:
-        InvalidInput: none are, beside an option that needs them and must not be dropped in silence.
+        InvalidInput: neither is, but an option that needs one of them is.
     """
     if args.tensions is not None or args.lengths is not None:
         return True
-    for name in _IDLE:
+    for name in _SOLVING:
         if getattr(args, name) not in (None, []) or (name == "gravity" and args.gravity is not None):
             raise InvalidInput(_option(name), getattr(args, name), "--tensions or --lengths beside it")
     return False
 
 
 def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
-    """The Equilibrium or HingeEquilibrium that the options ask for."""
+    """The Equilibrium or HingeEquilibrium that the options define."""
     loads, start = _loads(args, mechanism), _start(args, mechanism)
     if args.tensions is not None:
         if args.method or args.tension_limits:
@@ -80,9 +80,7 @@ def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
     loads = [
         option.make(link, numbers)
         for option in OPTIONS
-        for link, numbers in _each(
-            args, option, option.spatial if family.dimension == 3 else option.numbers, mechanism.n_links
-        )
+        for link, numbers in _each(args, option, option.names(family.dimension), mechanism.n_links)
     ]
     return loads + _gravity(args, mechanism, family)
 

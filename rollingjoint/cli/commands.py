@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = args.run(args)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # the reader, such as head, has seen enough: say nothing
+    except BrokenPipeError:  # the reader, such as head, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except (InvalidInput, OSError) as error:
@@ -132,7 +132,7 @@ def _draw(what: AnyMechanism | Solution, path: str) -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """A parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(WRONG_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
@@ -159,13 +159,13 @@ def _parser() -> argparse.ArgumentParser:
     add_case(solve, required=True)
     solve.add_argument("--friction", type=float, metavar="MU", help=f"for slip margins (default {report.FRICTION:g})")
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
-    solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix says the format")
+    solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
     plot = commands.add_parser("plot", help="picture of a mechanism, at rest or in equilibrium")
     add_case(plot, required=False)
-    plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix says the format")
+    plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")
     plot.set_defaults(run=_plot)
-    export = commands.add_parser("export", help="files for the workshop: DXF, SVG, STL and an assembly drawing")
+    export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL and an assembly drawing")
     add_case(export, required=False)
     command.add_options(export)
     export.set_defaults(run=_export)

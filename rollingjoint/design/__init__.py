@@ -1,12 +1,12 @@
 """Designing mechanisms: design spaces, objectives, and problems that a search can solve.
 
-Needs torch, which nothing else in the project imports with it; docs/design.md shows it.
+Needs torch, which `import rollingjoint` does not load; see docs/design.md.
 
 Modules:
     comparison: objectives of any mechanism; Pareto-optimal designs.
     curve: matrices from knot values to curvature, turning and points.
-    faults: validity by an independent check.
-    inverse: a mechanism back to the numbers of a design.
+    faults: an independent check of validity.
+    inverse: from a mechanism back to the numbers of its design.
     loads: objectives under lateral forces: stiffness, load capacity, peak tension.
     margins: validity as smooth margins.
     numbers: the numbers of designs, and how links share them.

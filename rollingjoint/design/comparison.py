@@ -21,7 +21,7 @@ def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
     """Values of objectives of one mechanism, which need not lie in a design space, (objectives,).
 
     Raises:
-        InvalidInput: another number of tendons or links than the objectives are for.
+        InvalidInput: a number of tendons or links that does not fit the objectives.
         SolverError: no stable equilibrium in one of their cases.
     """
     chain = DifferentiableChain.from_mechanism([mechanism])
@@ -36,11 +36,11 @@ def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
 
 
 def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool_]:
-    """Which rows no other row beats, (B,): none is as good in every column and better in one.
+    """Which rows are Pareto-optimal, (B,): no other row is as good in every column and better in one.
 
     Args:
-        values: (B, k); rows with a NaN are beaten.
-        maximise: whether more is better, of every column.
+        values: (B, k); rows with a NaN are not Pareto-optimal.
+        maximise: for every column, whether more is better.
     Raises:
         InvalidInput: shapes that disagree.
     """

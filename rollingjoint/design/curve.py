@@ -18,7 +18,7 @@ from rollingjoint.profile import Profile
 
 Array = NDArray[np.float64]
 
-_CELLS = 32  # at least so many over a surface
+_CELLS = 32  # at least this many over a surface
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
@@ -72,7 +72,7 @@ class Curve:
 
 @functools.lru_cache
 def curve(knots: int, kind: str, symmetric: bool) -> Curve:
-    """The curve through so many knots; of a symmetric one those at s >= 0 are free."""
+    """The curve through that many knots; if symmetric, those at s >= 0 are free."""
     breaks = np.linspace(-1.0, 1.0, knots)
     half = knots // 2
     free = np.abs(np.arange(knots)[:, None] - half) == np.arange(half + 1) if symmetric else np.eye(knots)
@@ -84,7 +84,7 @@ def curve(knots: int, kind: str, symmetric: bool) -> Curve:
     grid[cells // 2] = 0.0
     inside = 0.5 * (grid[:-1] + grid[1:])[:, None] + 0.5 * np.diff(grid)[:, None] * _NODES
 
-    first = cells // 2 if symmetric else 0  # of the cells that are looked at
+    first = cells // 2 if symmetric else 0  # of the sampled cells
 
     def matrix(values: list[Array]) -> Tensor:
         return torch.as_tensor(np.stack(values, -1))

@@ -1,6 +1,6 @@
 """Faults that keep a mechanism from being manufactured: an independent check of the margins.
 
-It reads the exact surfaces of a mechanism, finely sampled, and looks up nearest points in trees; no torch.
+It reads the exact surfaces of a mechanism, finely sampled, and finds nearest points with trees; it needs no torch.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from rollingjoint.tendon import OnSurface
 Array = NDArray[np.float64]
 
 LEAST_CURVATURE = 0.003
-"""Least relative curvature of a joint [1/mm]; where there is none, the contact runs away."""
+"""Least relative curvature of a joint [1/mm]; without any, the contact would run away."""
 
 _STEP = 0.05  # mm between points of a surface
 _CONTACTS = 25  # of a joint, from end to end
-_DEPTH = 1e-3  # mm; less of an overlap is rounding of the sampled surfaces
+_DEPTH = 1e-3  # mm; a smaller overlap is rounding of the sampled surfaces
 
 
 def faults(mechanism: RollingChain, smallest_radius: float, wall: float) -> list[str]:
     """What is wrong with a mechanism; empty if it can be made.
 
     Args:
-        mechanism: links, surfaces and tendons; that its links can roll on each other and no holes cross has been
-            checked when it was built.
-        smallest_radius: that can be machined [mm].
-        wall: least material [mm].
+        mechanism: links, surfaces and tendons; building it has checked that its links can roll on each other
+            and that no holes cross.
+        smallest_radius: smallest radius that can be machined [mm].
+        wall: minimum wall thickness [mm].
     """
     return [
         *_relative_curvatures(mechanism),

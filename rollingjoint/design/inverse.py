@@ -17,7 +17,7 @@ _TOLERANCE = 1e-9  # mm, rad, and of curvatures × half width
 
 
 def read(mechanism: RollingChain, n_links: int, alike: bool, places: Array) -> dict[str, Array]:
-    """The numbers of a design that a mechanism would be, by name.
+    """The numbers of the design of a mechanism, by name.
 
     Args:
         mechanism: to read.
@@ -44,7 +44,7 @@ def read(mechanism: RollingChain, n_links: int, alike: bool, places: Array) -> d
 
 
 def compare(mechanism: RollingChain, design: DifferentiableChain) -> None:
-    """Raise InvalidInput where a mechanism is not the design that was read off it."""
+    """Raise InvalidInput unless a mechanism is the design that was read from it."""
     numbers = {
         name: getattr(design, name).numpy() for name in ("breaks", "coefficients", "starts", "angles", "hole_arcs")
     }

@@ -1,6 +1,6 @@
 """Objectives under a lateral force at the tip: stiffness, load capacity, peak tension.
 
-The force stands perpendicular to the axis of the tip link as it is without load, and keeps that direction (a dead
+The force is perpendicular to the axis of the tip link as it is without load, and keeps that direction (a dead
 load at the link's origin). Cases with a load start from the pose without it.
 """
 
@@ -24,18 +24,18 @@ from rollingjoint.design.objectives import (
 from rollingjoint.differentiable import DifferentiableChain, solve_lengths, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 
-_SMALLEST_MOVE = 1e-6  # mm; a tip that gives way by less is taken to give way by so much
-_STIFFEST = 1e9  # N·mm/rad; stands for the eigenvalue of a chain whose joints are all held
+_SMALLEST_MOVE = 1e-6  # mm; smaller deflections of the tip count as this
+_STIFFEST = 1e9  # N·mm/rad; the eigenvalue of a chain whose joints are all held
 
 
 @dataclass(frozen=True)
 class LateralStiffness:
     """Lateral force over the deflection of the tip at given tensions, the least over poses and sides [N/mm].
 
-    Solved: the equilibrium without load under each pair of tensions; under the same tensions, which are held, that
-    with a force on either side of the tip. Measured: the force over the displacement of the tip along it (a secant).
-    Joints at the end of a surface do not yield; a pose in which all joints are held counts as stiff: one part in 1e6 of
-    a millimetre at most.
+    Solved: the equilibrium without load under each pair of tensions; under the same, constant tensions, the
+    equilibrium with a force on either side of the tip. Measured: the force over the displacement of the tip along it
+    (a secant). Joints at the end of a surface do not yield; a pose in which all joints are held counts as a deflection
+    of 1e-6 mm.
     Source: docs/theory.md, sections 3 and 5.
 
     Args:
@@ -73,7 +73,7 @@ class PeakTension:
 
     Solved: the equilibrium without load under the given tensions; then the tendons are locked at their unstretched
     lengths l - tension / stiffness there, and the equilibrium with the force on either side is that of elastic tendons
-    of these lengths. Measured: the largest tension over sides and tendons. A tendon that goes slack is slack.
+    of these lengths. Measured: the largest tension over sides and tendons. Tendons may go slack.
     Source: docs/theory.md, section 4.
 
     Args:
@@ -114,7 +114,7 @@ class LoadCapacity:
     - friction × normal - |tangential| contact force;
     - the distance of the contact from either end of the surfaces, less `reserve`.
 
-    A level without a stable equilibrium (snap-through) is no failure of the design but beyond its capacity: there the
+    A level without a stable equilibrium (snap-through) is not a failed design but beyond its capacity: there the
     smallest eigenvalue of the stiffness counts as the negative of that without load, and its zero in between as the
     capacity. 0 where a margin is negative without load; `force` where none ever is: neither has a gradient.
     Source: docs/theory.md, section 5.
@@ -162,7 +162,7 @@ class LoadCapacity:
         return Measured(self.force / self.levels * _first_zero(series).flatten(1).amin(-1), free.ok[:, 0, 0])
 
     def _margins(self, found: Equilibria, chain: DifferentiableChain) -> Tensor:
-        """What must not be negative, (..., 4 J + 1): N, N, mm, mm; the last the smallest eigenvalue [N·mm/rad]."""
+        """The margins, (..., 4 J + 1): N, N, mm, mm, and last the smallest eigenvalue [N·mm/rad]."""
         s, breaks = found.arc_lengths, chain.breaks
         first = torch.maximum(breaks[..., :-1, 1, 0], breaks[..., 1:, 0, 0])
         last = torch.minimum(breaks[..., :-1, 1, -1], breaks[..., 1:, 0, -1])

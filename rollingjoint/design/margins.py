@@ -1,8 +1,8 @@
 """Validity of designs as smooth margins: five numbers that are 0 or more for a design that can be built.
 
-Each is a smooth minimum, from below, over dense samples of every joint or link. docs/design.md says what they mean.
-The samples are made as powers, -100 times what they say, so that a matrix product can make them with all constants.
-Of surfaces that are even in s those samples are left out whose mirror images are there, which count twice.
+Each is a smooth minimum, from below, over dense samples of every joint or link. docs/design.md explains them.
+Samples are computed as exponents, -100 times their values, so that a matrix product includes all constants. Surfaces
+that are even in s are sampled on one side only, and these samples count twice.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ MARGINS = ("rolling", "clearance", "radius", "holes", "thickness")
 
 _SHARPNESS = 100.0
 _BLOCK = 512
-_CONTACT_STEP = 4  # cells between the contacts at which a joint is looked at
-_PAIR_STEP = 2  # cells between the points of which all pairs are looked at
+_CONTACT_STEP = 4  # cells between the sampled contacts of a joint
+_PAIR_STEP = 2  # cells between the points whose pairs are sampled
 _CHORD = 0.15  # least distance of two points over their distance along the surfaces
 _ROUNDING = 1e-9  # of places
 _CLEARANCE = 0.3  # least distance of the surfaces over that of surfaces with the least curvature
 
 
 def margins(numbers: Numbers, smallest_radius: float, wall: float) -> Tensor:
-    """The margins of designs, (B, len(MARGINS)). Blocks of designs go one after the other: they stay in the cache."""
+    """The margins of designs, (B, len(MARGINS)). Designs are processed in blocks that fit into the cache."""
     blocks = [_block(numbers.rows(i, i + _BLOCK), smallest_radius, wall) for i in range(0, len(numbers.hole), _BLOCK)]
     return torch.cat(blocks) if blocks else torch.empty(0, len(MARGINS), dtype=torch.float64)
 
@@ -75,7 +75,7 @@ class _Sampled:
 
 
 def _counts(places: Tensor, symmetric: bool) -> Tensor:
-    """Logarithm of how often samples count that are looked at for s >= 0 only, if symmetric: twice where s > 0."""
+    """Logarithm of how often each sample counts; if symmetric, only s >= 0 is sampled: twice where s > 0."""
     return torch.log(1.0 + (places > _ROUNDING).to(torch.float64) * symmetric)
 
 
@@ -93,7 +93,7 @@ def _radius(sampled: _Sampled, smallest_radius: float) -> Tensor:
 
 
 class _Places(NamedTuple):
-    """At which contacts and places joints are looked at.
+    """The contacts and places at which joints are sampled.
 
     Attributes:
         contacts: on the grid, (C,).

@@ -1,7 +1,7 @@
 """Objectives of a design: bending shapes, tip travel and rotation, tendon travel.
 
 Every objective solves its equilibria for all designs and cases in one call. Where one of them fails, `ok` is False and
-the value is finite, of no meaning and without a gradient. Objectives with lateral forces are in loads.py.
+the value is finite but meaningless, without a gradient. Objectives with lateral forces are in loads.py.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.errors import InvalidInput
-from rollingjoint.load import WorldForce
+from rollingjoint.load import LOAD_COLUMNS, WorldForce, pair_columns
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
 
-_SMALLEST_ROTATION = 1e-6  # rad; a tip that turns by less is taken to turn by so much
+_SMALLEST_ROTATION = 1e-6  # rad; smaller rotations of the tip count as this
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -37,11 +37,11 @@ class Measured(NamedTuple):
 
 
 class Objective(Protocol):
-    """A number by which designs are judged."""
+    """A number that describes a design."""
 
     @property
     def name(self) -> str:
-        """What it is called in tables."""
+        """Its name in tables."""
 
     @property
     def unit(self) -> str:
@@ -57,15 +57,15 @@ class Objective(Protocol):
 
 @dataclass(frozen=True)
 class BendingShapes:
-    """Root mean square distance of the link origins from wanted places over a family of inputs [mm].
+    """Root mean square distance of the link origins from desired positions over a family of inputs [mm].
 
     Solved: the equilibrium under each pair of tensions and a dead force at the origin of the tip link, from s = 0.
-    Measured: the distance of the origin of every moving link from its place, over all links and inputs.
+    Measured: the distance of the origin of every moving link from its desired position, over all links and inputs.
     Source: docs/theory.md, section 3.
 
     Args:
         tensions: of the tendons in every case, (K, m) [N].
-        positions: wanted link origins, the base's first, (K, n, 2) [mm].
+        positions: desired link origins, the base's first, (K, n, 2) [mm].
         forces: on the tip in every case, (K, 2) [N]; default none.
     Raises:
         InvalidInput: no case, numbers that are not finite, tendons that push or are all slack, shapes that disagree.
@@ -149,7 +149,7 @@ class TipTravel(_Sweep):
     """Length of the tip's path over a sweep of tension ratios [mm], the workspace of a mechanism with two tendons.
 
     Solved: the equilibrium without loads under each pair of tensions; only their ratio matters for it.
-    Measured: the sum of the chords between the tip's places. A joint that has run to the end of its surface is held
+    Measured: the sum of the chords between the tip's positions. A joint that has run to the end of its surface is held
     there and turns no further: such equilibria count, and the path ends where no joint is left to move.
     Source: docs/theory.md, sections 3 and 5.
 
@@ -192,8 +192,8 @@ class TipRotation(_Sweep):
 class TendonTravel(_Sweep):
     """How far a motor must move its tendon over a sweep of tension ratios [mm, or mm/rad].
 
-    Solved: as for `TipTravel`. Measured: the range of the unstretched length l - tension / stiffness of a tendon, of
-    the one that must be moved most. A mechanism that does not bend needs next to none: meant as a limit, beside
+    Solved: as for `TipTravel`. Measured: the range of the unstretched length l - tension / stiffness for the
+    tendon that must move most. A mechanism that does not bend needs next to none: use it as a limit, beside
     `TipRotation`, or per radian of the tip's range.
     Source: docs/theory.md, section 4.
 
@@ -224,10 +224,11 @@ class TendonTravel(_Sweep):
 
 
 def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
-    """Load tables with one dead force at the origin of the tip link, (..., 1, 11), of forces (..., 2) [N]."""
-    table = torch.nn.functional.pad(forces, (3, 6))[..., None, :]
+    """Load tables with one dead force at the origin of the tip link, (..., 1, columns), of forces (..., 2) [N]."""
+    (place,) = pair_columns("f")
+    table = torch.nn.functional.pad(forces, (place.start, len(LOAD_COLUMNS) - place.stop))[..., None, :]
     link = torch.zeros(table.shape[-1], dtype=table.dtype, device=table.device)
-    link[0] = chain.n_links - 1
+    link[LOAD_COLUMNS.index("link")] = chain.n_links - 1
     return table + link
 
 
@@ -249,7 +250,7 @@ def checked_tensions(what: str, values: ArrayLike | Rows) -> NDArray[np.float64]
 
 
 def _finite(what: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Finite numbers of a shape, of which None is any size but 0."""
+    """Finite numbers of a shape, where None is any size but 0."""
     sizes = ", ".join("any" if size is None else str(size) for size in shape)
     allowed = f"finite numbers of shape ({sizes}), at least one"
     numbers = as_floats(what, values, allowed)

@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 Result = TypeVar("Result")
 
 FAILED = 100.0
-"""Cost of a design that cannot be judged, and violation of numbers that are no design."""
+"""Cost of a design without an equilibrium, and violation of a vector that is not finite."""
 
-_CHUNK = 1024  # designs are solved together at most; measured, docs/design.md
-_FARTHEST = 1e6  # entries of a vector, and what counts of a violation, end here
+_CHUNK = 1024  # most designs that are solved together; measured, docs/design.md
+_FARTHEST = 1e6  # entries of vectors and margins are clipped to this
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds that an objective must keep to; violated by the excess over the bound's size (or over 1, if that is 0).
+    """Bounds of an objective; violated by the excess over the bound's size (or over 1, if that is 0).
 
     Raises:
         InvalidInput: NaN, bounds in the wrong order.
@@ -72,26 +72,26 @@ class Limit:
             raise InvalidInput("limit", (self.low, self.high), "low <= high, at least one of them finite")
 
     def slacks(self, values: Tensor) -> list[Tensor]:
-        """How far values are inside each finite bound, relative to its size, (B,) each; negative where it is broken."""
+        """Slack of values to each finite bound, relative to its size, (B,) each; negative where it is violated."""
         sides = ((values - self.low, self.low), (self.high - values, self.high))
         return [inside / (abs(bound) or 1.0) for inside, bound in sides if math.isfinite(bound)]
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What designs are worth, rows as they came.
+    """An evaluation of designs, in the order in which they were given.
 
     Attributes:
         x: vectors of the designs, (B, d).
-        values: of the objectives, physical, (B, terms); of no meaning where not `ok`.
+        values: of the objectives, physical, (B, terms); meaningless where not `ok`.
         limited: of the objectives with limits, (B, limits).
         margins: of the space, (B, margins), 0 or more for a design that can be built.
-        violation: sum of what margins, limits and the box are broken by, (B,), 0 or more.
+        violation: sum of the violations of margins, limits and the box, (B,), 0 or more.
         ok: every equilibrium was found, (B,).
         feasible: ok and no violation, (B,).
-        cost: what a search makes small, (B,), always finite.
+        cost: what a search minimises, (B,), always finite.
         worth: the sum of the terms, without the penalty, or `FAILED`, (B,).
-        constraints: the margins, then how far every limit is kept, relative, (B, constraints), 0 or more where kept.
+        constraints: the margins, then the relative slack of every limit, (B, constraints), 0 or more where satisfied.
     """
 
     x: Array
@@ -106,22 +106,22 @@ class Evaluation:
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """Rows that are ok and violate nothing."""
+        """Rows that are ok and have no violation."""
         return self.ok & (self.violation == 0)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Designs of a space, judged.
+    """A design space with the objectives and limits of its designs.
 
-    The cost of a design is the sum of its terms, and on top penalty × (v + v²) of its violation v: an exact penalty,
-    which is least at a feasible design when `penalty` is larger than what a unit of violation gains. A design that has
-    no equilibrium costs `FAILED` in place of the terms, and its gradient is that of its violation.
+    The cost of a design is the sum of its terms plus penalty × (v + v²) of its violation v: an exact penalty, whose
+    minimum is feasible when `penalty` is larger than what a unit of violation gains. A design without an equilibrium
+    costs `FAILED` in place of the terms, and its gradient is that of its violation.
 
     Args:
         space: of the designs.
         objectives: the terms of the cost.
-        limits: what the designs must keep to beside the margins of the space.
+        limits: limits on objectives, beside the margins of the space.
         penalty: of a unit of violation, above 0.
     Raises:
         InvalidInput: neither an objective nor a limit, a penalty that is not above 0.
@@ -151,19 +151,19 @@ class Problem:
         return tuple(dict.fromkeys(judges))
 
     def evaluate(self, x: ArrayLike, threads: int = 1) -> Evaluation:
-        """What designs are worth; a row does not depend on the others beyond rounding.
+        """The evaluation of designs; a row does not depend on the others beyond rounding.
 
         Args:
-            x: vectors, (B, d), any numbers; beyond [-1, 1] lies the design at the border, which violates the box.
-            threads: Python threads that share the rows.
+            x: vectors, (B, d), any numbers; beyond [-1, 1] the design is that at the border, and violates the box.
+            threads: number of Python threads.
         Raises:
-            InvalidInput: no table of d columns, threads below 1.
+            InvalidInput: x without d columns, threads below 1.
         """
         rows = self._rows(x)
         return _evaluation(rows, _chunked(self._without_gradient, rows, threads))
 
     def with_gradient(self, x: ArrayLike, threads: int = 1) -> tuple[Evaluation, Array]:
-        """What designs are worth, and the gradient of their cost, (B, d).
+        """The evaluation of designs, and the gradient of their cost, (B, d).
 
         Args:
             x, threads: as for `evaluate`.
@@ -176,7 +176,7 @@ class Problem:
         return _evaluation(rows, [found for found, _ in judged]), gradient
 
     def with_jacobian(self, x: ArrayLike) -> tuple[Evaluation, Array]:
-        """What designs are worth, and the Jacobian of worth and constraints, (B, 1 + constraints, d).
+        """The evaluation of designs, and the Jacobian of worth and constraints, (B, 1 + constraints, d).
 
         Args:
             x: as for `evaluate`.
@@ -188,7 +188,7 @@ class Problem:
         return _evaluation(rows, [found for found, _ in judged]), np.concatenate([part for _, part in judged])
 
     def against(self, mechanism: RollingChain) -> Array:
-        """Values of the objectives of a given mechanism, to compare designs with; raises as `measure`."""
+        """Values of the objectives for a given mechanism, for comparison with designs; raises as `measure`."""
         return measure(mechanism, [term.objective for term in self.objectives])
 
     def _rows(self, x: ArrayLike) -> Array:
@@ -209,7 +209,7 @@ class Problem:
         return judged.detached(), torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
     def _with_jacobian(self, x: Tensor) -> tuple[_EvaluationTensors, Array]:
-        """Every row stands there once for each part, so that one pass back is enough."""
+        """Each row is repeated once per output, so that one backward pass is enough."""
         bounds = [bound for limit in self.limits for bound in (limit.low, limit.high)]
         count = 1 + len(MARGINS) + sum(map(math.isfinite, bounds))
         leaf = x.repeat_interleave(count, 0).requires_grad_()
@@ -222,7 +222,7 @@ class Problem:
         return judged.detached()[::count], jacobian.numpy()
 
     def _tensors(self, x: Tensor) -> _EvaluationTensors:
-        """Rows of designs as tensors."""
+        """The evaluation of designs as tensors."""
         known = torch.isfinite(x).all(-1)
         vector = torch.where(known[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
         chain = self.space.chain(vector)
@@ -237,8 +237,8 @@ class Problem:
         )
         slacks = [slack for limit, column in zip(self.limits, limited.T, strict=True) for slack in limit.slacks(column)]
         constraints = torch.cat([margins, *(torch.where(ok, slack, 0.0)[:, None] for slack in slacks)], 1)
-        broken = torch.relu(-constraints).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
-        violation = torch.where(known, broken, FAILED)
+        violated = torch.relu(-constraints).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
+        violation = torch.where(known, violated, FAILED)
         factors = torch.tensor([term.factor for term in self.objectives], dtype=torch.float64)
         worth = torch.where(ok, values @ factors, FAILED)
         cost = worth + self.penalty * (violation + violation.square())
@@ -268,7 +268,7 @@ class _EvaluationTensors:
 
 
 def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
-    """What `work` makes of the rows, chunk by chunk, on so many threads."""
+    """The results of `work` for chunks of the rows, on that many threads."""
     threads = as_integer("threads", threads, 1, allowed="a whole number, 1 or more")
     chunks = torch.as_tensor(rows).split(min(_CHUNK, -(-len(rows) // threads)))
     if threads == 1:

@@ -1,4 +1,4 @@
-"""Fields of a design space: checked, with lists as tuples."""
+"""Checks of the fields of a design space; lists become tuples."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ _MOST_DRAWN = 100_000
 
 
 class _Part(NamedTuple):
-    """Some of the numbers of a design: what they are called, and the range of each."""
+    """Some of the numbers of a design: their labels, and the range of each."""
 
     labels: tuple[str, ...]
     range: Range
@@ -49,7 +49,7 @@ class _Part(NamedTuple):
 class DesignSpace:
     """Chains of links with two tendons, left and right from base to tip, as vectors in the box [-1, 1]^d.
 
-    A range (low, high) with low == high is a constant and gives no dimension. In the vector, -1 is low and 1 is high.
+    A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.
     Coordinates beyond the box count as its border. Links and surfaces count from the base, 0. Where links are not
     alike, the surfaces that roll on nothing (parent of the base, child of the tip) mirror the other one of their link.
 
@@ -65,8 +65,8 @@ class DesignSpace:
         stiffness: of the tendons [N/mm].
         symmetric: curvature even in s, angles 0, holes mirrored.
         alike: all links alike; else each rolling surface and the height of each link is its own.
-        smallest_radius: least radius of curvature that can be machined [mm].
-        wall: least material beside a hole and between the surfaces of a link [mm].
+        smallest_radius: smallest radius of curvature that can be machined [mm].
+        wall: minimum material beside a hole and between the surfaces of a link [mm].
     Raises:
         ConfigError: a value out of its range.
     """
@@ -161,7 +161,7 @@ class DesignSpace:
 
         Raises:
             MechanismError: the design is not valid.
-            InvalidInput: no vector of the box.
+            InvalidInput: a vector outside the box.
         """
         vector = as_floats("x", x, f"{self.dimensions} numbers in [-1, 1]")
         if vector.shape != (self.dimensions,) or not np.all(np.abs(vector) <= 1.0 + 1e-9):

@@ -20,7 +20,7 @@ _solved: ContextVar[dict[object, Equilibria] | None] = ContextVar("solved", defa
 def shared_sweeps() -> Iterator[None]:
     """A context, of one thread, in which a sweep of a chain is solved once for all objectives.
 
-    They then share one graph: go backwards from their sum, or with `retain_graph`. Nothing is kept after the context.
+    They then share one graph: differentiate their sum, or use `retain_graph`. Nothing is kept after the context.
     """
     token = _solved.set({})
     try:

@@ -1,4 +1,4 @@
-"""Lanes of a differentiable problem through the compiled solver, which builds their mechanisms."""
+"""Rows of a differentiable batch through the compiled solver, which builds their mechanisms."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from rollingjoint.solution import Status
 
 
 def solve_compiled(
-    design: DifferentiableChain, law: Law, loads: Tensor, starts: Tensor, lanes: Tensor
+    design: DifferentiableChain, law: Law, loads: Tensor, starts: Tensor, mask: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Equilibria of the chosen lanes.
+    """Equilibria of some rows of a batch.
 
     Args:
-        design: with leading axes that broadcast to those of the lanes.
+        design: with leading axes that broadcast to those of the mask.
         law: tendon law, (..., m) each.
         loads: load tables, (..., rows, columns).
         starts: joint angles, (..., J) [rad].
-        lanes: which lanes to solve, (...).
+        mask: which rows to solve, (...).
     Returns:
         joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...), that of
-        a mechanism that cannot be built being INVALID_INPUT. Other lanes keep their starts.
+        a mechanism that cannot be built being INVALID_INPUT. Other rows keep their starts.
     """
-    places = torch.arange(design.batch.numel(), device=lanes.device).reshape(design.batch).expand(lanes.shape)[lanes]
+    places = torch.arange(design.batch.numel(), device=mask.device).reshape(design.batch).expand(mask.shape)[mask]
     built = {place: _built(design, place) for place in places.unique().tolist()}
-    known = torch.tensor([built[place] is not None for place in places.tolist()], device=lanes.device)
-    lanes = lanes.clone()
-    lanes[lanes.clone()] = known
+    known = torch.tensor([built[place] is not None for place in places.tolist()], device=mask.device)
+    mask = mask.clone()
+    mask[mask.clone()] = known
     phi, held = starts.clone(), torch.zeros_like(starts, dtype=torch.bool)
-    status = torch.full(lanes.shape, int(Status.INVALID_INPUT), device=lanes.device)
-    if not bool(lanes.any()):
+    status = torch.full(mask.shape, int(Status.INVALID_INPUT), device=mask.device)
+    if not bool(mask.any()):
         return phi, held, status
     mechanisms = tuple(chain for place in places[known].tolist() if (chain := built[place]) is not None)
 
     def rows(values: Tensor, axes: int = 1) -> np.ndarray:
         own = values.shape[values.ndim - axes :]
-        return np.ascontiguousarray(values.detach().expand(*lanes.shape, *own)[lanes].cpu().numpy())
+        return np.ascontiguousarray(values.detach().expand(*mask.shape, *own)[mask].cpu().numpy())
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
     equilibrium = PLANAR.solve_batch(mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin)
-    phi[lanes] = torch.as_tensor(equilibrium.joint_angles).to(phi)
-    held[lanes] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
-    status[lanes] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)
+    phi[mask] = torch.as_tensor(equilibrium.joint_angles).to(phi)
+    held[mask] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
+    status[mask] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)
     return phi, held, status
 
 

@@ -1,4 +1,4 @@
-"""A mechanism, or many alike, as tensors: what equilibria can be differentiated by."""
+"""Mechanisms as tensors, by which equilibria can be differentiated."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (pare
     "stiffnesses": ("m",),
 }
 _OF_SURFACES = ("breaks", "coefficients", "starts", "angles")
-_MOST_TURN = 50.0  # rad; a piece that may turn by more is no surface
+_MOST_TURN = 50.0  # rad; a piece that may turn by more is not a surface
 _SAMPLES = 9  # of the relative curvature in every piece
 
 
@@ -38,8 +38,8 @@ class DifferentiableChain:
     """Mechanisms with as many links, tendons and crossed joints as one another, as tensors of double precision.
 
     Every field may have leading axes; together they broadcast to `batch`. Links count from the base, surfaces are
-    (parent, child). What is not a surface's own (pieces of no length at the end, numbers of a hole of the other kind)
-    is there and has no effect.
+    (parent, child). Padding (pieces of zero length at the end, numbers of a hole of the other kind) has no
+    effect.
 
     Args:
         breaks: borders of the pieces of every curvature, (..., n, 2, p + 1) [mm].
@@ -95,7 +95,7 @@ class DifferentiableChain:
             requires_grad: names of the parameters to differentiate by.
             device: where the tensors are.
         Raises:
-            InvalidInput: mechanisms that differ in their numbers or are no planar chains; a name that is no parameter.
+            InvalidInput: mechanisms of different structure, or not planar chains; a name that is not a parameter.
         """
         chains = [planar(each) for each in (mechanism if isinstance(mechanism, Sequence) else [mechanism])]
         profiles = [s.profile for chain in chains for link in chain.links for s in (link.parent, link.child)]
@@ -147,7 +147,7 @@ class DifferentiableChain:
         """A copy with other parameters; numbers and tensors of other types become double precision.
 
         Raises:
-            InvalidInput: a name that is no parameter, shapes that disagree.
+            InvalidInput: a name that is not a parameter, shapes that disagree.
         """
         for name in changes:
             if name not in PARAMETERS:
@@ -219,7 +219,7 @@ class DifferentiableChain:
         return [self.mechanism(place) for place in range(self.batch.numel())]
 
     def mechanism(self, place: int = 0) -> RollingChain:
-        """One design as a mechanism, by its place in the flattened batch. Those asked for last are kept.
+        """One design as a mechanism, by its place in the flattened batch. The latest ones are cached.
 
         Raises:
             MechanismError: it cannot be built.
@@ -252,7 +252,7 @@ def _rolling(design: DifferentiableChain) -> Tensor:
 
 
 def _rolling_alike(design: DifferentiableChain, lengths: Tensor, inside: Tensor) -> Tensor:
-    """The same for joints whose two surfaces have the same pieces, of these lengths (..., J, p)."""
+    """`_rolling` for joints whose two surfaces have the same pieces, of these lengths (..., J, p)."""
     degrees = torch.arange(design.coefficients.shape[-1]).to(inside)
     relative = design.coefficients[..., :-1, 1, :, :] - design.coefficients[..., 1:, 0, :, :]
     samples = (relative * lengths[..., None] ** degrees) @ (inside ** degrees[:, None])
@@ -287,7 +287,7 @@ def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.nda
         "hole_arcs": hole_arcs,
         "stiffnesses": chain.stiffnesses.copy(),
         "on_surface": on_surface,
-        "crossed": np.array([tendon.last_link(n) for tendon in chain.tendons]),
+        "crossed": np.array(chain.last_links),
     }
 
 

@@ -16,10 +16,10 @@ from rollingjoint.solution import Status
 
 @dataclass(frozen=True, eq=False)
 class Equilibria:
-    """Equilibria of many lanes; names, shapes and units as in `rollingjoint.Equilibrium`, with leading axes of lanes.
+    """Equilibria of a batch; names, shapes and units as in `rollingjoint.Equilibrium`, with any leading axes.
 
     Every tensor of numbers can be differentiated once. Where `ok` is False, its gradients are zero and its numbers are
-    those of the pose at which the solver gave up: finite, of no meaning.
+    those of the pose at which the solver gave up: finite but meaningless.
     """
 
     status: Tensor
@@ -27,7 +27,7 @@ class Equilibria:
     _state: State
 
     def __repr__(self) -> str:
-        return f"<Equilibria: {int(self.ok.sum())} of {self.ok.numel()} lanes ok>"
+        return f"<Equilibria: {int(self.ok.sum())} of {self.ok.numel()} rows ok>"
 
     @property
     def ok(self) -> Tensor:
@@ -121,7 +121,7 @@ class Equilibria:
         return torch.where(held.all(-1), torch.inf, smallest)
 
     def _shown(self, values: Tensor) -> Tensor:
-        """The values, constant and finite in lanes that have failed."""
+        """The values, constant and finite in rows that have failed."""
         if bool(self.ok.all()):
             return values
         ok = self.ok[(..., *(None,) * (values.ndim - self.ok.ndim))]

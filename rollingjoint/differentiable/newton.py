@@ -1,6 +1,6 @@
-"""Equilibria of many lanes by Newton's method in torch, each with its own design: no table is built.
+"""Equilibria of a batch by Newton's method in torch, each row with its own design; no tables are built.
 
-Every lane goes down its energy; one that cannot do so by ordinary means is left to the compiled solver.
+Every row descends its energy; one that gets stuck is left to the compiled solver.
 Source: docs/theory.md, section 7.
 """
 
@@ -28,7 +28,7 @@ from rollingjoint.kernels.shared.tolerances import (
 _MOST_STEPS = 60
 _SMALLEST_STEP = 1.0 / 256
 _ARMIJO = 1e-4
-_WORTH = 64  # lanes; as many more than half must have arrived before the others go on alone
+_WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
 
 
 def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -36,11 +36,11 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
 
     Returns:
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
-        lane has arrived, (...).
+        row has converged, (...).
     """
     problem = _Problem(geometry, law, loads, _Bounds(geometry, s))
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
-    current = _Lanes.at(geometry, law, loads, s)
+    current = _Iterate.at(geometry, law, loads, s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
     current, stuck = _descended(problem, current, torch.ones_like(current.energy), follow, _MOST_STEPS)
     held = problem.bounds.held(current.phi, current.residual)
@@ -48,10 +48,12 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
     return current.s, held, arrived & _definite(current.H, held)
 
 
-def _descended(problem: _Problem, current: _Lanes, alpha: Tensor, stuck: Tensor, most: int) -> tuple[_Lanes, Tensor]:
-    """The lanes at rest, as far as so many steps lead, and which are stuck, (...); alpha (...) scales the first step.
+def _descended(
+    problem: _Problem, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int
+) -> tuple[_Iterate, Tensor]:
+    """The rows after at most `most` steps, and which of them are stuck, (...); alpha (...) scales the first step.
 
-    When few lanes are left of many, they go on alone: no lane notices.
+    When few rows of many are left, they go on alone, which does not change their results.
     """
     geometry, law, loads, bounds = problem
     for taken in range(most):
@@ -68,7 +70,7 @@ def _descended(problem: _Problem, current: _Lanes, alpha: Tensor, stuck: Tensor,
             return current.put(active, part[0]), stuck.index_put((active,), part[1])
         step = _step(current, bounds, held)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
-        trial = _Lanes.at(geometry, law, loads, bounds.contacts(phi, current, alpha[..., None] * step))
+        trial = _Iterate.at(geometry, law, loads, bounds.contacts(phi, current, alpha[..., None] * step))
         better = active & trial.improves(current, held)
         current = current.replaced(trial, better)
         alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
@@ -76,8 +78,8 @@ def _descended(problem: _Problem, current: _Lanes, alpha: Tensor, stuck: Tensor,
     return current, stuck
 
 
-class _Lanes(NamedTuple):
-    """All lanes at one pose: (...) and (..., J), the stiffness (..., J, J)."""
+class _Iterate(NamedTuple):
+    """Every row at its current angles: (...) and (..., J), the stiffness (..., J, J)."""
 
     s: Tensor
     phi: Tensor
@@ -89,8 +91,8 @@ class _Lanes(NamedTuple):
     goal: Tensor  # largest residual at rest
 
     @classmethod
-    def at(cls, geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> _Lanes:
-        """The lanes with their contacts at s."""
+    def at(cls, geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> _Iterate:
+        """The rows with their contacts at s."""
         contact = geometry.contact(s)
         phi = contact.angles
         state = State(geometry, law, loads, phi, contact)
@@ -103,27 +105,27 @@ class _Lanes(NamedTuple):
         """Largest residual of a free joint."""
         return torch.where(held, 0.0, self.residual.abs()).amax(-1)
 
-    def improves(self, before: _Lanes, held: Tensor) -> Tensor:
+    def improves(self, before: _Iterate, held: Tensor) -> Tensor:
         """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
         change = self.energy - before.energy
         slope = (before.residual * (self.phi - before.phi)).sum(-1)
         level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
         return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
 
-    def replaced(self, other: _Lanes, where: Tensor) -> _Lanes:
-        """The other's lanes where said."""
+    def replaced(self, other: _Iterate, where: Tensor) -> _Iterate:
+        """These rows, those of `other` in the places of a mask, (...)."""
         if bool(where.all()):
             return other
         pairs = zip(self, other, strict=True)
-        return _Lanes(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
+        return _Iterate(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
 
-    def chosen(self, lanes: Tensor) -> _Lanes:
-        """Some of the lanes, (A, ...), of a mask (...)."""
-        return _Lanes(*(values[lanes] for values in self))
+    def chosen(self, mask: Tensor) -> _Iterate:
+        """The rows of a mask (...), with one leading axis, (A, ...)."""
+        return _Iterate(*(values[mask] for values in self))
 
-    def put(self, lanes: Tensor, part: _Lanes) -> _Lanes:
-        """The lanes with those of a mask, (...), as in the part."""
-        return _Lanes(*(values.index_put((lanes,), new) for values, new in zip(self, part, strict=True)))
+    def put(self, mask: Tensor, part: _Iterate) -> _Iterate:
+        """These rows, those of a mask (...) replaced by the part."""
+        return _Iterate(*(values.index_put((mask,), new) for values, new in zip(self, part, strict=True)))
 
 
 class _Bounds:
@@ -142,9 +144,9 @@ class _Bounds:
         """The angles, within the ends."""
         return torch.minimum(torch.maximum(phi, self.smallest), self.largest)
 
-    def contacts(self, phi: Tensor, lanes: _Lanes, step: Tensor) -> Tensor:
+    def contacts(self, phi: Tensor, current: _Iterate, step: Tensor) -> Tensor:
         """Contacts near the angles phi: two corrections, which near rest are exact; exactly an end at an end."""
-        s = self._geometry.contacts(phi, lanes.s + step / lanes.kappa, 2)
+        s = self._geometry.contacts(phi, current.s + step / current.kappa, 2)
         return torch.where(phi <= self.smallest, self.last, torch.where(phi >= self.largest, self.first, s))
 
 
@@ -156,11 +158,11 @@ class _Problem(NamedTuple):
     loads: Loads
     bounds: _Bounds
 
-    def chosen(self, lanes: Tensor) -> _Problem:
-        """That of some of the lanes, of a mask (...); they have one leading axis, (A)."""
+    def chosen(self, mask: Tensor) -> _Problem:
+        """The problem of the rows of a mask (...), which get one leading axis, (A)."""
 
         def rows(values: Tensor, axes: int = 1) -> Tensor:
-            return values.expand(*lanes.shape, *values.shape[values.ndim - axes :])[lanes]
+            return values.expand(*mask.shape, *values.shape[values.ndim - axes :])[mask]
 
         whole, surfaces = self.geometry, self.geometry.joints
         joints = replace(
@@ -181,12 +183,12 @@ class _Problem(NamedTuple):
         return _Problem(geometry, self.law.each(rows), loads, _Bounds(geometry, first))
 
 
-def _step(lanes: _Lanes, bounds: _Bounds, held: Tensor) -> Tensor:
+def _step(current: _Iterate, bounds: _Bounds, held: Tensor) -> Tensor:
     """Newton's step of the free joints, (..., J) [rad]; a joint at an end that it pushes outwards is held, too."""
-    step = _newton(lanes.H, lanes.residual, held)
-    outwards = held | bounds.held(lanes.phi, -step)
+    step = _newton(current.H, current.residual, held)
+    outwards = held | bounds.held(current.phi, -step)
     if bool((outwards != held).any()):
-        step = _newton(lanes.H, lanes.residual, outwards)
+        step = _newton(current.H, current.residual, outwards)
     return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
 
 

@@ -25,7 +25,7 @@ from rollingjoint.differentiable.statics import Law, State
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
-from rollingjoint.load import LOAD_COLUMNS, Load, filled_up, load_table, wrong_links
+from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 from rollingjoint.solution import Status
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
@@ -44,7 +44,7 @@ def solve_tensions(
         design: mechanisms with any leading axes; they broadcast with those of the other arguments: `design[:, None]`
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
-        loads: loads of all lanes, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
+        loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
         starts: joint angles to start from, (..., n - 1) [rad]; default s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for one mechanism that is solved again and again.
@@ -70,7 +70,7 @@ def solve_lengths(
     Args:
         design, loads, starts, solver: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
-        tension_limits: lowest and highest tension, numbers or (..., m) [N].
+        tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
         Equilibria; look at `ok`.
     Raises:
@@ -125,7 +125,7 @@ def _search(
     good: Tensor,
     solver: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Contacts at the equilibria, which joints are held at the ends of their surfaces, how every lane ended."""
+    """Contacts at the equilibria, which joints are held at the ends of their surfaces, and how each row ended."""
     begin = torch.zeros(*good.shape, design.n_links - 1, dtype=torch.float64, device=design.device)
     if starts is not None:
         begin = geometry.contacts(torch.nan_to_num(starts).expand_as(begin), begin)
@@ -199,7 +199,7 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
 
 
 def _usable(law: Law, table: Tensor) -> Tensor:
-    """Whether the numbers of a lane can be solved with: finite, not huge, no pushing tendon, no negative spring."""
+    """Whether the inputs of a row can be solved with: finite, not huge, no pushing tendon, no negative spring."""
     command, stiffness, low, high = law.each(Tensor.detach).rows
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
@@ -208,7 +208,7 @@ def _usable(law: Law, table: Tensor) -> Tensor:
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
-    """Law and loads, in lanes that are not good some constants that can be solved with."""
+    """Law and loads; in rows that are not good, constants that can be solved with."""
     if bool(good.all()):
         return law, table
     row = good[..., None]
@@ -219,12 +219,12 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     """Load tables, (..., rows, columns)."""
     if not isinstance(loads, Tensor):
         return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
-    table = filled_up(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
+    table = with_all_columns(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
     if table is None:
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
     links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links)
     if links is not None:
-        raise InvalidInput("links of the load table", links, f"whole numbers from 0 to {design.n_links - 1}")
+        raise InvalidInput("links of the load table", links, f"integers from 0 to {design.n_links - 1}")
     return torch.as_tensor(table).to(design.device, torch.float64)
 
 

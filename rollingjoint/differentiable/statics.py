@@ -36,7 +36,7 @@ class Law:
 
     @property
     def rows(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Command, stiffness, lowest and highest tension."""
+        """Command, stiffness, minimum and maximum tension."""
         return self.command, self.stiffness, self.low, self.high
 
     def each(self, change: Callable[[Tensor], Tensor]) -> Law:

@@ -14,12 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-_FIRST, _X, _Y, _TANGENT = (
-    0,
-    1,
-    2,
-    3,
-)  # columns of a piece: where it begins, the point there; tangent angle from here on
+# Columns of a piece: where it begins, the point there; coefficients of the tangent angle from _TANGENT on
+_FIRST, _X, _Y, _TANGENT = range(4)
 
 
 @dataclass(frozen=True)
@@ -120,7 +116,7 @@ class Surfaces:
         return Surfaces(limits, borders, pieces, self.nodes, self.weights)
 
     def repeated(self, count: int) -> Surfaces:
-        """Of one link (..., 1, 2) the surfaces of so many alike, (..., count, 2)."""
+        """The surfaces of one link (..., 1, 2), repeated for `count` equal links, (..., count, 2)."""
         limits, borders = (
             table.expand(*table.shape[:-3], count, *table.shape[-2:]) for table in (self.limits, self.borders)
         )

@@ -40,7 +40,7 @@ def as_table(found: Solution, friction: float = FRICTION) -> str:
 
 
 def as_json(found: Solution, friction: float = FRICTION) -> str:
-    """The same as JSON text; units stand in the key names."""
+    """The same as JSON text; units are in the key names."""
     return json.dumps(as_dict(found, friction), indent=2, allow_nan=False)
 
 

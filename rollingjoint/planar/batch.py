@@ -1,4 +1,4 @@
-"""Batches of planar chains solved into arrays that the caller keeps: what the solvers and the environments share.
+"""Batches of planar chains solved into arrays that the caller keeps: what solvers and environments share.
 
 Nothing is checked here; `rollingjoint.statics.solve` is the front door.
 """
@@ -32,14 +32,7 @@ _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
 def solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
-    """The equilibrium of one mechanism.
-
-    Args:
-        mechanism: the chain.
-        law: tendon law, (m,) each.
-        table: load table, (rows, 11).
-        start: joint angles, (n - 1,) [rad].
-    """
+    """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,)."""
     results = new_results(1, len(start), len(law.command))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     solve_range(BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), 0, 1)

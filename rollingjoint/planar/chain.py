@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
-from rollingjoint.load import Load, load_table, standing
+from rollingjoint.load import Load, checked_springs, load_table
 from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.planar import joint_table
 from rollingjoint.profile import Profile, Surface
@@ -190,7 +190,7 @@ class RollingChain(Mechanism["Equilibrium"]):
 
     def _checked_springs(self) -> tuple[Load, ...]:
         try:
-            return standing(self.springs, self.n_links)
+            return checked_springs(self.springs, self.n_links)
         except InvalidInput as error:
             raise MechanismError(error.what, error.value, error.allowed) from None
 
@@ -228,10 +228,10 @@ def _locate(hole: Hole, surface: Surface) -> Array:
 
 @functools.lru_cache(maxsize=1024)
 def _on_curve(profile: Profile, s: float) -> Array:
-    """The point of the profile's curve, (2,) [mm]; kept, since mechanisms of one kind share their profiles."""
+    """The point of the profile's curve, (2,) [mm]; cached, since similar mechanisms share their profiles."""
     return profile.curve(s)
 
 
 def _with_rows(tables: Array, count: int) -> Array:
-    """Load tables (D, rows, columns) with rows of zeros, which do nothing, up to a count."""
+    """Load tables (D, rows, columns) padded to `count` rows with zeros, which have no effect."""
     return np.pad(tables, ((0, 0), (0, count - tables.shape[1]), (0, 0)))

@@ -25,9 +25,9 @@ from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
 HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
 PARTS = "links"
-KEYS = ("name", "defaults", PARTS, "tendons", "springs")
-_SURFACE_KEYS = ("curvature", "start", "angle", "limits")
-_TENDON_KEYS = ("on_surface", "holes", "end", "stiffness")
+KEYS: tuple[str, ...] = ("name", "defaults", PARTS, "tendons", "springs")
+_SURFACE_KEYS: tuple[str, ...] = ("curvature", "start", "angle", "limits")
+_TENDON_KEYS: tuple[str, ...] = ("on_surface", "holes", "end", "stiffness")
 _TABLES = {
     "piecewise_constant": ("breaks", "values"),
     "piecewise_polynomial": ("breaks", "coefficients"),

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 _TOLERANCE = 2e-12  # mm and rad
 _POLE_TOLERANCE = 1e-10  # of the contact's rate e / kappa, relative: only the stiffness depends on it
-_LARGEST_CELL = 4.0  # mm; what a first fit is tried on
+_LARGEST_CELL = 4.0  # mm; largest cell of the first fit
 _SMALLEST_CELL = 1e-5  # mm
 _ANGLE_ROUNDING = 2e-15  # rad; over the relative curvature it is the rounding of a contact's place
 _NODES = np.cos(np.pi * (np.arange(N_COEFFICIENTS) + 0.5) / N_COEFFICIENTS)
@@ -52,7 +52,7 @@ def tabulate(child: Surface, parent: Surface) -> JointTable:
     """The table of the joint where `parent` (distal link) rolls on `child` (proximal link).
 
     Every tabulated function is linear in those of the same two profiles placed at the origins of their links, which are
-    kept: only new profiles cost a fit.
+    cached: only new profiles need a fit.
 
     Raises:
         MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch.

@@ -35,7 +35,7 @@ def random_loads(rng: Generator, n_links: int, largest: float = 1.5, follower: b
 
 
 def random_tensions(rng: Generator, n_tendons: int, slack: float = 0.1) -> NDArray[np.float64]:
-    """Tensions log-uniform in [0.1, 20] N, each slack (0 N) with the given probability."""
+    """Tensions log-uniform in [0.1, 20] N, each slack (0 N) with probability `slack`."""
     return 10.0 ** rng.uniform(-1.0, 1.3, n_tendons) * (rng.random(n_tendons) >= slack)
 
 

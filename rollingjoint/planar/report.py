@@ -1,4 +1,4 @@
-"""What reports say of planar chains and their equilibria."""
+"""Reports of planar chains and their equilibria: text, tables, JSON."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _DEGREES = 180.0 / math.pi
 
 
 def travel(mechanism: RollingChain) -> str:
-    """How far its contacts move, in words."""
+    """Range of its contacts, in words."""
     return f"s from {mechanism.joint_limits[:, 0].min():g} to {mechanism.joint_limits[:, 1].max():g} mm"
 
 
 def remark(found: Equilibrium) -> str:
-    """Nothing: the status says all."""
+    """Nothing to add to the status."""
     return ""
 
 
@@ -45,7 +45,7 @@ def tables(eq: Equilibrium, friction: float) -> tuple[str, str]:
 
 
 def as_dict(eq: Equilibrium, friction: float) -> dict[str, Any]:
-    """Links and joints of an equilibrium; units stand in the key names."""
+    """Links and joints of an equilibrium; units are in the key names."""
     slip = eq.slip_margins(friction)
     return {
         "friction": friction,

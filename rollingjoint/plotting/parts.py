@@ -1,6 +1,6 @@
-"""Parts of a picture of an equilibrium: links, tendons, contact forces, loads.
+"""Parts of pictures of planar chains: links, tendons, contact forces, loads.
 
-Each function draws on given axes, in mm; rollingjoint.plotting.planar puts them together.
+Each function draws on given axes, in mm; rollingjoint.plotting.planar combines them.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _scale_text(scale: float) -> str:
 
 
 def _arrow(ax: Axes, tail: Array, vector: Array, length: float, style: _ArrowStyle, label: str) -> None:
-    """An arrow on a mechanism of that length; a short one has a small head, one of no or no finite length none."""
+    """An arrow on a mechanism of that length, none for a vector that is negligible or infinite."""
     share = np.hypot(*vector) / length
     if not 1e-6 < share < np.inf:
         return

@@ -1,6 +1,6 @@
-"""Pictures of mechanisms and equilibria; matplotlib is imported only when one is drawn.
+"""Pictures of planar chains and their equilibria; matplotlib is imported only when one is drawn.
 
-Lengths are in mm on both axes. Forces are arrows whose scale (mm per N) stands in the legend.
+Lengths are in mm on both axes. Forces are arrows whose scale (mm per N) is in the legend.
 Colours are the Okabe-Ito palette, which colour-blind readers can tell apart.
 """
 
@@ -47,24 +47,24 @@ def plot_mechanism(
     """Axes with links, tendons, loads and contact forces drawn.
 
     Args:
-        mechanism: an equilibrium, or a mechanism, which is drawn at s = 0 without forces.
+        mechanism: an equilibrium, or a mechanism, drawn at s = 0 without forces.
         ax: axes to draw on; new ones when None.
         tendons: draw the tendons; a slack one is dashed.
         loads: draw forces, moments and springs.
         contacts: draw contact forces, and mark contacts at the end of a surface.
-        numbers: write the index of every link beside it.
+        numbers: label every link with its index.
         label: legend text of the links.
         color: colour of the links.
         load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
         legend: put a legend to the right of the axes.
     Raises:
-        InvalidInput: a batch of equilibria; no planar chain.
+        InvalidInput: a batch of equilibria, or no planar chain.
     """
     equilibrium = mechanism if isinstance(mechanism, Equilibrium) else None
     chain = _planar(mechanism)
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     if poses.ndim != 2:
-        raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve lanes one by one.")
+        raise InvalidInput("equilibrium", poses.shape, "one equilibrium, poses (n, 3)", "Solve a single row.")
     ax = _new_axes() if ax is None else ax
     draw_links(ax, chain, poses, color, label)
     if numbers:

@@ -41,7 +41,7 @@ def plot_arm(
     Args:
         arm: an equilibrium, or a mechanism, which is drawn at rest.
         ax: 3-D axes to draw on; new ones when None.
-        tendons: draw the tendons; a slack one is dashed, one without tension known is thin.
+        tendons: draw the tendons; a slack one is dashed, one of unknown tension is thin.
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         label: legend text of the beads.
         color: colour of the beads.
@@ -51,7 +51,7 @@ def plot_arm(
     found = arm if isinstance(arm, HingeEquilibrium) else None
     chain = found.mechanism if found is not None else arm
     if not isinstance(chain, HingeChain) or (found is not None and found.poses.ndim != 3):
-        raise InvalidInput("arm", arm, "a HingeChain or one HingeEquilibrium", "Solve lanes one by one.")
+        raise InvalidInput("arm", arm, "a HingeChain or one HingeEquilibrium", "Solve a single row.")
     poses = chain.poses(chain.neutral_angles) if found is None else found.poses
     ax = _new_axes() if ax is None else ax
     _draw_beads(ax, chain, poses, color, label)
@@ -98,7 +98,7 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
 
 
 def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None:
-    """Arrows of the dead forces at points that are no mass centres: weights would hide the arm."""
+    """Arrows of the dead forces, except at mass centres: weights would hide the arm."""
     rows = found.loads[np.linalg.norm(found.loads[:, _FORCE], axis=1) > 0]
     centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
     rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])

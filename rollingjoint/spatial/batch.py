@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import fields
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults, new_hinge_results
+from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
+from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
 from rollingjoint.solution import Status
 from rollingjoint.spatial.chain import HingeChain
@@ -25,16 +26,14 @@ Array = NDArray[np.float64]
 
 __all__ = ["BatchArrays", "PinnedRange", "new_results", "pack", "solve_one", "solve_range"]
 
-new_results = new_hinge_results
-
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
 def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array) -> HingeEquilibrium:
-    """The equilibrium of one mechanism. law: (m,) each; table: (rows, 20); start: (n - 1,)."""
+    """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,)."""
     results = new_results(1, len(start), len(law.low))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    _solve_lanes()(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
+    _on_batch()(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
     return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]))
@@ -48,26 +47,26 @@ def pack(mechanism: HingeChain | tuple[HingeChain, ...], table: Array, results: 
 
 
 @functools.cache
-def _solve_lanes() -> Callable[..., None]:
+def _on_batch() -> Callable[..., None]:
     """The machine code of `solve_hinge_lanes`."""
     return machine_code(solve_hinge_lanes, *fields(BatchArrays), int, int)
 
 
 def solve_range(batch: BatchArrays, first: int, last: int) -> None:
     """Solve rows first to last - 1; Python's lock is released meanwhile."""
-    _solve_lanes()(*batch, first, last)
+    _on_batch()(*batch, first, last)
 
 
 class PinnedRange:
     """`solve_range` on arrays that stay where they are; the interface of planar.batch.PinnedRange.
 
-    No kernel calls it (`entry` is 0): Python's way there costs a fiftieth of a solve.
+    No kernel calls it (`entry` is 0): a call from Python costs a fiftieth of a solve.
     """
 
     entry = pins = 0
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._solve = partial(_solve_lanes(), *batch)
+        self._solve = partial(_on_batch(), *batch)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1; Python's lock is released meanwhile."""

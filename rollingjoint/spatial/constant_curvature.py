@@ -1,6 +1,6 @@
-"""Piecewise constant curvature: the kinematics that a flexible arm is usually given, and errors between two tips.
+"""Piecewise constant curvature: the usual kinematics of flexible arms, and errors between tip poses.
 
-Nothing here knows forces: every segment is an arc of its own length, bent by its own tendons alone, and the tendons
+Forces play no role: every segment is an arc of its own length, bent by its own tendons alone, and the tendons
 keep their distance from its axis. Source: flexible-joint paper, sec. IV, which compares its statics with it; R. J.
 Webster and B. A. Jones, "Design and kinematic modeling of constant curvature continuum robots" (the paper's [8]).
 """
@@ -31,7 +31,7 @@ class Segment:
 
 def segments_of(chain: HingeChain) -> tuple[Segment, ...]:
     """The segments of an arm, base first, one per link where a tendon ends."""
-    ends = np.array([tendon.last_link(chain.n_links) for tendon in chain.tendons])
+    ends = np.array(chain.last_links)
     borders = [0, *np.unique(ends).tolist()]
     return tuple(
         Segment(low, high, tuple(np.flatnonzero(ends == high).tolist())) for low, high in itertools.pairwise(borders)
@@ -78,7 +78,7 @@ def constant_curvature_poses(chain: HingeChain, bends: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class TipErrors:
-    """Errors of a tip pose against a measured one: absolute [rad, mm], and relative to how far that one has moved.
+    """Errors of a tip pose against a measured one: absolute [rad, mm], and relative to the motion of the measured one.
 
     Source: flexible-joint paper, appendix V-D: e_theta, epsilon_theta, e_p, epsilon_p.
     """
@@ -94,8 +94,8 @@ def tip_errors(pose: ArrayLike, measured: ArrayLike, straight: ArrayLike) -> Tip
 
     Args:
         pose: from a model.
-        measured: the one it is judged by.
-        straight: where the tip of the straight arm is; both relative errors are relative to the way from there.
+        measured: the reference pose.
+        straight: tip pose of the straight arm; relative errors are relative to the motion from there.
     """
     T, T_e, T_0 = (np.asarray(each, float) for each in (pose, measured, straight))
     angle, moved = (float(np.linalg.norm(se3.rotation_vector(T_e[:3, :3] @ each[:3, :3].T))) for each in (T, T_0))

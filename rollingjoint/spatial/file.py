@@ -13,7 +13,7 @@ from rollingjoint.tendon import DEFAULT_STIFFNESS, BeadTendon
 
 HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
 PARTS = "beads"
-KEYS = ("name", "model", "defaults", PARTS, "tendons")
+KEYS: tuple[str, ...] = ("name", "model", "defaults", PARTS, "tendons")
 _BEAD_KEYS = tuple(field.name for field in fields(Bead))
 _TENDON_KEYS = tuple(field.name for field in fields(BeadTendon))
 

@@ -32,7 +32,7 @@ from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
-_RANK = 1e-9  # of the largest singular value: smaller ones are none
+_RANK = 1e-9  # of the largest singular value: smaller ones count as 0
 _LONGEST = 0.5  # rad in any hinge in one iteration; the paper leaves the step size alpha open
 
 
@@ -57,7 +57,7 @@ class PublishedArm:
     """The statics (14) of a hinge chain under gravity and a wrench of fixed direction at its tip.
 
     Args:
-        chain: beads and tendons; its tendon model is not looked at.
+        chain: beads and tendons; its tendon model is ignored.
         gravity: direction of the weights in the base frame; None for none.
         tip_force, tip_moment: on the arm, base frame [N, N·mm].
     """

@@ -1,4 +1,4 @@
-"""What reports say of spatial arms and their equilibria."""
+"""Reports of spatial arms and their equilibria: text, tables, JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DEGREES = 180.0 / math.pi
 
 
 def travel(mechanism: HingeChain) -> str:
-    """How far its hinges turn, in words, and a model of tendons other than the default."""
+    """Range of its hinges, in words, and the tendon model if it is not the default."""
     low, high = mechanism.joint_limits[:, 0].min(), mechanism.joint_limits[:, 1].max()
     model = "" if mechanism.model == HingeChain.model else f", model {mechanism.model}"
     return f"hinges from {low:.3g} to {high:.3g} rad{model}"
@@ -26,7 +26,7 @@ def remark(found: HingeEquilibrium) -> str:
 
 
 def tables(found: HingeEquilibrium, friction: float) -> tuple[str, str]:
-    """Links and hinges of an equilibrium as aligned columns; nothing in it slips."""
+    """Links and hinges of an equilibrium as aligned columns; `friction` has no effect."""
     turns = se3.rotation_vector(found.rotations)
     links = [(i, *at, *turn) for i, (at, turn) in enumerate(zip(found.positions, turns, strict=True))]
     names = ("link", "x [mm]", "y [mm]", "z [mm]", "turn x [rad]", "turn y [rad]", "turn z [rad]")
@@ -39,7 +39,7 @@ def tables(found: HingeEquilibrium, friction: float) -> tuple[str, str]:
 
 
 def as_dict(found: HingeEquilibrium, friction: float) -> dict[str, Any]:
-    """Links and hinges of an equilibrium; units stand in the key names."""
+    """Links and hinges of an equilibrium; units are in the key names."""
     moments = _spring_moments(found)
     return {
         "escapes": int(found.escapes),

@@ -1,6 +1,6 @@
 """Spatial rigid-body motions: twists (w, v) and wrenches (m, f) as 6-vectors, poses as 4 x 4 matrices, in plain NumPy.
 
-Every function takes leading axes of lanes. Source: flexible-joint paper, sec. II and appendix; its (34) and (35) are
+Every function takes leading batch axes. Source: flexible-joint paper, sec. II and appendix; its (34) and (35) are
 printed for the order (v, w) of a twist, and stand here for the order (w, v) that the paper uses.
 """
 

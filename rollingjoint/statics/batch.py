@@ -1,4 +1,4 @@
-"""Inputs of many solves, checked, and their solution as one batch."""
+"""Checked inputs of many solves, and their solution as one batch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.load import Load, filled_up, wrong_links
+from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
 from rollingjoint.solution import Solution
 from rollingjoint.statics.families import FAMILIES, KINDS, family_of
@@ -30,21 +30,21 @@ class Batch:
 
     mechanism: AnyMechanism | tuple[AnyMechanism, ...]
     family: Family
-    chains: tuple[AnyMechanism, ...]  # the different ones
+    chains: tuple[AnyMechanism, ...]  # the distinct mechanisms
     arrays: Any
     designs: NDArray[np.int64]
     inputs: Array
 
     @classmethod
     def of(cls, mechanism: AnyMechanism | Sequence[AnyMechanism], what: str, inputs: ArrayLike) -> Batch:
-        """The batch, checked."""
+        """The batch with checked inputs."""
         every = mechanism if isinstance(mechanism, Mechanism) else _mechanisms(mechanism)
         chains = distinct(every) if isinstance(every, tuple) else (every,)
         array = _rows(what, inputs, chains[0].n_tendons)
         return cls(every, family_of(chains[0]), chains, *designs_of(every, len(array)), array)
 
     def per_row(self, values: Sequence[Array]) -> Array:
-        """What each different mechanism has, for every row, (B, ...)."""
+        """Values of the distinct mechanisms, taken for every row, (B, ...)."""
         return np.take(values, self.designs, axis=0)
 
     def repeated(self, values: Array) -> Array:
@@ -61,7 +61,7 @@ class Batch:
         count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.family.load_columns
         if not isinstance(loads, np.ndarray):
             return self.repeated(self.family.load_table(loads, n_links))
-        tables = filled_up(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == count else None
+        tables = with_all_columns(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == count else None
         if tables is None:
             raise InvalidInput("shape of the load table", loads.shape, f"({count}, rows, {len(columns)})")
         tables = as_floats("load table", tables, "numbers")

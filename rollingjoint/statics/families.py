@@ -1,4 +1,4 @@
-"""The families of mechanisms that there are."""
+"""All families of mechanisms, and the family of a mechanism."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rollingjoint.spatial.family import SPATIAL
 FAMILIES = (PLANAR, SPATIAL)
 
 KINDS = " or ".join(f"a {family.kind.__name__}" for family in FAMILIES)
-"""The classes of mechanisms, in words."""
+"""The classes of mechanisms, for messages."""
 
 
 def family_of(mechanism: AnyMechanism) -> Family:
     """The family of one mechanism.
 
     Raises:
-        InvalidInput: anything else.
+        InvalidInput: no mechanism.
     """
     family = family_of_kind(type(mechanism))
     if family is None:

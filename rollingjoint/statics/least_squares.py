@@ -1,4 +1,4 @@
-"""Desired tendon lengths in the least-squares sense: bounded Levenberg-Marquardt on the tensions.
+"""Desired tendon lengths met in the least-squares sense: bounded Levenberg-Marquardt on the tensions.
 
 min over tensions in [low, high] of 1/2 |l(tau) - l_des|², where l(tau) is the length at the equilibrium under tau and
 dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorithm takes fixed gradient steps).
@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _Solve = Callable[[TendonLaw, Array], Any]  # of a tendon law and the joint angles to start from
 
-_LARGEST_TENSION = 1000.0  # N, where none is given
-_SMALLEST_TENSION = 0.01  # N; a solution below it is slack and says nothing about the tension ratio
+_LARGEST_TENSION = 1000.0  # N; higher limits count as this
+_SMALLEST_TENSION = 0.01  # N; a solution below it is slack and determines no tension ratio
 _MAX_ITERATIONS = 300
-_GOAL = 1e-11  # mm that the next step would still change the lengths by
+_GOAL = 1e-11  # mm; a step that changes no length by more ends the search
 _SMALLEST_DAMPING = 1e-12  # of the largest (dl/dtau)²
 _ROUNDING = 1e-15  # of the lengths
 
@@ -38,10 +38,9 @@ def solve_least_squares(
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
-        family: of the mechanism.
-        mechanism: a planar chain.
+        family, mechanism: a mechanism and its family.
         desired: (m,) [mm].
-        low, high: (m,) [N]; above 1000 N a limit is 1000 N.
+        low, high: (m,) [N]; higher limits than 1000 N count as 1000 N.
         table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     Returns:
@@ -79,7 +78,7 @@ class _Trial(NamedTuple):
 
     equilibrium: Any
     miss: Array  # (m,) lengths minus desired ones [mm]
-    noise: float  # what rounding leaves uncertain of the cost [mm²]
+    noise: float  # rounding error of the cost [mm²]
     rates: Array | None  # (m, m) d lengths / d tensions
     slope: float  # largest entry of the gradient of the cost [mm²/N]
 
@@ -100,14 +99,14 @@ class _Trial(NamedTuple):
         return 0.5 * float(self.miss @ self.miss)
 
     def beats(self, other: _Trial) -> bool:
-        """Whether the cost is lower; where rounding hides that, near the minimum, whether the gradient is smaller."""
+        """Whether the cost is lower; where rounding hides that, near the minimum, whether the slope is smaller."""
         if abs(self.cost - other.cost) > other.noise:
             return self.cost < other.cost
         return self.slope < other.slope
 
 
 def _nearly_inextensible(solve: _Solve, law: TendonLaw, start: Array) -> Any:
-    """Equilibrium with ever stiffer elastic tendons whose unstretched lengths are the desired ones."""
+    """Equilibrium with increasingly stiff elastic tendons whose unstretched lengths are the desired ones."""
     for stiffness in (1.0, 30.0, 1000.0):
         found = solve(law._replace(stiffness=np.full_like(law.command, stiffness)), start)
         if found.status == Status.INVALID_INPUT:
@@ -117,7 +116,7 @@ def _nearly_inextensible(solve: _Solve, law: TendonLaw, start: Array) -> Any:
 
 
 def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) -> Array:
-    """Its tensions within the limits; without a load, where only their ratio matters, the largest is 1 N."""
+    """Tensions to start from, within the limits; without a load only their ratio matters, and the largest is 1 N."""
     tensions, largest = elastic.tensions, elastic.tensions.max()
     if largest < _SMALLEST_TENSION:
         tensions = np.ones_like(tensions)

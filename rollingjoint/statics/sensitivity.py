@@ -1,7 +1,7 @@
 """Derivatives of an equilibrium by the implicit function theorem: dphi/dx = -H⁻¹ dr/dx.
 
-Joints at a limit stay there. Every function takes one Solution or a batch, and raises SolverError unless all are
-stable equilibria, InvalidInput where their stiffness is singular.
+Joints at a limit stay there. Every function takes one Solution or a batch; it raises SolverError unless all are
+stable equilibria, and InvalidInput where their stiffness is singular.
 Source: docs/theory.md, sections 4 and 5.
 """
 
@@ -59,7 +59,7 @@ def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None
     Planar: (fx, fy, moment); spatial: (fx, fy, fz, mx, my, mz), (n, 6, 6).
 
     Args:
-        equilibrium: under given tensions or given lengths; the other input stays as it was given.
+        equilibrium: under given tensions or given lengths; which stay constant.
         link: where the load acts, -1 is the tip.
         point: body point [mm]; default: the origin.
     Raises:
@@ -116,7 +116,7 @@ def _respond(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
             "equilibrium",
             equilibrium.status,
             "a stiffness that can be inverted",
-            "With the tensions held it is singular.",
+            "At constant tensions it is singular.",
         ) from None
 
 

@@ -60,10 +60,10 @@ def solve_lengths(
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         method: "elastic": tension = clip(stiffness × stretch, *tension_limits), unique and well posed while a tendon is
-            taut. "least_squares" (of a RollingChain): tensions within the limits that bring the lengths nearest the
+            taut. "least_squares" (RollingChain only): the tensions within the limits whose lengths are nearest the
             desired ones.
-        tension_limits: lowest and highest tension, numbers or (m,) [N]; a motor that holds at least the first and gives
-            way at the second. With "least_squares" an infinite highest tension stands for 1000 N.
+        tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]. With "least_squares" an infinite
+            maximum stands for 1000 N.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status.
     Raises:
@@ -75,9 +75,8 @@ def solve_lengths(
     low, high = _tension_limits_of(tension_limits, mechanism.n_tendons)
     table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
     if method == "elastic":
-        return family.batch.solve_one(
-            mechanism, TendonLaw(command, mechanism.stiffnesses.copy(), low, high), table, phi
-        )
+        law = TendonLaw(command, mechanism.stiffnesses.copy(), low, high)
+        return family.batch.solve_one(mechanism, law, table, phi)
     if method not in family.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
     return solve_least_squares(family, mechanism, command, low, high, table, phi)
@@ -94,13 +93,13 @@ def solve_tensions_batch(
     Args:
         mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
         tensions: (B, m) [N].
-        loads: loads shared by all rows, or a table (B, rows, columns) with columns
-            load.LOAD_COLUMNS, or load.SPATIAL_LOAD_COLUMNS for a HingeChain.
+        loads: loads shared by all rows, or a table (B, rows, columns) with columns load.LOAD_COLUMNS, or
+            load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
-        InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
+        InvalidInput: wrong shapes or types, mechanisms with different numbers of links, tendons or crossed joints.
     """
     batch = Batch.of(mechanism, "tensions", tensions)
     return batch.solve(prescribed(batch.inputs), loads, starts)
@@ -118,14 +117,14 @@ def solve_lengths_batch(
     Args:
         mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
         lengths: (B, m) unstretched lengths [mm].
-        loads: loads shared by all rows, or a table (B, rows, columns) with columns
-            load.LOAD_COLUMNS, or load.SPATIAL_LOAD_COLUMNS for a HingeChain.
+        loads: loads shared by all rows, or a table (B, rows, columns) with columns load.LOAD_COLUMNS, or
+            load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
-        tension_limits: lowest and highest tension, numbers or (m,) [N].
+        tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
-        InvalidInput: wrong shapes or types, mechanisms that differ in their numbers.
+        InvalidInput: wrong shapes or types, mechanisms with different numbers of links, tendons or crossed joints.
     """
     batch = Batch.of(mechanism, "lengths", lengths)
     limits = _tension_limits_of(tension_limits, batch.inputs.shape[1])
@@ -143,7 +142,7 @@ def _start_of(mechanism: AnyMechanism, start: Start) -> Array:
 
 
 def _tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
-    """Lowest and highest tension of every tendon, (2, m)."""
+    """Minimum and maximum tension of every tendon, (2, m)."""
     allowed = f"(lowest, highest), numbers or {n_tendons} values each"
     both = np.empty((2, n_tendons))
     try:
