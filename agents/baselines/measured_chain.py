@@ -40,8 +40,8 @@ def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
     """The model at the measured pose and tensions, B rows.
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
-    Commands are computed from pose and tensions, so actuator offsets do not enter. Tension limits are not applied: where
-    a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
+    Commands are computed from pose and tensions, so actuator offsets do not enter. Tension limits are not applied:
+    where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
     moments = _joint_moments(mechanism, seen)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))

@@ -179,7 +179,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return vectors, sampled
 
     def _restart(self, vectors: Vectors, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Same-step autoreset: ended lanes restart; their last observations and infos go to final_obs and final_info."""
+        """Same-step autoreset: ended lanes restart; their last observations and infos go to final_obs, final_info."""
         ended = self._over
         rows = np.flatnonzero(ended)
         sampled, begun = self._begin(rows)
