@@ -1,4 +1,4 @@
-"""A controller that does nothing: what every other one should beat."""
+"""A controller that does nothing: the minimum for every other one to beat."""
 
 from __future__ import annotations
 

@@ -15,16 +15,16 @@ class JacobianFeedback:
     """Damped resolved rate: tip error to tendon increments by the model's Jacobian at the measured pose, load unknown.
 
     The increments d minimise |error - J d|² + STIFFEN² |wanted - tensions - K d|² + damping² |d|² within the action's
-    range, with J = d tip / d lengths and K = d tensions / d lengths. The tip of two tendons moves along a curve, and
-    what lies across it hardly answers: there the second term decides. It pulls all tendons in together, because a
-    chain under tension gives way less to a load that nobody announces. An arm's springs hold it without tension: there
+    range, with J = d tip / d lengths and K = d tensions / d lengths. With two tendons the tip
+    moves along a curve and hardly responds across it: there the second term decides. It pulls all tendons in together,
+    because a chain under tension yields less to an unknown load. An arm is held by its springs without tension: there
     the second term keeps the tensions as they are.
     """
 
     GAIN = 0.8  # of the error, removed per step: less than 1 averages sensor noise and costs nothing where loads drift
     STIFFEN = 0.1  # mm/N: weak beside the error, strong enough to end at high tensions within an episode
-    DAMPING = 0.3  # mm/mm: the smallest response to lengths that is made use of,
-    FAR = 0.05  # 1: and more of it per mm of error, far from the target, where J will have changed on arrival
+    DAMPING = 0.3  # mm/mm: the smallest response to lengths that is used,
+    FAR = 0.05  # 1/mm of error: more damping far from the target, where J will have changed on arrival
     MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
     KEEP = 3.0  # mm/N: what a tension beyond that margin weighs, more than any error
 
@@ -49,7 +49,7 @@ class JacobianFeedback:
         return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
 
     def wanted(self, model: Solution) -> Array:
-        """Tensions to go for, (B, m) [N]: where that stiffens, all alike higher, until the highest ends its range."""
+        """Wanted tensions, (B, m) [N]: where that stiffens, all raised equally until the highest is at its limit."""
         if not self.measured.stiffens:
             return model.tensions
         return model.tensions + self.tension_range[1] - model.tensions.max(axis=1, keepdims=True)
@@ -57,7 +57,7 @@ class JacobianFeedback:
     def step(self, model: Solution, way: Array, wanted: Array, done: Array) -> Array:
         """One Gauss-Newton step of the increments, beyond those done already, (B, m) [mm].
 
-        Tensions that would leave their range are given the weight KEEP and the end of the range to go for.
+        Tensions that would leave their range get the weight KEEP and the end of the range as their goal.
         """
         tips, tensions = length_responses(model)
         damping = self.DAMPING**2 + self.FAR**2 * np.sum(way**2, axis=1)

@@ -24,7 +24,7 @@ class LoadEstimate(JacobianFeedback):
         return self.step(model, way, self.planned(seen, loads), np.zeros_like(model.tensions))
 
     def planned(self, seen: Seen, loads: Array) -> Array:
-        """Tensions to go for, (B, m) [N]."""
+        """Wanted tensions, (B, m) [N]."""
         start = np.clip(seen.tensions, *self.tension_range)
         rest = np.full_like(start, self.tension_range[1]) if self.measured.stiffens else start
         return nearest_tensions(self.task.mechanism, seen.target, self.tension_range, rest, start, loads, self.PLAN)

@@ -1,6 +1,6 @@
 """A flexible arm under its commands, and the load estimated from the measured tip and tensions.
 
-Unlike a chain, of which every link is measured, an arm shows its tip alone: the pose is that of the model.
+Of an arm only the tip is measured, not every link as of a chain: the pose is that of the model.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from rollingjoint.statics.solve import solve_lengths_batch
 
 _FORCE = slice(SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("fz") + 1)
 _STEP = 1e-4  # rad and N, of the differences by the unknowns
-_LARGEST = 3.0  # rad of tilt and N of payload that are believed
+_LARGEST = 3.0  # rad of tilt, N of payload: bounds of the estimate
 
 
 class MeasuredArm:
     """An arm under its commands: under nominal gravity, or under the gravity and payload that explain what is measured.
 
-    Three numbers are estimated in every step, on from the last estimate: by which vector the direction of gravity is
-    turned from the nominal one (two numbers), and the payload at the tip, which gravity pulls the same way.
+    Every step refines three numbers: the vector by which the direction of gravity is turned from the nominal one (two
+    numbers), and the payload at the tip, which acts along gravity.
 
     Args:
         task: with the mechanism, and the tension range.
@@ -35,10 +35,10 @@ class MeasuredArm:
     stiffens = False  # co-contraction softens its hinges
 
     STEPS = 2  # of Gauss-Newton in every step of control
-    TIP = 1.0  # mm: an error of the model's tip that is as likely
-    TENSION = 0.05  # N: as this error of a tension,
-    TILT = 1.0  # rad: this turn of gravity,
-    PAYLOAD = 1.0  # N: and this payload
+    TIP = 1.0  # mm: likely error of the model's tip
+    TENSION = 0.05  # N: of a tension
+    TILT = 1.0  # rad: likely turn of gravity
+    PAYLOAD = 1.0  # N: likely payload
 
     def __init__(self, task: TrackingTask, episodes: int) -> None:
         self.mechanism: HingeChain = task.mechanism
@@ -102,7 +102,7 @@ class MeasuredArm:
         return -np.linalg.solve(square, slope[..., None])[..., 0]
 
     def _misses(self, seen: Seen, model: HingeEquilibrium) -> Array:
-        """By how much the model misses the measured tip and tensions, in units of what is likely, (B, 3 + m)."""
+        """Model minus measured tip and tensions, in units of their likely errors, (B, 3 + m)."""
         return np.concatenate([model.tip - seen.tip, model.tensions - seen.tensions], axis=1) / self._spreads
 
     def _unlikely(self, seen: Seen, model: HingeEquilibrium, estimate: Array) -> Array:

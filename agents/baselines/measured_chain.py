@@ -40,8 +40,8 @@ def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
     """The model at the measured pose and tensions, B rows.
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
-    Commands are those that pose and tensions would need: where motors are off, the model is not. Limits of tension are
-    left out: where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
+    Commands are computed from pose and tensions, so actuator offsets do not enter. Tension limits are not applied:
+    where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
     """
     moments = _joint_moments(mechanism, seen)
     loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))
@@ -54,13 +54,13 @@ def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
 def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
     """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
 
-    Statics: the moment of a force at joint i is that about its contact point. At every link the force that explains the
-    moments best, by least squares that prefer small forces; and the link where that is least unlikely.
+    Statics: the moment of a force at joint i is that about its contact point. For every link the force that explains
+    the moments best is found by regularised least squares; the most likely link is chosen.
 
     Args:
         measured: from measured_equilibrium.
-        noise: joint moment that is as likely an error of the sensors as a force of 1 N is a load [N·mm]. Forces along
-            the chain have little moment, and would be guesses without it.
+        noise: error of a joint moment that is as likely as a load of 1 N [N·mm]. It regularises forces along the
+            chain, which have little moment.
     """
     moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
     arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]

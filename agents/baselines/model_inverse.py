@@ -37,7 +37,7 @@ def nearest_tensions(
         limits: lowest and highest tension [N].
         rest, starts: tensions at rest, and the first guess, (B, m) [N].
         loads: load tables, (B, rows, columns), or loads that act on all rows; none by default.
-        most_steps: after which it ends.
+        most_steps: limit of the iterations.
     """
     low, high = np.log(np.maximum(limits, 1e-3))
     pull, calm = (_PULL * mechanism.length) ** 2, np.log(rest)

@@ -22,7 +22,7 @@ _ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-th
 def length_responses(equilibria: Solution) -> tuple[Array, Array]:
     """d tip / d commanded lengths (B, d, m) [mm/mm] and d tensions / d commanded lengths (B, m, m) [N/mm].
 
-    Where an equilibrium is not usable the pose is taken as held, so that tendons do nothing but stretch.
+    Where an equilibrium is not usable the pose is taken as held, so that tendons only stretch.
     """
     usable, stiffnesses = np.asarray(equilibria.ok), equilibria.mechanism.stiffnesses
     tips = np.zeros((*equilibria.tip.shape, len(stiffnesses)))
@@ -45,7 +45,7 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     """Steps x (B, m) within bounds that make x·hessian·x / 2 + slope·x small.
 
     Entries that the minimum would take beyond the bounds stop there, and the others are chosen again: the best ones
-    given those that stopped. Measured against steps that go down for certain (straight on to the first
+    given those that stopped. Compared with steps that are sure to descend (straight to the first
     bound, then along it), control with these got stuck less often.
 
     Args:

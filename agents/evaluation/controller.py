@@ -21,12 +21,12 @@ HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 class Controller(Protocol):
     """Anything that turns what it sees into actions, for B episodes side by side.
 
-    An episode must not depend on those beside it. Actions are asked for episodes that have ended, too; nothing reads
-    them.
+    An episode must not depend on those beside it. Actions are also requested for episodes that have ended, and
+    ignored.
     """
 
     def begin(self, task: TrackingTask, episodes: int) -> None:
-        """So many episodes begin together; the task is None where the environment is not one of rj_gym."""
+        """This many episodes begin together; the task is None where the environment is not one of rj_gym."""
 
     def act(self, seen: Seen) -> NDArray[Any]:
         """The actions, (B, m) in [-1, 1]: the share of action_scale_mm by which each tendon is pulled in."""

@@ -1,16 +1,16 @@
 """The floor of an episode: the smallest tip error that any command reaches against its true load and mechanism.
 
 A command is an unstretched length per tendon; motors keep the tensions within a range. What a command can reach is
-every stable equilibrium of elastic tendons with tensions in that range: under held lengths poses are stable that held
-tensions would let go, so the search is over commands, and the range is a constraint on its result. An error minus its
-floor, the regret, is what a controller could have done better, and below zero by rounding at most.
+every stable equilibrium of elastic tendons with tensions in that range. Poses that are unstable under constant tensions
+can be stable under constant lengths, so the search is over commands, and the range is a constraint on its result. An
+error minus its floor is the regret: what a better controller could have gained; it is negative by rounding at most.
 
 Quasi-static: the floor asks what can be held at one step, not whether there was time to get there, and the errors of
 a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
-several starts; that it finds the best of all is checked by sample, not proven: `pytest -m slow -s
-tests/agents/evaluation/test_floor.py` finds, with four times the starts and eight times the candidates, in eight planar
-tasks of 500 episodes nothing better by more than 5e-7 mm; but in two of 500 where tensions may go down to zero, by
-0.013 mm. For the flexible arm three times the starts find in three hard tasks of 200 nothing better by 1e-8 mm.
+several starts; that it finds the global minimum is tested on samples, not proven: with four times the starts and eight
+times the candidates, `pytest -m slow -s tests/agents/evaluation/test_floor.py` finds nothing better by over 5e-7 mm in
+eight planar tasks of 500 episodes, but 0.013 mm in two of 500 episodes where tensions may go down to zero. For the
+flexible arm, three times the starts find nothing better by 1e-8 mm in three hard tasks of 200 episodes.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 
 STARTS = 16  # per episode, each the best of CANDIDATES at its level of tension
 CANDIDATES = 8
-JOINTS_AT_A_TIME = 256_000  # of candidates that are solved together, for the memory's sake
+JOINTS_AT_A_TIME = 256_000  # of candidates solved together, which bounds the memory
 
 _MAX_ITERATIONS = 300
 _GOAL = 1e-10  # mm that the next step would still gain
-_LARGEST_DAMPING = 1e6  # no step helps any more
+_LARGEST_DAMPING = 1e6  # beyond it no step improves anything
 _SMALLEST_DAMPING = 1e-10
 _ROUNDING = 1e-15  # of a hessian's trace, added to its diagonal: of many tendons, few move the tip
 _TENSION_TOLERANCE = 1e-8  # N
@@ -187,7 +187,7 @@ class _Points(NamedTuple):
     status: NDArray[np.int64]  # (B,)
 
     def take(self, rows: NDArray[np.int64]) -> _Points:
-        """The points of these batch."""
+        """The points in these rows."""
         return _Points._make(values[rows] for values in self)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FIRST_SEED = 20_000
 LARGEST_DIFFERENCE = 1e-5
-MACHINE = ("platform", "processor", "cores")  # of versions.json: of no concern to who gets the policy
+MACHINE = ("platform", "processor", "cores")  # keys of versions.json that users of the policy do not need
 
 
 def export_run(run: RunFolder, which: str, name: str) -> tuple[ShippedPolicy, float]:

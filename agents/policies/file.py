@@ -35,7 +35,7 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
     """The plain values and the arrays, read-only, in the bytes of a policy file.
 
     Args:
-        source: how messages call the file.
+        source: name of the file in messages.
     Raises:
         PolicyError: no policy file, one of another format, or one that was damaged or edited.
     """

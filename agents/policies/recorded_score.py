@@ -1,4 +1,4 @@
-"""The score that a policy file records, and the band around it in which the same episodes must score again."""
+"""The score that a policy file records, and the tolerances within which the same episodes must reproduce it."""
 
 from __future__ import annotations
 

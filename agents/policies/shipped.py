@@ -155,7 +155,7 @@ class ShippedPolicy:
         """The policy in the bytes of a policy file.
 
         Args:
-            source: how messages call the file.
+            source: name of the file in messages.
         Raises:
             PolicyError: no policy file, a damaged one, or one whose parts do not fit together.
         """
@@ -221,5 +221,5 @@ def _located(source: str) -> Iterator[None]:
             yield
     except PolicyError:
         raise
-    except Exception as error:  # whatever becomes of values that nobody expects, such as 1e999
+    except Exception as error:  # whatever unexpected values lead to, such as 1e999
         raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

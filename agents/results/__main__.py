@@ -85,7 +85,7 @@ def _scored(benchmarks: Sequence[Benchmark], seeds: range, jobs: int) -> list[Sc
 
 
 def _write(scored: Sequence[Scored], seeds: range, left_out: Mapping[Path, str], arguments: argparse.Namespace) -> None:
-    from agents.results import pictures as pictures
+    from agents.results import pictures
     from agents.results.page import About, page
 
     images = {

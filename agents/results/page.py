@@ -17,7 +17,7 @@ from agents.results.runs import HEAVIER, Benchmark, Recipe
 from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
 from rollingjoint.tables import markdown_table
 
-CLEAR = 3.0  # standard errors from which on a difference counts
+CLEAR = 3.0  # standard errors: smaller differences do not count
 ERRORS = ("mean [mm]", "median [mm]", "95 % below [mm]")
 SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"

@@ -158,7 +158,7 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
 def _run_folders(root: Path) -> Iterator[Path]:
     for path in sorted(root.rglob("config.yaml")):
         folder = path.parent
-        if not any(part.startswith(".") for part in folder.relative_to(root).parts):  # one that is being made
+        if not any(part.startswith(".") for part in folder.relative_to(root).parts):  # an unfinished one
             yield folder
 
 

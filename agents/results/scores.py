@@ -142,8 +142,7 @@ class _Part:
 def score_benchmark(benchmark: Benchmark, seeds: Sequence[int], drive: Drive) -> Scored:
     """All that the page says of a benchmark, in the episodes with these seeds."""
     beyond = score(benchmark, seeds, drive, heavier) if benchmark.has_heavier else None
-    evaluation = benchmark.recipes[0].config.evaluation
-    during = range(evaluation.seed, evaluation.seed + evaluation.episodes)
+    during = benchmark.recipes[0].config.evaluation.seeds
     feedback, floors = drive([_Part(benchmark.env, driver, during) for driver in (FEEDBACK, None)])
     levels = {FEEDBACK: float(feedback.final_errors.mean()), FLOOR: float(floors[np.isfinite(floors)].mean())}
     return Scored(benchmark, score(benchmark, seeds, drive), beyond, levels)

@@ -1,11 +1,13 @@
-"""What the commands share: one line for an error, exit codes, signals, and the command that was typed."""
+"""What the commands share: errors in one line, exit codes, signals, progress bars, the typed command."""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from rollingjoint.errors import RollingJointError
 
@@ -35,6 +37,27 @@ def signals_seen() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def progress_bar(total: int, unit: str, **arguments: Any) -> Any:
+    """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
+    from tqdm import tqdm  # comes with the extras that train and search
+
+    hidden = not sys.stderr.isatty() or "CI" in os.environ
+    return tqdm(total=total, unit=unit, disable=hidden, dynamic_ncols=True, **arguments)
+
+
+def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], again: str) -> int:
+    """The exit code of a command that works on many runs; says why some are not finished, and how to continue."""
+    for run, reason in failed.items():
+        print(f"failed: {run}: {reason}", file=sys.stderr)
+    if signals:
+        print(f"stopped by {signal.Signals(signals[0]).name}; to go on: {again}")
+        return INTERRUPTED
+    if failed:
+        print(f"{len(failed)} of {runs} runs failed; to try them again: {again}", file=sys.stderr)
+        return FAILED
+    return 0
 
 
 def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:

@@ -45,6 +45,14 @@ def write_json(path: Path, values: Any) -> None:
     write_text(path, json.dumps(values, indent=2) + "\n")
 
 
+def cut_off_unfinished_line(path: Path) -> None:
+    """Remove what a killed process or a full disk left of a last line; nothing where there is no file."""
+    content = path.read_bytes() if path.is_file() else b""
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        os.truncate(path, whole)
+
+
 def read_rows(table: Path) -> list[dict[str, str]]:
     """The rows of a CSV file; none if there is no file."""
     if not table.is_file():

@@ -11,7 +11,7 @@
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
     evaluation/          report, pictures and animation, written by agents.evaluate
-    error.txt            the traceback, if training broke off
+    error.txt            the traceback, if training failed
     lock                 held by the training that runs
 
 Policies and normalisers are pickles: load only run folders that you trust.
@@ -26,8 +26,8 @@ import platform
 import re
 import shlex
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ from rollingjoint.checked_yaml import dump_yaml, read_yaml
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
-PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which other work does not stretch
+PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which does not depend on other work
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RunFolder:
         return cls(path)
 
     def _give_way_to(self, partial: Path) -> None:
-        """Put the folder `partial` in the place of this one, which goes unless a training runs in it."""
+        """Replace this folder by `partial`; raises RunFolderError where a training run holds it."""
         old = partial.with_name(f"{partial.name}.old")
         with self.locked():
             os.replace(self.path, old)
@@ -93,23 +93,21 @@ class RunFolder:
         if not (path / "config.yaml").is_file():
             raise RunFolderError("run folder", str(path), "a new folder", "What is there is no run; it stays as it is.")
         if not force:
-            hint = "There is a run already: --resume goes on with it, --force replaces it, --run-dir names another."
+            hint = "There is a run already: --resume continues it, --force replaces it, --run-dir names another folder."
             raise RunFolderError("run folder", str(path), "a new folder", hint)
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self) -> AbstractContextManager[None]:
         """Hold the run folder alone; raises RunFolderError where another training holds it."""
-        with alone_in(self.path, "run folder", "one in which no training runs"):
-            yield
+        return alone_in(self.path, "run folder", "one in which no training runs")
 
     def restart(self) -> None:
-        """Remove what training left that was interrupted before its first checkpoint."""
+        """Remove the files of a training run that was interrupted before its first checkpoint."""
         for folder in (self.logs, self.checkpoints, self.path / "best"):
             shutil.rmtree(folder, ignore_errors=True)
         self.evaluations.unlink(missing_ok=True)
 
     def tidy(self) -> None:
-        """Remove files that a killed training had begun to write, and the account of an earlier failure."""
+        """Remove partly written files of a killed training run, and the traceback of an earlier failure."""
         unfinished = [path for path in self.path.rglob(".*") if UNFINISHED.fullmatch(path.name)]
         for path in sorted(unfinished, reverse=True):
             if path.is_dir():

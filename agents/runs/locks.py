@@ -41,5 +41,5 @@ def alone_in(folder: Path, what: str, allowed: str) -> Iterator[None]:
         try:
             held.enter_context(file_lock(folder / "lock"))
         except Timeout:
-            raise RunFolderError(what, str(folder), allowed, "Wait for its end, or stop it.") from None
+            raise RunFolderError(what, str(folder), allowed, "Wait for it to end, or stop it.") from None
         yield

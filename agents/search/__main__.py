@@ -14,10 +14,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tqdm import tqdm
-
 from agents.runs.checks import choice, integer
-from agents.runs.command_line import FAILED, INTERRUPTED, exit_code, signals_seen, typed_command
+from agents.runs.command_line import exit_code, finished, progress_bar, signals_seen, typed_command
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
 from agents.search.run import Progress
@@ -54,18 +52,11 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {jobs} at a time", flush=True)
     with signals_seen() as signals:
         failed = _work(left, config.budget, jobs, signals)
-    again = " ".join(word for word in command if word != "--force")
-    for path, reason in failed.items():
-        print(f"failed: {path}: {reason}", file=sys.stderr)
-    if signals:
-        print(f"stopped; to go on: {again}")
-        return INTERRUPTED
-    if failed:
-        print(f"{len(failed)} of {len(runs)} runs failed; to try them again: {again}", file=sys.stderr)
-        return FAILED
-    write_report(out)
-    print(f"All {len(runs)} runs are finished; the report is in {out / 'report.md'}")
-    return 0
+    code = finished(len(runs), failed, signals, " ".join(word for word in command if word != "--force"))
+    if code == 0:
+        write_report(out)
+        print(f"All {len(runs)} runs are finished; the report is in {out / 'report.md'}")
+    return code
 
 
 def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig:
@@ -76,9 +67,8 @@ def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig
 
 def _work(paths: Sequence[Path], budget: int, jobs: int, signals: Sequence[int]) -> dict[Path, str]:
     """Let the workers finish all runs; why some failed."""
-    hidden = not sys.stderr.isatty() or "CI" in os.environ
     now, failed, done = dict[Path, Progress](), dict[Path, str](), 0
-    with tqdm(total=budget * len(paths), unit=" designs", disable=hidden, dynamic_ncols=True) as bar:
+    with progress_bar(budget * len(paths), " designs") as bar:
         for path, said in work_on(paths, jobs, lambda: bool(signals)):
             if isinstance(said, Progress):
                 now[path] = said

@@ -45,7 +45,7 @@ class CmaEs:
         return np.clip(np.array(self.strategy.ask()), -1.0, 1.0)[:most]
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Adapt; a generation that the end of the budget cut short teaches nothing."""
+        """Adapt; a generation cut short by the end of the budget is ignored."""
         if len(evaluated) == self.strategy.popsize:
             self.strategy.tell(list(evaluated.x), evaluated.cost.tolist())
 

@@ -13,8 +13,8 @@ import json
 import os
 import shlex
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -89,11 +89,9 @@ class SearchRun:
         """The file of the batches."""
         return self.path / "evaluations.jsonl"
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self) -> AbstractContextManager[None]:
         """Hold the run alone; raises RunFolderError where another process holds it."""
-        with alone_in(self.path, "run", "one in which no other process searches"):
-            yield
+        return alone_in(self.path, "run", "one in which no other process searches")
 
     def batches(self) -> list[tuple[Evaluated, float]]:
         """All batches, the processor time after each [s]; raises RunFolderError for a broken journal."""
@@ -114,13 +112,6 @@ class SearchRun:
             stream.write(json.dumps({"seconds": seconds, **values}).encode() + b"\n")
             stream.flush()
             os.fsync(stream.fileno())
-
-    def cut_off_unfinished_line(self) -> None:
-        """Remove what a killed process or a full disk left of a batch."""
-        content = self.journal.read_bytes() if self.journal.is_file() else b""
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            os.truncate(self.journal, whole)
 
 
 def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:

@@ -1,7 +1,7 @@
 """The protocol of an optimiser: it asks for designs to be evaluated and is told the results.
 
-An optimiser is deterministic: the same setup, settings and answers make it ask the same. That is how an interrupted
-search is resumed: a new optimiser is told what the journal holds, and reaches the state of the old one.
+An optimiser is deterministic: with the same setup, settings and answers it asks for the same designs. So an interrupted
+search is resumed by telling a new optimiser what the journal holds, which brings it to the state of the old one.
 """
 
 from __future__ import annotations
@@ -94,4 +94,4 @@ class Optimiser(Protocol):
         """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Take in what was found about the designs that were asked for last, in their order."""
+        """Receive the results of the designs that were asked for last, in their order."""

@@ -23,7 +23,7 @@ from rollingjoint.design.comparison import nondominated
 from rollingjoint.design.problem import Problem
 
 N = TypeVar("N", int, float)
-YARDSTICK = "cma_es"  # what it has found at the end is what the other methods have to reach
+YARDSTICK = "cma_es"  # the other methods have to reach what it ends with
 BASELINE = "random"
 TITLES = {
     "random": "random search",
@@ -135,7 +135,7 @@ class Search:
 
     @cached_property
     def problem(self) -> Problem:
-        """What was searched."""
+        """The design problem that was searched."""
         return design_problem(self.config)
 
     @cached_property
@@ -160,7 +160,7 @@ class Search:
 
     @property
     def shown_name(self) -> str:
-        """What `shown` gives."""
+        """Name and unit of `shown`."""
         return "cost" if self.single is None else f"{words(self.names[self.single])} [{self.units[self.single]}]"
 
     @property
@@ -209,17 +209,17 @@ class Search:
 
 
 def words(name: str) -> str:
-    """A name as a reader reads it."""
+    """A name in words."""
     return TITLES.get(name, name.replace("_", " "))
 
 
 def plain_number(value: float | Array) -> str:
-    """Four figures; a dash for a number that is not finite."""
+    """Four significant digits; a dash for a number that is not finite."""
     return f"{float(value):.4g}" if math.isfinite(value) else "–"
 
 
 def median(values: Sequence[N]) -> N:
-    """The middle one, or of an even number the larger of the two in the middle, so that infinite ones stay so."""
+    """The median; of an even count the larger of the two middle values, so that an infinite one stays infinite."""
     return sorted(values)[len(values) // 2]
 
 

@@ -139,7 +139,7 @@ def _frozen(value: Any) -> Any:
 
 @contextmanager
 def _located(where: str) -> Iterator[None]:
-    """Says where in the file a complaint arose; a missing or misplaced field is one, too."""
+    """Adds the place in the file to errors; a missing or misplaced field becomes one, too."""
     try:
         with prefixed(f"{where}: "):
             yield

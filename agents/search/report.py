@@ -58,7 +58,7 @@ def draw(search: Search) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Findings:
-    """What is to be said of a search."""
+    """The findings of a search."""
 
     search: Search
 
@@ -69,7 +69,7 @@ class Findings:
 
     @cached_property
     def held_out(self) -> tuple[Evaluated, list[float]] | None:
-        """The same in what was never searched; None where the search names nothing."""
+        """The same under the held-out conditions; None where the search has none."""
         return self.search.scored(held_out=True) if self.search.config.held_out else None
 
     def markdown(self, level: int, pictures: Mapping[str, str]) -> str:

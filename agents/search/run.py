@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.runs.files import RunFolderError
+from agents.runs.files import RunFolderError, cut_off_unfinished_line
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Evaluated, Optimiser
 
@@ -37,7 +37,7 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
         RunFolderError: the journal does not agree with what the optimiser asks for; another process holds the run.
     """
     with run.locked():
-        run.cut_off_unfinished_line()
+        cut_off_unfinished_line(run.journal)
         now = _replay(run, optimiser, budget)
         yield now
         begun = time.process_time() - now.seconds

@@ -1,8 +1,8 @@
 """Sequential quadratic programming: descents that know the constraints one by one, not as a penalty.
 
-Every step minimises a quadratic model of the worth under the constraints made linear; so it goes along a limit where
-L-BFGS on a penalised cost bounces off it. Steps along a bent limit leave it a little: constraints have a reserve, which
-shrinks once designs keep to them. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
+Every step minimises a quadratic model of the worth under linearised constraints, so it follows a limit where L-BFGS on
+a penalised cost bounces off it. Steps along a curved limit violate it slightly: constraints have a margin, `reserve`,
+which shrinks once designs satisfy them. By scipy's SLSQP. Source: Kraft, "A software package for sequential quadratic
 programming" (1988); Nocedal and Wright, Numerical Optimization (2006), chapter 18.
 """
 
@@ -19,9 +19,9 @@ from agents.runs.checks import check_fields, integer, number
 from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
 
 SMALLEST_GAIN = 1e-6  # of worth over its steepest slope at the start, at which a descent is at rest
-RESERVE = 1e-2  # by how much constraints are to be kept at first
+RESERVE = 1e-2  # by which constraints are to be satisfied at first
 LEFT = 0.1  # of it after a step to a design that keeps all constraints
-ROUNDING = 1e-6  # the reserve at last: a constraint broken by rounding is broken
+ROUNDING = 1e-6  # the final reserve: a constraint broken by rounding is broken
 MOST_STEPS = 200
 
 
@@ -63,7 +63,7 @@ class Sqp:
 
 
 class _Answer(NamedTuple):
-    """What was found about a point."""
+    """The evaluation of a point."""
 
     worth: float
     constraints: Array
@@ -71,7 +71,7 @@ class _Answer(NamedTuple):
     ok: bool
 
     def tightened(self, reserve: float) -> Array:
-        """The constraints less a reserve; those that nothing changes as they are."""
+        """The constraints minus a reserve; constant ones as they are."""
         return self.constraints - np.where(self.jacobian[1:].any(1), reserve, 0.0)
 
 
@@ -100,11 +100,11 @@ class Descent:
 
 
 class _GivenUp(Exception):
-    """Nobody will answer any more."""
+    """No more answers will come."""
 
 
 class _Inside:
-    """SLSQP's side of a descent."""
+    """The thread in which SLSQP runs a descent."""
 
     def __init__(self) -> None:
         self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
@@ -155,7 +155,7 @@ class _Inside:
             self.reserve = max(LEFT * self.reserve, ROUNDING)
 
     def answer(self, x: Array) -> _Answer:
-        """What was found about a point, asked for once."""
+        """The evaluation of a point, asked for once."""
         if self.known is None or not np.array_equal(self.known[0], x):
             self.asked.put(x.copy())
             found = self.answers.get()

@@ -14,7 +14,7 @@ Scores = tuple[Evaluated, list[float]]
 
 
 def beside_reference(search: Search, scores: Scores, held_out: Scores | None) -> Iterator[str]:
-    """The best design and the reference mechanism, in what was searched and in what was not.
+    """The best design and the reference mechanism, in the search and under held-out conditions.
 
     Args:
         scores, held_out: as Search.scored gives them.

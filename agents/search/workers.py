@@ -1,7 +1,7 @@
 """Runs of a search in several processes: each works on one run at a time and reports its progress.
 
-Parent and worker talk through a pipe. A worker is given the folder of a run; anything that arrives before the run is
-done, the end of the pipe too, makes it stop after the batch that it works on. So no worker outlives its parent.
+Parent and worker communicate through a pipe. A worker receives the folder of a run; any message before the run is done,
+and the end of the pipe, stops it after its current batch. So no worker outlives its parent.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Said = Progress | str  # progress, DONE, or why a run failed
 
 
 def work_on(runs: Sequence[Path], jobs: int, stop: Callable[[], bool]) -> Iterator[tuple[Path, Said]]:
-    """What the workers say of the runs, as it arrives; ends when all are done, or stopped."""
+    """Messages of the workers about the runs, as they arrive; ends when all runs are done, or stopped."""
     context, left, busy = get_context("spawn"), list(runs), dict[Connection, Path]()
     workers = []
     try:
@@ -50,7 +50,7 @@ def work_on(runs: Sequence[Path], jobs: int, stop: Callable[[], bool]) -> Iterat
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Processes that start here never hear Ctrl-C: it is the parent's to tell them."""
+    """Processes started inside ignore Ctrl-C: their parent stops them."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
@@ -60,7 +60,7 @@ def _without_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that start here do linear algebra on one thread: of small matrices a second one only waits, at work."""
+    """Processes started inside use one thread for linear algebra: for small matrices a second one only busy-waits."""
     names = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -81,7 +81,7 @@ def _give(pipe: Connection, left: list[Path], busy: dict[Connection, Path]) -> N
 
 
 def _heard(pipe: Connection, left: list[Path], busy: dict[Connection, Path]) -> Iterator[tuple[Path, Said]]:
-    """What one worker says; one that is done with a run is given the next."""
+    """The message of one worker; a worker that is done with a run receives the next."""
     try:
         said: Said = pipe.recv()
     except (EOFError, OSError):
@@ -121,7 +121,6 @@ def _searched(path: Path) -> Iterator[Progress]:
     torch.set_num_threads(1)
     run = SearchRun(path)
     problem, first = design_problem(run.config), optimiser(run.config, design_problem(run.config))
-    first.tell(
-        evaluated_by(problem, first, first.ask(run.config.budget))
-    )  # compilation does not count as time of a run
+    # compilation does not count as time of a run
+    first.tell(evaluated_by(problem, first, first.ask(run.config.budget)))
     return search(run, problem, optimiser(run.config, problem), run.config.budget)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from tqdm import tqdm
 
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import run_episodes
+from agents.runs.command_line import progress_bar
 from agents.runs.config import TrainConfig
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
@@ -92,7 +92,7 @@ class Checkpoints(BaseCallback):
 
 
 class Evaluator(BaseCallback):
-    """Evaluates the deterministic policy on fixed seeds, now and then and at the end, and keeps the best one.
+    """Evaluates the deterministic policy on fixed seeds, at regular intervals and at the end, and keeps the best one.
 
     The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...).
 
@@ -165,9 +165,8 @@ class Progress(BaseCallback):
     """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
 
     def _on_training_start(self) -> None:
-        hidden = not sys.stderr.isatty() or "CI" in os.environ
         total, done = self.locals["total_timesteps"], self.model.num_timesteps
-        self.bar = tqdm(total=total, initial=done, unit=" steps", unit_scale=True, disable=hidden, dynamic_ncols=True)
+        self.bar = progress_bar(total, " steps", initial=done, unit_scale=True)
 
     def _on_step(self) -> bool:
         self.bar.update(min(self.num_timesteps, self.bar.total) - self.bar.n)

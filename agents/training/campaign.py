@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from agents.runs.checks import integer
-from agents.runs.command_line import FAILED, INTERRUPTED, signals_seen
+from agents.runs.command_line import finished, signals_seen
 from agents.runs.config import load_config
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
@@ -87,17 +87,10 @@ class Campaign:
         waiting, failed = self._plan()
         with signals_seen() as signals:
             failed |= self._work(waiting, signals)
-        for member, reason in failed.items():
-            print(f"failed: {member}: {reason}", file=sys.stderr)
-        command = (self.out / "command.txt").read_text().strip()
-        if signals:
-            print(f"stopped by {signal.Signals(signals[0]).name}; to go on: {command}")
-            return INTERRUPTED
-        if failed:
-            print(f"{len(failed)} of {len(self.members)} runs failed; to try them again: {command}", file=sys.stderr)
-            return FAILED
-        print(f"All {len(self.members)} runs are finished.\nNext: python -m agents.results {self.out}")
-        return 0
+        code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text().strip())
+        if code == 0:
+            print(f"All {len(self.members)} runs are finished.\nNext: python -m agents.results {self.out}")
+        return code
 
     def _plan(self) -> tuple[dict[Member, list[str]], dict[Member, str]]:
         """Arguments of agents.train by run, and why other runs cannot be trained."""

@@ -59,7 +59,7 @@ class _Events(TensorBoardOutputFormat):
 
 
 def _wait_for_a_later_name(folder: Path) -> None:
-    """Until a new file of events comes after those that are there: TensorBoard reads them in the order of their names.
+    """Wait until the name of a new event file sorts after the existing ones: TensorBoard reads them in that order.
 
     The names hold the second in which the files were made.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.storages.journal._file import BaseJournalFileLock
 
+from agents.runs.files import cut_off_unfinished_line
 from agents.runs.locks import file_lock
 
 
@@ -22,9 +22,7 @@ class _Lock(BaseJournalFileLock):
     def acquire(self) -> bool:
         """Acquire the lock, waiting if necessary."""
         self.held.enter_context(file_lock(self.journal.with_suffix(".lock"), wait=True))
-        whole = self.journal.read_bytes().rfind(b"\n") + 1
-        if whole < self.journal.stat().st_size:
-            os.truncate(self.journal, whole)
+        cut_off_unfinished_line(self.journal)
         return True
 
     def release(self) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, solve_lengths
 from rollingjoint.load import load_table
-from rollingjoint.planar import batch as lanes
+from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 
 Array = NDArray[np.float64]
 
@@ -83,12 +83,12 @@ class CompiledWalk:
     def __init__(self, walk: Walk) -> None:
         count, mechanism = len(walk), walk.mechanism
         low, high = (np.full((count, mechanism.n_tendons), limit) for limit in TENSION_LIMITS)
-        laws = lanes.TendonLaw(walk.commands, np.tile(mechanism.stiffnesses, (count, 1)), low, high)
+        laws = TendonLaw(walk.commands, np.tile(mechanism.stiffnesses, (count, 1)), low, high)
         self._count = count
-        self.results = lanes.new_results(count, mechanism.n_joints, mechanism.n_tendons)
+        self.results = new_results(count, mechanism.n_joints, mechanism.n_tendons)
         designs = np.zeros(count, np.int64)
-        problem = lanes.BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, self.results)
-        self._solve = lanes.PinnedRange(problem)
+        problem = BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, self.results)
+        self._solve = PinnedRange(problem)
 
     def one_by_one(self) -> None:
         """Solve the steps one after the other, a call each."""

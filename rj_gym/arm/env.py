@@ -15,8 +15,8 @@ class FlexibleArmEnv(TaskEnv):
     """Bring the tip of a hanging tendon-driven arm to a target, under unknown gravity and an unknown payload.
 
     An arm of n - 1 beads on elastic hinges, m tendons, length L (0.7 m, 32 beads and m = 8 for the default one, in two
-    segments of four tendons each). Its base is tilted, so that gravity comes from a side that nobody announces, and
-    something hangs from its tip. Every step is quasi-static: tendons move, the payload moves on, the arm settles.
+    segments of four tendons each). Its base is tilted, so that the direction of gravity is unknown, and
+    an unknown payload hangs from its tip. Every step is quasi-static: tendons move, the payload moves on, the arm settles.
 
     ## Action space
     `Box(-1, 1, (m,), float32)`: how far each tendon is pulled in, in units of `action_scale_mm` (1 mm); negative

@@ -49,7 +49,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         )
 
     def renderer(self) -> Screen[ArmScene]:
-        """What draws the scenes."""
+        """A renderer of the scenes."""
         return Screen(ArmCanvas(self.task.mechanism))
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.options import TrackingOptions, checked_keys, finite_floats, shared_options, vector_series
+from rj_gym.core.options import TrackingOptions, finite_floats, shared_options, vector_series
 from rollingjoint.errors import InvalidInput
 from rollingjoint.spatial.chain import HingeChain
 
@@ -23,7 +23,7 @@ _ROTATION = 1e-6  # how far a target's rotation matrix may be from one
 
 @dataclass(frozen=True)
 class ArmOptions(TrackingOptions):
-    """What the caller of reset holds fixed: see TrackingOptions, and the loads."""
+    """Values that a reset fixes: see TrackingOptions, and the loads."""
 
     gravity: Array | None = None
     payloads: Array | None = None
@@ -47,9 +47,8 @@ def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig
     """
     if options is None:
         return NOTHING_FIXED
-    checked_keys(options, OPTIONS)
     times = config.episode_steps + 1
-    fixed = shared_options(options, config, nominal)
+    fixed = shared_options(options, OPTIONS, config, nominal)
     if "target" in options and config.orientation:
         fixed["targets"] = _poses(options["target"], times)
     elif "target" in options:

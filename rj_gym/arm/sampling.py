@@ -60,7 +60,7 @@ class ArmDraws(TrackingDraws):
 
     @property
     def rest_causes(self) -> Array:
-        """Numbers on which the pose before the payload acts depends, beside the mechanism, (B, m + 3)."""
+        """Quantities that determine the pose before the payload acts, besides the mechanism, (B, m + 3)."""
         return np.concatenate([self.start_tensions, self.gravity], axis=1)
 
 

@@ -39,7 +39,7 @@ class ArmTask(TrackingTask):
         return arm_observation_entries(self.config, self.mechanism, goal)
 
     def rules(self, goal: bool = False) -> Rules:
-        """The numbers that all lanes share, as the kernels want them."""
+        """The parameters that all lanes share, as the kernels take them."""
         return Rules(
             angle_scale=self.config.reward.angle_scale_rad,
             payload_scale=load_scale(self.config),
@@ -48,7 +48,7 @@ class ArmTask(TrackingTask):
         )
 
     def sample(self, rngs: Random, fixed: ArmOptions | None = None) -> ArmDraws:
-        """One episode per generator; each takes the same count of numbers from its own."""
+        """One episode per generator; each draws the same count of numbers."""
         uniforms = Uniforms(self._blocks, rngs)
         return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 

@@ -14,7 +14,7 @@ PROCESSES = ("constant", "step", "ou")
 
 
 class LoadSettings(Settings):
-    """What the loads of every task have: a range of magnitudes, and how they change over time."""
+    """Settings of the loads in every task: a range of magnitudes, and how they change over time."""
 
     _SECTION: ClassVar[str] = "load."
     magnitude: Range
@@ -79,7 +79,7 @@ class RewardConfig(Settings):
 
 
 class Randomization(Settings):
-    """What the randomisation of every task shares: numbers of at least 0, some of at most `_HIGHEST`."""
+    """Base of the randomisation settings: numbers of 0 or more, some limited by `_HIGHEST`."""
 
     _SECTION: ClassVar[str] = "randomization."
     _HIGHEST: ClassVar[dict[str, float]] = {}

@@ -50,7 +50,7 @@ class TrackingDraws:
 
     @property
     def rest_causes(self) -> Array:
-        """Numbers on which the pose before the load acts depends, beside the mechanism, (B, ...)."""
+        """Quantities that determine the pose before the load acts, besides the mechanism, (B, ...)."""
         return self.start_tensions
 
 
@@ -85,7 +85,7 @@ class Block(NamedTuple):
 
 
 class Uniforms:
-    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, to be read only.
+    """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, read-only.
 
     Args:
         blocks: from uniform_blocks.
@@ -137,7 +137,7 @@ def loads_over_time(config: LoadSettings, drawn: Array, uniforms: Uniforms) -> A
 
 
 def hold(drawn: D, fixed: TrackingOptions) -> D:
-    """The draws with what is fixed in their place, the same in every lane."""
+    """The draws, with fixed values in place of drawn ones, the same in every lane."""
     held: dict[str, Any] = {
         name: np.stack([np.asarray(value)] * len(drawn))
         for name, value in vars(fixed).items()

@@ -1,4 +1,4 @@
-"""The scalar environment of every task: a Gymnasium shell around a single lane; and what goals change."""
+"""Base of the scalar environments: a Gymnasium shell around a single lane, plain and with goals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ALONE = np.zeros(1, np.int64)
 
 
 class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
-    """What the scalar environments of every task do; a task's class says which settings and episode buffer it has.
+    """Base of the scalar environments; a task's class names its settings and episode buffer.
 
     Args:
         render_mode: None, "human" or "rgb_array".
@@ -131,7 +131,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return self.__dict__ | {"_renderer": None}
 
     def _show(self, readings: NDArray[np.float64]) -> None:
-        """Draw the trail on, and the window."""
+        """Extend the trail and update the window."""
         self._trail.append(readings[TIP : TIP + self.task.dimension].copy())
         if self.render_mode == "human":
             self.render()
@@ -141,7 +141,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
 
 class GoalTaskEnv(TaskEnv):
-    """What the Goal environments of every task do differently, put before their class."""
+    """Base of the Goal environments; a task's class lists it before its plain environment."""
 
     goal: ClassVar[bool] = True
 

@@ -23,7 +23,7 @@ NO_ROWS: Rows = np.zeros(0, np.int64)
 class EpisodeBuffer(ABC):
     """Room for B episodes of a task, in arrays that are kept from step to step; a scalar environment has one lane.
 
-    The arrays change in every call: who hands out parts of them takes copies.
+    Every call changes the arrays: copy what is handed out.
 
     Args:
         task: the task.
@@ -52,7 +52,7 @@ class EpisodeBuffer(ABC):
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
         """One step of all lanes with the accepted actions; fresh observations, (B, entries).
 
-        Lanes that have `ended` are about to begin anew: whether they step, too, makes no difference.
+        Lanes that have `ended` restart next: whether they step as well makes no difference.
         """
 
     @abstractmethod
@@ -69,7 +69,7 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def observe(self) -> Observation:
-        """The observations of all lanes once more, (B, entries)."""
+        """The current observations of all lanes, (B, entries)."""
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
@@ -77,11 +77,11 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def renderer(self) -> Any:
-        """What draws the scenes."""
+        """A renderer of the scenes."""
 
     @abstractmethod
     def _allowed(self, shape: tuple[int, ...]) -> str:
-        """What actions have to be, in words."""
+        """Allowed actions in words, for messages."""
 
     def _finite(self) -> bool:
         """Whether all actions are finite."""

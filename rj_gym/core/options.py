@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """What the caller of reset holds fixed, the same in every lane; None is drawn.
+    """Values that a reset fixes, the same in every lane; None is drawn.
 
     Shapes as in TrackingDraws without the lane axis. A fixed mechanism is not randomised.
     """
@@ -41,8 +41,11 @@ def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Map
     return options
 
 
-def shared_options(options: Mapping[str, Any], config: TaskConfig, nominal: Any) -> dict[str, Any]:
-    """What "mechanism" and "start" hold fixed, fields of TrackingOptions; InvalidInput for values of no use."""
+def shared_options(
+    options: Mapping[str, Any], known: Sequence[str], config: TaskConfig, nominal: Any
+) -> dict[str, Any]:
+    """What "mechanism" and "start" hold fixed, fields of TrackingOptions; InvalidInput for other keys and values."""
+    checked_keys(options, known)
     fixed: dict[str, Any] = {}
     if "mechanism" in options:
         fixed["mechanism"] = _like_mechanism(options["mechanism"], nominal, config)

@@ -1,4 +1,4 @@
-"""The table of registered environments: for every id its classes, its room, its settings and its task."""
+"""The table of registered environments: for every id its classes, its folder, its settings and its task."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class Registration:
 
     Args:
         env_id: the id.
-        stem: of its classes: <stem>Env in the room's env.py, and <stem>VectorEnv in its vector.py for make_vec.
-        room: the folder of rj_gym.
-        settings: the class of its settings, in the room's config.py.
-        task: the class of its task, in the room's task.py.
+        stem: of its classes: <stem>Env in the folder's env.py, and <stem>VectorEnv in its vector.py for make_vec.
+        folder: of rj_gym.
+        settings: the class of its settings, in the folder's config.py.
+        task: the class of its task, in the folder's task.py.
         tracks: whether the task is to track a target with the tip.
     """
 
     env_id: str
     stem: str
-    room: str
+    folder: str
     settings: str
     task: str
     tracks: bool = True
@@ -41,7 +41,7 @@ class Registration:
     def classes(self) -> dict[str, str]:
         """The names of its classes and the modules that they are in."""
         modules = {f"{self.stem}Env": "env", f"{self.stem}VectorEnv": "vector", self.settings: "config"}
-        return {name: f"rj_gym.{self.room}.{module}" for name, module in modules.items()}
+        return {name: f"rj_gym.{self.folder}.{module}" for name, module in modules.items()}
 
 
 TABLE = (
@@ -59,9 +59,9 @@ def register_envs() -> None:
         if row.env_id not in gymnasium.registry:
             gymnasium.register(
                 row.env_id,
-                entry_point=f"rj_gym.{row.room}.env:{row.stem}Env",
-                vector_entry_point=f"rj_gym.{row.room}.vector:{row.stem}VectorEnv",
-                disable_env_checker=True,  # the environments check their input themselves, and the order of calls
+                entry_point=f"rj_gym.{row.folder}.env:{row.stem}Env",
+                vector_entry_point=f"rj_gym.{row.folder}.vector:{row.stem}VectorEnv",
+                disable_env_checker=True,  # the environments themselves check their input and the order of calls
                 order_enforce=False,
             )
 
@@ -70,7 +70,7 @@ def settings_of(env_id: str) -> type[Settings]:
     """The class of the settings of a registered id; raises ConfigError for another id."""
     for row in TABLE:
         if row.env_id == env_id:
-            kind: type[Settings] = late(f"rj_gym.{row.room}.config", row.settings)
+            kind: type[Settings] = late(f"rj_gym.{row.folder}.config", row.settings)
             return kind
     raise ConfigError("environment", env_id, f"one of {', '.join(row.env_id for row in TABLE)}")
 
@@ -88,10 +88,10 @@ def task_of(config: Settings) -> Any:
     names = [kind.__name__ for kind in type(config).__mro__]
     for row in TABLE:
         if row.settings in names:
-            return late(f"rj_gym.{row.room}.task", row.task)(config)
+            return late(f"rj_gym.{row.folder}.task", row.task)(config)
     raise ConfigError("settings", config, f"of {', '.join(dict.fromkeys(row.settings for row in TABLE))}")
 
 
 def late(module: str, name: str) -> Any:
-    """An attribute of a module that is imported for that."""
+    """An attribute of a module, which is imported when this is called."""
     return getattr(importlib.import_module(module), name)

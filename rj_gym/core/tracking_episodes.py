@@ -29,13 +29,13 @@ FLAT = Annotated[Singles, "B x entries"]  # observations as kernels fill them
 class TrackingEpisodeBuffer(EpisodeBuffer):
     """Room for B episodes of a tracking task, as many of them in use as the last `begin` was asked for."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ()  # what `_bind` makes, and what a pickle leaves out
+    _BOUND: ClassVar[tuple[str, ...]] = ()  # made by `_bind`, left out of pickles
     _FORCE: ClassVar[slice]  # columns of a load table, of the force in its last row that acts only while episodes run
     course: Any  # what is fixed when an episode begins
     state: Any  # where running episodes are
     _loads: Array  # (B, rows, columns)
     _results: Any
-    _solve: Any  # PinnedRange, or what has its interface
+    _solve: Any  # a PinnedRange, or a LaneByLane
     _step: Callable[..., int]  # (observation, first, last) -> lanes whose solve and `_finish` remain to be done
     _finish: Callable[..., object]  # (observation, first, last)
     _finite: Callable[[], bool]
@@ -106,13 +106,13 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return self._row.copy()
 
     def observe(self) -> Observation:
-        """The observations of all lanes once more, (B, entries)."""
+        """The current observations of all lanes, (B, entries)."""
         observation = np.empty(self.capacity * self._entries, np.float32)
         self._observe(observation)
         return observation.reshape(self.capacity, -1)
 
     def take(self, rows: Rows, other: TrackingEpisodeBuffer) -> None:
-        """Go on in these rows with the first lanes of another buffer."""
+        """Continue the first lanes of another buffer in these rows."""
         count = len(rows)
         self._widen(other.course.targets, other.course.forces)
         for mine, theirs in zip(self._kept(), other._kept(), strict=True):
@@ -125,7 +125,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
-        """What was drawn, in every task, for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         times, count = self.task.config.episode_steps + 1, len(draws)
         names = np.array([mechanism.name for mechanism in draws.mechanisms], dtype=object)
         return {
@@ -175,7 +175,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     @abstractmethod
     def _tips(self, count: int) -> Array:
-        """What a target says of the tip, of the solved first lanes, (count, d) [mm]."""
+        """What a target specifies, of the solved first lanes' tips, (count, d) [mm]."""
 
     @abstractmethod
     def _bound_solve(self) -> Any:
@@ -227,7 +227,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self.course.forces[:count] = draws.forces
 
     def _aims(self, tensions: Array) -> Array:
-        """What the tips of the unloaded equilibria at tensions (count, K, m) give for targets, (count, K, d) [mm]."""
+        """Targets, (count, K, d) [mm]: tips of the unloaded equilibria under tensions (count, K, m)."""
         aims = np.empty((*tensions.shape[:2], self.course.targets.shape[2]))
         for k in range(tensions.shape[1]):
             self._solve_unloaded(tensions[:, k])
@@ -280,7 +280,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._bind()
 
     def _bind(self) -> None:
-        """The kernels with all arguments that stay."""
+        """Bind the kernels to the arguments that stay the same."""
         self._neutral_angles = np.array([mechanism.neutral_angles for mechanism in self.mechanisms])
         self.readings, self._action, self._row = self.state.readings, self._actions[0], self.state.readings[0]
         self._finite = partial(machine_code(all_finite, Annotated[Floats, "B", "m"]), self._actions)
@@ -289,7 +289,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
 
 class LaneByLane:
-    """What PinnedRange does, for mechanisms that do not fit into one stack: a solver of a range of lanes for each."""
+    """In place of PinnedRange where mechanisms cannot be stacked: one solver per mechanism."""
 
     entry = pins = 0
 

@@ -44,7 +44,7 @@ class TrackingTask(Task):
 
     @abstractmethod
     def rules(self, goal: bool = False) -> Any:
-        """The numbers that all lanes share, as the kernels want them."""
+        """The parameters that all lanes share, as the kernels take them."""
 
     @abstractmethod
     def load_tables(self, episodes: Any, step: int) -> Array:

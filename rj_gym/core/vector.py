@@ -1,4 +1,4 @@
-"""The native vector environment of every task: all lanes in one batch; and what goals change."""
+"""Base of the native vector environments: all lanes in one batch, plain and with goals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Vectors = NDArray[np.float32]
 
 
 class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """What the native vector environments of every task do; a task's class says which settings and buffer it has.
+    """Base of the native vector environments; a task's class names its settings and episode buffer.
 
     Args:
         num_envs: number of lanes, at least 1.
@@ -168,7 +168,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return spread_info(sampled, rows, self.num_envs), vectors
 
     def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
-        """One step, of which ended lanes use theirs to begin anew: all vectors, and what was drawn if anything was."""
+        """One step, in which ended lanes restart: all vectors, and what was drawn, None where no lane restarted."""
         if len(fresh) == self.num_envs:
             sampled, vectors = self._begin(fresh)
             return vectors, sampled
@@ -179,7 +179,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return vectors, sampled
 
     def _restart(self, vectors: Vectors, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Same-step autoreset: ended lanes begin anew; what they ended with goes into final_obs and final_info."""
+        """Same-step autoreset: ended lanes restart; their last observations and infos go to final_obs, final_info."""
         ended = self._over
         rows = np.flatnonzero(ended)
         sampled, begun = self._begin(rows)
@@ -202,7 +202,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return self._observation(vectors, readings), restarted
 
     def _infos(self, readings: Array, terms: dict[str, Array], sampled: dict[str, Any] | None) -> dict[str, Any]:
-        """Infos of a step; lanes that have used it to begin anew are those that are still over."""
+        """Infos of a step; lanes that restarted in it are those still marked as over."""
         everywhere, stepped = self.task.state_info(readings), self._step_info(readings, terms)
         if sampled is None:
             return whole_info(everywhere | stepped, self.num_envs)
@@ -210,7 +210,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return infos if self._over.all() else infos | masked_info(stepped, ~self._over)
 
     def _step_info(self, readings: Array, terms: dict[str, Array]) -> dict[str, Any]:
-        """What only a step has to say, (B, ...)."""
+        """Entries that only infos of a step have, (B, ...)."""
         return {"reward_terms": terms}
 
     def _rewards(self, observations: Any, readings: Array) -> tuple[Array, dict[str, Array]]:
@@ -236,7 +236,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
 
 class GoalTaskVectorEnv(TaskVectorEnv):
-    """What the Goal vector environments of every task do differently, put before their class."""
+    """Base of the Goal vector environments; a task's class lists it before its plain environment."""
 
     goal: ClassVar[bool] = True
 

@@ -65,7 +65,7 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         return draws._asdict(), self.observe()[rows]
 
     def observe(self) -> Observation:
-        """The observations of all lanes once more, (B, entries)."""
+        """The current observations of all lanes, (B, entries)."""
         read = partial(self.task.part, self.readings)
         values = observation_values(self.task.config, self.task.length, read, self.draws)
         return np.clip(values, *self._bounds).astype(np.float32)
@@ -91,11 +91,11 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         )
 
     def renderer(self) -> Screen[DesignScene]:
-        """What draws the scenes."""
+        """A renderer of the scenes."""
         return Screen(DesignCanvas(self.task.length))
 
     def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
-        """Put what these lanes have come to into their readings, in the order of the task's columns."""
+        """Update the readings of these lanes, in the order of the task's columns."""
         worst, total = judged.status.max(-1), terms.sum(-1)
         own = terms, judged.case_errors, judged.margins, designs, judged.positions, judged.status
         parts = (np.reshape(part, (len(rows), -1)) for part in (steps, worst, judged.error, total, *own))

@@ -19,7 +19,7 @@ OPTIONS = ("design", "target_design", "forces", "tensions")
 
 
 class DesignOptions(NamedTuple):
-    """What the caller of reset holds fixed, the same in every lane; None is drawn. Shapes as in DesignDraws, no B."""
+    """Values that a reset fixes, the same in every lane; None is drawn. Shapes as in DesignDraws, no B."""
 
     start_design: Array | None = None
     target_design: Array | None = None

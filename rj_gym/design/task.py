@@ -209,5 +209,5 @@ def _solved(chain: DifferentiableChain, tensions: Array, forces: Array) -> Equil
 
 
 def _rounded(values: torch.Tensor) -> Array:
-    """Numbers without the last digits, in which one batch differs from another."""
+    """Numbers without the last digits, which depend on the batch."""
     return np.round(values.numpy(), _DECIMALS) + 0.0

@@ -47,7 +47,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         )
 
     def renderer(self) -> Screen[PlanarScene]:
-        """What draws the scenes."""
+        """A renderer of the scenes."""
         return Screen(PlanarCanvas(self.task.length))
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.options import TrackingOptions, checked_keys, shared_options, vector_series
+from rj_gym.core.options import TrackingOptions, shared_options, vector_series
 from rj_gym.planar.config import TrackingConfig
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
@@ -23,7 +23,7 @@ OPTIONS = ("target", "load", "mechanism", "start")
 
 @dataclass(frozen=True)
 class PlanarOptions(TrackingOptions):
-    """What the caller of reset holds fixed: see TrackingOptions, and the load."""
+    """Values that a reset fixes: see TrackingOptions, and the load."""
 
     links: int | None = None
     forces: Array | None = None
@@ -46,9 +46,8 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     """
     if options is None:
         return NOTHING_FIXED
-    checked_keys(options, OPTIONS)
     times = config.episode_steps + 1
-    fixed = shared_options(options, config, nominal)
+    fixed = shared_options(options, OPTIONS, config, nominal)
     if "target" in options:
         fixed["targets"] = vector_series("options['target']", options["target"], "xy", times, "mm")
     if "load" in options:

@@ -40,11 +40,11 @@ class PlanarTask(TrackingTask):
         return observation_entries(self.config, self.mechanism, goal)
 
     def rules(self, goal: bool = False) -> Rules:
-        """The numbers that all lanes share, as the kernels want them."""
+        """The parameters that all lanes share, as the kernels take them."""
         return Rules(force_scale=load_scale(self.config), **self._shared_rules(goal))
 
     def sample(self, rngs: Random, fixed: PlanarOptions | None = None) -> PlanarDraws:
-        """One episode per generator; each takes the same count of numbers from its own."""
+        """One episode per generator; each draws the same count of numbers."""
         uniforms = Uniforms(self._blocks, rngs)
         return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 

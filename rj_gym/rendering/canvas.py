@@ -36,7 +36,7 @@ _TENSION_COLORS: tuple[Color, ...] = ((70, 130, 200), (150, 90, 170), (210, 40, 
 
 
 class Drawing(Protocol[S]):
-    """Something that draws scenes of some kind."""
+    """Draws scenes of one kind."""
 
     def draw(self, scene: S) -> pygame.Surface:
         """The scene at the picture's size."""

@@ -1,4 +1,4 @@
-"""What the drawings of the tracking tasks share: the scene, and what is said beside the mechanism."""
+"""What the drawings of the tracking tasks share: the scene, and captions beside the mechanism."""
 
 from __future__ import annotations
 

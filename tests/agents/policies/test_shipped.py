@@ -21,7 +21,7 @@ from agents.policies.shipped import ShippedPolicy, entry_names, standalone
 from agents.shipped import list_policies, load_policy
 from rj_gym import TrackingConfig, settings_of
 from rj_gym.core.registry import task_of
-from rj_gym.planar.task import PlanarTask as TrackingTask
+from rj_gym.planar.task import PlanarTask
 from rollingjoint.errors import RollingJointError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -133,7 +133,7 @@ def test_policy_file_stands_alone_without_the_mechanism_file(tmp_path):
     path.unlink()
     again = ShippedPolicy.from_bytes(policy.to_bytes())
     assert again.make_env().action_space.shape == (4,)
-    again.begin(TrackingTask(policy.settings), 1)
+    again.begin(PlanarTask(policy.settings), 1)
 
 
 def test_file_cannot_name_another_file_as_its_mechanism():
@@ -212,14 +212,14 @@ def test_observation_that_does_not_fit_is_a_clear_error(env_id, observation, mes
 )
 def test_policy_refuses_to_drive_another_environment(changes, message):
     with pytest.raises(PolicyError, match=message):
-        random_policy().begin(TrackingTask(TrackingConfig(**changes)), 1)
+        random_policy().begin(PlanarTask(TrackingConfig(**changes)), 1)
 
 
 def test_policy_refuses_a_mechanism_of_the_same_name_with_other_numbers():
     links = load_mechanism("five_link")
     other = type(links)(links.links, [replace(tendon, stiffness=9.0) for tendon in links.tendons], name=links.name)
     with pytest.raises(PolicyError, match="in every number"):
-        random_policy().begin(TrackingTask(TrackingConfig(mechanism=other)), 1)
+        random_policy().begin(PlanarTask(TrackingConfig(mechanism=other)), 1)
     with pytest.raises(PolicyError, match="not one of rj_gym"):
         random_policy().begin(None, 1)
 
@@ -227,7 +227,7 @@ def test_policy_refuses_a_mechanism_of_the_same_name_with_other_numbers():
 def test_policy_drives_harder_episodes_of_its_environment():
     harder = TrackingConfig(load={"magnitude": (0, 1.5)}, randomization={"position_noise_mm": 1}, episode_steps=9)
     policy = random_policy()
-    policy.begin(TrackingTask(harder), 1)
+    policy.begin(PlanarTask(harder), 1)
     with gymnasium.make(FLAT, config=harder) as env:
         assert policy.act(Seen(env.reset(seed=0)[0][None], env.unwrapped.task)).shape == (1, 2)
 

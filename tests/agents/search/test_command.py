@@ -254,7 +254,7 @@ def test_ctrl_c_stops_and_the_same_command_ends_as_if_it_had_not(tmp_path):
         time.sleep(0.1)
     os.kill(process.pid, signal.SIGINT)
     said, _ = process.communicate()
-    assert process.returncode == 130 and "stopped; to go on" in said
+    assert process.returncode == 130 and "stopped by SIGINT; to go on" in said
     subprocess.run(commands[1], check=True)
     for one, other in zip(Search.read(outs[0]).all, Search.read(outs[1]).all, strict=True):
         assert np.array_equal(one.evaluated.x, other.evaluated.x)
