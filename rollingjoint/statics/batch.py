@@ -16,7 +16,7 @@ from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
 from rollingjoint.solution import Solution
-from rollingjoint.statics.families import FAMILIES, KINDS, family_of
+from rollingjoint.statics.families import KINDS, family_of, family_of_kind
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,8 @@ def _with_zeros(tables: Array, missing: int) -> Array:
 
 def _mechanisms(mechanisms: Iterable[AnyMechanism]) -> tuple[AnyMechanism, ...]:
     chains = tuple(mechanisms) if isinstance(mechanisms, Iterable) else ()
-    if not chains or not any(all(isinstance(each, family.kind) for each in chains) for family in FAMILIES):
+    families = {family_of_kind(kind) for kind in set(map(type, chains))}
+    if len(families) != 1 or None in families:
         allowed = f"{KINDS}, or a list of at least one, all of one kind"
         raise InvalidInput("mechanism", mechanisms, allowed, "rollingjoint.preset(name) makes a named one.")
     return chains
