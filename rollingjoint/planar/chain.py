@@ -136,7 +136,7 @@ class RollingChain(Mechanism["Equilibrium"]):
     def join(parts: Sequence[Chain]) -> Chain:
         """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
         rows = max(part.standing.shape[1] for part in parts)
-        parts = [part._replace(standing=_with_rows(part.standing, rows)) for part in parts]
+        parts = [part if part.standing.shape[1] == rows else _with_rows(part, rows) for part in parts]
         before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
         joined = Chain(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
         return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
@@ -232,6 +232,6 @@ def _on_curve(profile: Profile, s: float) -> Array:
     return profile.curve(s)
 
 
-def _with_rows(tables: Array, count: int) -> Array:
-    """Load tables (D, rows, columns) padded to `count` rows with zeros, which have no effect."""
-    return np.pad(tables, ((0, 0), (0, count - tables.shape[1]), (0, 0)))
+def _with_rows(part: Chain, count: int) -> Chain:
+    """The arrays with so many standing rows; those of zeros do nothing."""
+    return part._replace(standing=np.pad(part.standing, ((0, 0), (0, count - part.standing.shape[1]), (0, 0))))
