@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.arm import kernels
-from rj_gym.arm.kernels import FX, GRAVITY, OWN, TARGET_FRAME, Course, Inputs, Solved, State
+from rj_gym.arm.kernels import FX, GRAVITY, OWN, TARGET_FRAME, Course, Inputs, RunningEpisodes, Solved
 from rj_gym.arm.render import ArmCanvas, ArmScene
 from rj_gym.arm.sampling import ArmDraws
 from rj_gym.arm.task import ArmTask
@@ -35,7 +35,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     task: ArmTask
     mechanisms: tuple[HingeChain, ...]
     course: Course
-    state: State
+    state: RunningEpisodes
 
     def scene(self, trail: Array, lane: int = 0) -> ArmScene:
         """What a picture of one lane shows; trail (steps, 3) [mm] is where its tip has been."""
@@ -76,7 +76,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             np.zeros((capacity, m)),
             np.zeros((capacity, times if config.randomization.sensor_noise else 0, 6)),
         )
-        self.state = State(
+        self.state = RunningEpisodes(
             np.zeros((capacity, n - 1)),
             np.zeros((capacity, n, 4, 4)),
             np.zeros((capacity, 2, m)),
@@ -104,7 +104,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     def _bind_step(self) -> None:
         solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        kinds, known = (kernels.Rules, Course, State), (self._rules, self.course, self.state)
+        kinds, known = (kernels.Rules, Course, RunningEpisodes), (self._rules, self.course, self.state)
         self._begin_step = partial(machine_code(kernels.prepare, *kinds, Inputs, int, int), *known, inputs)
         self._finish = partial(machine_code(kernels.finish, *kinds, Solved, FLAT, int, int), *known, solved)
         self._fill = partial(machine_code(kernels.observe, *kinds, FLAT), *known)

@@ -29,7 +29,7 @@ from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
 
-# Columns of State.readings after those of every task: direction of gravity; angle between tip and target frame, and its
+# Columns of the readings after those of every task: direction of gravity; angle between tip and target frame, and its
 # term of the reward; rotation matrices of both, row by row.
 GRAVITY, ANGLE, ORIENTATION, TIP_FRAME, TARGET_FRAME, OWN = 0, 3, 4, 5, 14, 23
 
@@ -66,7 +66,7 @@ class Course(NamedTuple):
     noise: Annotated[Floats, "B", "0 or T + 1", 6]  # mm, rad
 
 
-class State(NamedTuple):
+class RunningEpisodes(NamedTuple):
     """Where running episodes are."""
 
     angles: Annotated[Floats, "B", "J"]  # hinge angles of the last usable equilibrium, rad

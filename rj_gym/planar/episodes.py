@@ -12,7 +12,7 @@ from rj_gym.core.episodes import Observation
 from rj_gym.core.kernels import FORCE, LINK, TENSIONS
 from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
 from rj_gym.planar import kernels
-from rj_gym.planar.kernels import Course, Inputs, Solved, State, TaskArrays
+from rj_gym.planar.kernels import Course, Inputs, RunningEpisodes, Solved, TaskArrays
 from rj_gym.planar.render import PlanarCanvas, PlanarScene
 from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
@@ -37,7 +37,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     task: PlanarTask
     mechanisms: tuple[RollingChain, ...]
     course: Course
-    state: State
+    state: RunningEpisodes
 
     def scene(self, trail: Array, lane: int = 0) -> PlanarScene:
         """What a picture of one lane shows; trail (steps, 2) [mm] is where its tip has been."""
@@ -64,7 +64,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
             np.zeros((capacity, m)),
             np.zeros((capacity, times if config.randomization.sensor_noise else 0, n - 1, 3)),
         )
-        self.state = State(
+        self.state = RunningEpisodes(
             np.zeros((capacity, n - 1)),
             np.zeros((capacity, n - 1, m)),
             np.zeros((capacity, n, 3)),

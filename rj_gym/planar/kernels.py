@@ -76,7 +76,7 @@ class Course(NamedTuple):
     noise: Annotated[Floats, "B", "0 or T + 1", "moving", 3]  # mm, mm, rad
 
 
-class State(NamedTuple):
+class RunningEpisodes(NamedTuple):
     """Where running episodes are."""
 
     angles: Annotated[Floats, "B", "J"]  # joint angles of the last usable equilibrium, rad
@@ -111,7 +111,7 @@ class TaskArrays(NamedTuple):
 
     rules: Rules
     course: Course
-    state: State
+    state: RunningEpisodes
     inputs: Inputs
     solved: Solved
 

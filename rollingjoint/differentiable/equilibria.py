@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.newton import freed
-from rollingjoint.differentiable.statics import State
+from rollingjoint.differentiable.statics import ChainState
 from rollingjoint.differentiable.surface import as_pairs
 from rollingjoint.solution import Status
 
@@ -24,7 +24,7 @@ class Equilibria:
 
     status: Tensor
     free_joints: Tensor
-    _state: State
+    _state: ChainState
 
     def __repr__(self) -> str:
         return f"<Equilibria: {int(self.ok.sum())} of {self.ok.numel()} rows ok>"

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
-from rollingjoint.differentiable.statics import Law, State
+from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -38,7 +38,7 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
         row has converged, (...).
     """
-    problem = _Problem(geometry, law, loads, _Bounds(geometry, s))
+    problem = _Equations(geometry, law, loads, _Bounds(geometry, s))
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
     current = _Iterate.at(geometry, law, loads, s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
@@ -49,7 +49,7 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
 
 
 def _descended(
-    problem: _Problem, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int
+    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int
 ) -> tuple[_Iterate, Tensor]:
     """The rows after at most `most` steps, and which of them are stuck, (...); alpha (...) scales the first step.
 
@@ -95,7 +95,7 @@ class _Iterate(NamedTuple):
         """The rows with their contacts at s."""
         contact = geometry.contact(s)
         phi = contact.angles
-        state = State(geometry, law, loads, phi, contact)
+        state = ChainState(geometry, law, loads, phi, contact)
         energy, magnitude = state.energy
         H = state.stiffness.expand(*phi.shape, phi.shape[-1])
         goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
@@ -150,15 +150,15 @@ class _Bounds:
         return torch.where(phi <= self.smallest, self.last, torch.where(phi >= self.largest, self.first, s))
 
 
-class _Problem(NamedTuple):
-    """What does not change on the way."""
+class _Equations(NamedTuple):
+    """What stays the same from step to step."""
 
     geometry: Geometry
     law: Law
     loads: Loads
     bounds: _Bounds
 
-    def chosen(self, mask: Tensor) -> _Problem:
+    def chosen(self, mask: Tensor) -> _Equations:
         """The problem of the rows of a mask (...), which get one leading axis, (A)."""
 
         def rows(values: Tensor, axes: int = 1) -> Tensor:
@@ -180,7 +180,7 @@ class _Problem(NamedTuple):
         )
         loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
         first = rows(self.bounds.first)
-        return _Problem(geometry, self.law.each(rows), loads, _Bounds(geometry, first))
+        return _Equations(geometry, self.law.each(rows), loads, _Bounds(geometry, first))
 
 
 def _step(current: _Iterate, bounds: _Bounds, held: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
-from rollingjoint.differentiable.statics import Law, State
+from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
@@ -137,7 +137,7 @@ def _search(
         s, held, arrived = minimise(geometry, law, acting, begin)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
-        crossed = State(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
+        crossed = ChainState(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
         found = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
         status = torch.where(good & arrived & ~crossed, found, status)
         left = good & ~arrived
@@ -163,13 +163,13 @@ def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, 
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    before = State(geometry, law, acting, near, contact.moved((near - angle) / kappa))
+    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa))
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
-    return Equilibria(status, ~held, State(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
+    return Equilibria(status, ~held, ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
 
 
 class _NewtonStep(torch.autograd.Function):

@@ -54,7 +54,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class State:
+class ChainState:
     """The chain at joint angles phi, (..., J) [rad].
 
     Args:
