@@ -22,6 +22,7 @@ Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
     call_range: in a kernel, call_range(entry, pins, BatchArrays, first, last) with those of a PinnedRange; how many
         rows are left to its solve_the_rest, -1 where it had no memory.
+    TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
     run_in_threads: work on ranges of rows, on the threads of this process.
 
@@ -33,6 +34,7 @@ from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, s
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
 from rollingjoint._numba.views import carve
+from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
 from rollingjoint.threads import run_in_threads
 
@@ -44,6 +46,7 @@ __all__ = [
     "Pinned",
     "PinnedRange",
     "Singles",
+    "TendonLaw",
     "WrongLayout",
     "borrow",
     "call_range",

@@ -81,7 +81,7 @@ class Load:
 
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
-        raise NotImplementedError
+        raise InvalidInput("load", self, f"a load that acts on planar chains: {_names(*LOADS)}")
 
     def spatial_rows(self, n_links: int) -> list[Row] | NDArray[np.float64]:
         """Rows of a spatial table, or such a table."""

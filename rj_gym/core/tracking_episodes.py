@@ -18,9 +18,8 @@ from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.core.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, TIP, all_finite
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.compiled import Floats, Singles, machine_code, run_in_threads
+from rollingjoint.compiled import Floats, Singles, TendonLaw, machine_code, run_in_threads
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.batch import TendonLaw
 
 Array = NDArray[np.float64]
 FLAT = Annotated[Singles, "B x entries"]  # observations as kernels fill them
