@@ -1,5 +1,6 @@
 """The task's lanes: commands, tensions, reward terms, observation, end, and lanes that do not see each other."""
 
+import os
 import pickle
 from types import SimpleNamespace
 
@@ -104,6 +105,7 @@ def test_a_prediction_that_goes_far_is_not_used():
     assert np.array_equal(starts[0], state.angles)
 
 
+@pytest.mark.skipif("ROLLINGJOINT_CHECK_BOUNDS" in os.environ, reason="in that mode what a solver raises is raised")
 def test_a_solver_that_cannot_get_memory_leaves_all_lanes_to_the_other_one():
     lanes, others = started()[0], started()[0]
 
