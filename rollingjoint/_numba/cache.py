@@ -107,7 +107,7 @@ class _KernelCacheImpl(caching.CompileResultCacheImpl):
     _locator_classes = [_KernelLocator]  # noqa: RUF012 (numba's own form)
 
 
-_UNREADABLE = (OSError, EOFError, ValueError, pickle.UnpicklingError)
+_UNREADABLE = (OSError, EOFError, ValueError, AttributeError, ImportError, pickle.UnpicklingError)  # or of classes gone
 
 
 class _KernelCache(caching.FunctionCache):

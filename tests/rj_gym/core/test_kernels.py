@@ -51,6 +51,21 @@ pinned = Pinned(Task(**{name: 3.0 if name == "scale" else np.array([5.0]) for na
 print(scaled(pinned.address))
 """
 
+NAMED = """
+from typing import NamedTuple
+import numpy as np
+from rollingjoint.compiled import kernel
+
+class {name}(NamedTuple):
+    values: np.ndarray
+
+@kernel
+def first(pair):
+    return pair.values[0]
+
+print(first({name}(np.array([5.0]))))
+"""
+
 
 @pytest.fixture
 def printed(tmp_path):
@@ -86,6 +101,13 @@ def test_a_kernel_is_compiled_anew_when_a_layout_in_another_file_changes(printed
     for order in (fields, fields[::-1]):
         (tmp_path / "layouts.py").write_text(LAYOUT.format(fields="\n    ".join(order)))
         assert printed("pinned.py", 0.0) == 15.0
+
+
+def test_a_kernel_is_compiled_anew_when_a_class_that_it_was_kept_with_is_gone(printed, tmp_path):
+    (tmp_path / "main.py").write_text("import named")
+    for name in ("One", "Other"):
+        (tmp_path / "named.py").write_text(NAMED.format(name=name))
+        assert printed("main.py", 0.0) == 5.0
 
 
 def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():
