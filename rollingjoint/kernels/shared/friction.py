@@ -97,6 +97,12 @@ def work_per_grip(before, after, way, presliding):
 
 
 @part(inline=True)
+def stretch_per_tension(coefficients, count, k, j):
+    """Stretch of tendon j beyond link k per newton, where it crosses so many joints."""
+    return coefficients[j, COMPLIANCE] * ((count - k) / count)
+
+
+@part(inline=True)
 def evaluate_slips(coefficients, tendon_joints, state, now):
     """Fill the slip coordinates from gaps and tensions at the motor."""
     for j in range(tendon_joints.size):
@@ -104,7 +110,10 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
         beyond = 0.0 * state.angle[0]
         for k in range(count - 1, -1, -1):
             beyond = beyond + state.gap[k, j, 0]
-            now.slips[k, j] = beyond - coefficients[j, COMPLIANCE] * ((count - k) / count) * state.tension[j]
+            now.slips[k, j] = beyond
+        if any_lane(coefficients[j, COMPLIANCE] > 0.0):
+            for k in range(count):
+                now.slips[k, j] -= stretch_per_tension(coefficients, count, k, j) * state.tension[j]
 
 
 @part(inline=True)
@@ -116,6 +125,7 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
         count = tendon_joints[j]
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
         share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
+        stretches = any_lane(coefficients[j, COMPLIANCE] > 0.0)
         carried, tension = motor, motor
         for k in range(count):
             turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
@@ -128,8 +138,9 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             share = share * passing
             lost = lost + constant * z
             give, flat = give + mu * turn * per_slip, flat + constant * per_slip
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * per_slip
-            yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            if stretches:
+                stretch = stretch_per_tension(coefficients, count, k, j) * per_slip
+                yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
             grip, below = carried * mu * turn * mean + constant, tension
             carried = motor * share
             pulls = carried >= lost
@@ -170,7 +181,7 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
     for j in range(tendon_joints.size):
         count = tendon_joints[j]
         for k in range(count):
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * (state.tension[j] - motor[j])
+            stretch = stretch_per_tension(coefficients, count, k, j) * (state.tension[j] - motor[j])
             way = now.slips[k, j] + stretch - before.slips[k, j]
             after = slide(before.states[k, j], way, coefficients[j, PRESLIDING])
             term = grips[k, j] * work_per_grip(before.states[k, j], after, way, coefficients[j, PRESLIDING])
