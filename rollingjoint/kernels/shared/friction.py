@@ -27,6 +27,7 @@ ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
 BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
 
 
+MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
 _STILL = 1e-8  # a friction state below it is zero
 
 
@@ -205,6 +206,15 @@ def friction_work(coefficients, before, tendon_joints, now):
             per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
             work = work + 0.5 * (before.grips[k, j] + now.grips[k, j]) * per_grip
     return work
+
+
+@part(inline=True)
+def overshoots_kink(slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it: there the grips may send the next one right back.
+
+    slope, new_slope: of the merit along the step, at its start (negative) and at its end.
+    """
+    return new_slope > -MOST_OVERSHOOT * slope
 
 
 @part(inline=True)
