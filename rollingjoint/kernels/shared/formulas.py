@@ -29,6 +29,11 @@ def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -
     raise TypeError("fill_generators is compiled into kernels")
 
 
+def fill_turns(chain: Any, state: Any, turn: Any) -> None:
+    """Fill turn[i, j] = |a|, d|a|/dangle, |b|, d|b|/dangle of every crossed joint at the state's angles, (J, m, 4)."""
+    raise TypeError("fill_turns is compiled into kernels")
+
+
 def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
     """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
 

@@ -6,7 +6,9 @@ Modules:
     chain: poses, tendons, loads, residual and stiffness at one configuration.
     solve: one equilibrium from one start.
     springs: springs to fixed points: forces, energy, stiffness.
+    turns: turns of the tendons at the holes of the beads.
     vectors: vectors in space, as three numbers.
 """
 
 from rollingjoint.kernels.spatial import chain as chain
+from rollingjoint.kernels.spatial import turns as turns
