@@ -158,8 +158,9 @@ def _solve_one(
 ) -> Any:
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     phi = _start_of(mechanism, start_of(start, history))
-    before = checked_history(mechanism, history, None) if history is not None and mechanism.has_friction else None
-    return family.batch.solve_one(mechanism, law, table, phi, before)
+    if history is None or not mechanism.has_friction:
+        return family.batch.solve_one(mechanism, law, table, phi)
+    return family.batch.solve_one(mechanism, law, table, phi, checked_history(mechanism, history, None))
 
 
 def _start_of(mechanism: AnyMechanism, angles: ArrayLike | None) -> Array:

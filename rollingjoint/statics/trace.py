@@ -60,4 +60,4 @@ def trace(
         if step.status <= Status.INDETERMINATE:
             history = step
         steps.append(step)
-    return stacked(steps)  # type: ignore[no-any-return]
+    return stacked(steps)

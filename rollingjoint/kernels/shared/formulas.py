@@ -45,7 +45,7 @@ def first_tendon_column(chain: Any, columns: Any) -> Any:
 
 
 def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:
-    """Fill a step along which the energy of the line search falls: Newton's, changed where H is not positive definite."""
+    """Fill a step along which the line search descends: Newton's, changed where H is not positive definite."""
     raise TypeError("direction is compiled into kernels")
 
 
