@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
+from rollingjoint.friction import CapstanFriction, checked_friction
 from rollingjoint.kernels.spatial.arrays import N_TURNS, Hinges
 from rollingjoint.load import Gravity
 from rollingjoint.mechanism import Mechanism, members, read_only
@@ -89,8 +90,10 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
             linear in the angles, tangent to the exact ones at 0. "end_couple": linear lengths, and a couple on the
             tendon's last bead in place of everything that it does; the paper's model, without a potential.
         name: for tables and pictures.
+        friction: of the tendons that have none of their own; the model must be "exact". A solve takes it into account
+            where it is given a history.
     Raises:
-        MechanismError: wrong counts, holes that meet at rest.
+        MechanismError: wrong counts, holes that meet at rest, friction with another model, rolling resistance.
     Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
     """
 
@@ -98,18 +101,28 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
     tendons: Sequence[BeadTendon]
     model: str = "exact"
     name: str = ""
+    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beads", members("beads", self.beads, Bead))
         object.__setattr__(self, "tendons", members("tendons", self.tendons, BeadTendon))
         if self.model not in TENDON_MODELS:
             raise MechanismError("tendon model", self.model, f"one of {', '.join(TENDON_MODELS)}")
+        self._check_friction()
         low, high = self.joint_limits.T
         rest = np.array([bead.rest_angle for bead in self.beads])
         if not np.all((low < rest) & (rest < high)):
             i = int(np.argmin((low < rest) & (rest < high)))
             allowed = f"a rest angle between {low[i]:g} and {high[i]:g} rad, where tendon holes meet"
             raise MechanismError(f"beads[{i}] rest_angle", rest[i], allowed)
+
+    def _check_friction(self) -> None:
+        friction = checked_friction(self.friction)
+        if friction is not None and friction.rolling > 0.0:
+            raise MechanismError("friction rolling", friction.rolling, "0: hinges do not roll")
+        if self.model != "exact" and self.has_friction:
+            hint = "Friction needs the true direction of the tendons between the beads."
+            raise MechanismError("tendon model with friction", self.model, "exact", hint)
 
     @property
     def n_links(self) -> int:
