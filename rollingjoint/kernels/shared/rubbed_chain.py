@@ -41,7 +41,7 @@ from rollingjoint.kernels.shared.friction import (
 from rollingjoint.kernels.shared.linear import cholesky, descent_step, lu_step
 from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
 from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
-from rollingjoint.kernels.shared.newton import minimise
+from rollingjoint.kernels.shared.newton import classify, minimise
 from rollingjoint.kernels.shared.settle import long_joints, settle
 
 _SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
@@ -251,6 +251,17 @@ def direction(chain, H, sweep, free, residual, L, step):
         chain.A[i, i] = H[i, i]  # with the proximal term
     if not (cholesky(H, free, 0.0, L) > 1e-10 and lu_step(chain.A, free, residual, step)):
         descent_step(H, free, residual, L, step)
+
+
+@formula(formulas.reconsider, Rubbed)
+def reconsider(chain, loads, state, free, kind):
+    """By the eigenvalues of A: the pose can be stable although A's symmetric part is not positive definite."""
+    n = state.angle.size
+    A = np.empty((n, n))
+    law, now, rolling = chain.law, chain.now, chain.rolling
+    dense = Rubbed(chain.chain, chain.joints, law, chain.before, now, rolling, A, chain.base, chain.lu, False)
+    formulas.stiffness(dense, loads, state, A)
+    return classify(A, new_sweep(0, 0), free, np.empty((n, n)))
 
 
 @part
