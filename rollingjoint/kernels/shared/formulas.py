@@ -59,6 +59,11 @@ def overshoots(chain: Any, slope: Any, new_slope: Any) -> Any:
     raise TypeError("overshoots is compiled into kernels")
 
 
+def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
+    """The kind of a stationary point where H is not positive definite; kind: what H says."""
+    raise TypeError("reconsider is compiled into kernels")
+
+
 def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
     """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
 

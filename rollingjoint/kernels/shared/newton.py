@@ -13,7 +13,15 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
-from rollingjoint.kernels.shared.formulas import direction, evaluate, fill_generators, overshoots, renew, stiffness
+from rollingjoint.kernels.shared.formulas import (
+    direction,
+    evaluate,
+    fill_generators,
+    overshoots,
+    reconsider,
+    renew,
+    stiffness,
+)
 from rollingjoint.kernels.shared.linear import (
     cholesky,
     damped_step,
@@ -204,6 +212,8 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
                 H[i, i] += prox
         if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
             kind = classify(H, sweep, free, L)
+            if kind != CONVERGED:
+                kind = reconsider(chain, loads, state, free, kind)
             if kind != UNSTABLE or not conservative or long or escapes == most_escapes:
                 for i in range(n):
                     if kind == CONVERGED and not free[i]:
