@@ -30,8 +30,8 @@ from speed_rows.timing import Contestant, fastest, race
 from speed_rows.walk import TENSION_LIMITS, Walk, random_walk
 
 TITLE = "Friction"
-TEXT = """The walk of the sections above with capstan friction, μ = 0.1, presliding 0.02 mm: every step is solved from the
-history of the one before. The peer is the walk without friction. Targets: 2.5 times its time, 1 M solves/s."""
+TEXT = """The walk of the sections above with capstan friction, μ = 0.1, presliding 0.02 mm: every step is solved from
+the history of the one before. The peer is the walk without friction. Targets: 2.5 times its time, 1 M solves/s."""
 PICTURES: dict[str, str] = {}
 
 FRICTION = CapstanFriction(0.1)

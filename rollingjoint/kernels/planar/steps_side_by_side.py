@@ -54,6 +54,7 @@ from rollingjoint.kernels.shared.friction import (
     evaluated_energy,
     friction_of,
     history_of,
+    overshoots_kink,
     valid_friction,
 )
 from rollingjoint.kernels.shared.tolerances import (
@@ -228,13 +229,15 @@ def advance(rubbed, chain, designs):
     energy, magnitude = potential + term, magnitude + size
     worst, held = hold_ends(block)
     zero = 0.0 * worst
-    slope = zero
+    slope, new_slope = zero, zero
     for i in range(angle.size):
-        slope = slope + base_residual[i] * (angle[i] - base_angle[i])
+        way = angle[i] - base_angle[i]
+        slope, new_slope = slope + base_residual[i] * way, new_slope + residual[i] * way
 
     running = search[PHASE] == RUNNING
     noise, fall = ROUNDING * (search[MAGNITUDE] + magnitude), search[ENERGY] - energy
-    descent = (fall > noise) & (fall >= -1e-4 * slope)
+    short = (search[STEPS] < 0.0) | ~overshoots_kink(slope, new_slope)
+    descent = (fall > noise) & (fall >= -1e-4 * slope) & short
     accepted = running & (descent | ((fall >= -noise) & (worst < search[WORST])))
     goal = RELATIVE_GOAL * scale
     goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)

@@ -27,6 +27,7 @@ ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
 BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
 
 
+MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
 _STILL = 1e-8  # a friction state below it is zero
 
 
@@ -206,6 +207,15 @@ def evaluated_energy(coefficients, before, tendon_joints, now):
             energy, magnitude = energy + term, magnitude + abs(term)
             present, earlier = present + now.grips[k, j] * per_grip, earlier + before.grips[k, j] * per_grip
     return energy, magnitude, present, 0.5 * (present + earlier)
+
+
+@part(inline=True)
+def overshoots_kink(slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it: there the grips may send the next one right back.
+
+    slope, new_slope: of the merit along the step, at its start (negative) and at its end.
+    """
+    return new_slope > -MOST_OVERSHOOT * slope
 
 
 @part(inline=True)
