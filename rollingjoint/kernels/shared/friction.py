@@ -21,9 +21,9 @@ from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 # the base and the end of the tendon [mm/N]
 MU, PRESLIDING, EXTRA_TURN, CONSTANT, COMPLIANCE, N_COEFFICIENTS = range(6)
 ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
-# Columns of Rubbing.turn: turn of a tendon at the hole below a gap and at the one above it, not negative, each followed
-# by its rate d turn / d joint angle
-BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
+# Columns of Rubbing.turn: turn of a tendon at both holes of link k, the angles at each added up; how the turn at the
+# hole below gap k, and at the one above it, changes with the angle of joint k
+TURN, BELOW_RATE, ABOVE_RATE, N_TURN = range(4)
 
 
 MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
@@ -60,7 +60,7 @@ class FrictionArrays(NamedTuple):
 class Rubbing(NamedTuple):
     """Friction evaluated at one configuration."""
 
-    turn: Annotated[Floats, "J", "m", 4]  # columns above
+    turn: Annotated[Floats, "J", "m", N_TURN]  # columns above
     states: Annotated[Floats, "J", "m"]
     slips: Annotated[Floats, "J", "m"]
     grips: Annotated[Floats, "J", "m"]
@@ -126,12 +126,9 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
         share, give, carried = zero + 1.0, zero, motor
         for k in range(tendon_joints[j]):
-            turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
-            if k > 0:
-                turn = turn + now.turn[k - 1, j, ABOVE]
             free = before.states[k, j] - (now.slips[k, j] - before.slips[k, j]) * per_presliding
             z = where(free > 1.0, 1.0, where(free < -1.0, -1.0, free))
-            resistance = mu * turn
+            resistance = mu * (now.turn[k, j, TURN] + coefficients[j, EXTRA_TURN])
             passing, mean = decay(resistance * z)
             now.grips[k, j] = carried * resistance * mean
             share = share * passing
