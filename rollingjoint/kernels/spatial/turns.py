@@ -10,7 +10,6 @@ import math
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.elementary import angle_of
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
 from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
@@ -41,7 +40,7 @@ def _turn_from_z(table, i, j, frame, sin, versine):
     side = math.sqrt(x * x + y * y)
     if side == 0.0:
         return 0.0, 0.0
-    return angle_of(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
+    return math.atan2(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
 
 
 @formula(formulas.fill_normals, Hinges)
