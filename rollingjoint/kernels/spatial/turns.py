@@ -12,7 +12,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
-from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
+from rollingjoint.kernels.spatial.arrays import HALVES, IN_ABOVE, IN_BELOW, Hinges
 
 
 @formula(formulas.fill_turns, Hinges)
@@ -20,9 +20,15 @@ def fill_turns(chain, state, turn):
     """Fill turns and their rates (shared.friction.Rubbing.turn)."""
     table, angle, turn = borrow(chain.turns), borrow(state.angle), borrow(turn)
     for i in range(angle.size):
-        sin, versine = math.sin(angle[i]), 2.0 * math.sin(0.5 * angle[i]) ** 2
+        half, slope = 0.5 * abs(angle[i]), math.copysign(0.5, angle[i]) if angle[i] != 0.0 else 0.0
+        sin, versine = math.sin(angle[i]), 2.0 * math.sin(half) ** 2
         for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
+            if i >= chain.tendon_joints[j]:
+                continue
+            if table[i, j, HALVES] > 0.0:
+                turn[i, j, BELOW], turn[i, j, BELOW_RATE] = half, slope
+                turn[i, j, ABOVE], turn[i, j, ABOVE_RATE] = half, slope
+            else:
                 turn[i, j, BELOW], turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
                 turn[i, j, ABOVE], turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
 
