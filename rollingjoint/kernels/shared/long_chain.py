@@ -121,3 +121,8 @@ def confirmed(chain, loads, state, free, kind):
 def unchanged(chain, state, energy, magnitude):
     """`renew` where the line search holds nothing constant."""
     return energy, magnitude
+
+
+def unlimited(chain, slope, new_slope):
+    """`overshoots` where the line search goes by a potential: nothing is too far as long as that falls."""
+    return False

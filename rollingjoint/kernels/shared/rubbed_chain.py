@@ -34,6 +34,7 @@ from rollingjoint.kernels.shared.friction import (
     evaluated_energy,
     freeze,
     friction_energy,
+    overshoots_kink,
     slide,
     tension_rate,
     work_per_grip,
@@ -163,6 +164,12 @@ def renew(chain, state, energy, magnitude):
             new += chain.law.rolling[ARM] * (rolling.pressing[i] - rolling.frozen[i]) * per_pressing
             rolling.frozen[i] = rolling.pressing[i]
     return energy + (new - old), magnitude + abs(new - old)
+
+
+@formula(formulas.overshoots, Rubbed)
+def overshoots(chain, slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it."""
+    return overshoots_kink(slope, new_slope)
 
 
 @part
