@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from rollingjoint.errors import ConfigError, RollingJointError
+from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism, mechanism_from_dict, mechanism_to_dict
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
@@ -70,6 +72,7 @@ def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
             np.testing.assert_array_equal(x.profile.breaks, y.profile.breaks)
             np.testing.assert_array_equal(x.profile.coefficients, y.profile.coefficients)
     assert list(a.tendons) == list(b.tendons)
+    assert (a.springs, a.friction) == (b.springs, b.friction)
 
 
 @pytest.mark.parametrize("name", ["five_link", "two_segment"])
@@ -193,6 +196,26 @@ def test_own_key_wins_over_the_default() -> None:
     assert [(t.end, t.stiffness) for t in mechanism.tendons] == [(-1, 5.0), (1, 3.0)]
 
 
+def test_friction_of_a_tendon_replaces_that_of_the_defaults_and_of_the_mechanism() -> None:
+    tendons = [{"on_surface": -8}, {"on_surface": 8, "friction": {"mu": 0.2, "compliance": 0.01}}]
+    shared = {"friction": {"mu": 0.05, "presliding": 0.1}}
+    mechanism = mechanism_from_dict(changed(tendons=tendons, **shared))
+    assert mechanism.friction == CapstanFriction(0.05, presliding=0.1)
+    assert [tendon.friction for tendon in mechanism.tendons] == [None, CapstanFriction(0.2, compliance=0.01)]
+    defaults = {**yaml.safe_load(SMALL)["defaults"], "tendon": shared}
+    mechanism = mechanism_from_dict(changed(tendons=tendons, defaults=defaults))
+    assert mechanism.friction is None
+    assert [tendon.friction.mu for tendon in mechanism.tendons] == [0.05, 0.2]
+
+
+def test_every_number_of_friction_survives_the_round_trip(tmp_path: Path) -> None:
+    friction = CapstanFriction(1 / 7, 1 / 30, 0.1, 0.02 / 3, 0.3, 1 / 70)
+    chain = preset("two_segment").replace(friction=friction)
+    own = dataclasses.replace(chain.tendons[2], friction=dataclasses.replace(friction, mu=0.0, rolling=0.0))
+    chain = chain.replace(tendons=[*chain.tendons[:2], own, chain.tendons[3]])
+    assert_same(load_mechanism(write(tmp_path, dump_mechanism(chain))), chain)
+
+
 def test_polynomial_is_in_powers_of_s_and_pieces_in_powers_from_their_break() -> None:
     polynomial = {"curvature": {"polynomial": [-0.05, 0.001]}}
     piecewise = {"curvature": {"piecewise_polynomial": {"breaks": [-10, 0, 10], "coefficients": [[-0.05, 0.001]] * 2}}}
@@ -278,6 +301,12 @@ def test_unknown_key_names_file_place_and_nearest_key(old: str, new: str, parts:
         ("end: 1", "end: 1.5", ["tendons[1].end = 1.5", "an integer"]),
         ("end: 1", "end: 7", ["tendon end = 7", "1 to 2"]),
         ("stiffness: 3", "stiffness: -3", ["tendons[1]: tendon stiffness = -3.0", "positive"]),
+        ("name: small", "friction: 0.1", ["arm.yaml: friction = 0.1", "mu, presliding"]),
+        ("name: small", "friction: {presliding: 0.1}", ["friction", "the key 'mu'"]),
+        ("name: small", "friction: {mu: 0.1, preslidng: 0.1}", ["friction", "Did you mean 'presliding'?"]),
+        ("name: small", "friction: {mu: 0.3}", ["friction mu = 0.3", "0 to 0.25"]),
+        ("stiffness: 3", "friction: {mu: low}", ["tendons[1].friction.mu = 'low'", "a finite number"]),
+        ("stiffness: 3", "friction: {mu: 0.1, rolling: 1}", ["tendons[1]: rolling", "Give it to the mechanism"]),
         ("name: small", "name: 5", ["name = 5", "text"]),
         ("name: small", "name: [", ["line", "valid YAML"]),
         ("name: small", "name: small\nname: twice", ["line 3", "key 'name' given twice"]),
