@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_STICKS: dict[str, Any] = {
+STICKS: dict[str, Any] = {
     "linestyle": "none",
     "marker": "o",
     "markerfacecolor": "white",
@@ -36,8 +36,6 @@ _TENSIONS, _STATES = "viridis", "PuOr"  # colour maps
 def draw_gap_tensions(ax: Axes, eq: Equilibrium, ends: tuple[float, float] | None = None, scale: bool = True) -> None:
     """The tendons, coloured by their tension, their numbers at the base, rings on holes in which they stick.
 
-    A channel has the mean of the tensions on both sides of it.
-
     Args:
         ax: axes to draw on, in mm.
         eq: one equilibrium.
@@ -48,23 +46,29 @@ def draw_gap_tensions(ax: Axes, eq: Equilibrium, ends: tuple[float, float] | Non
 
     colors, step = tension_colors(eq, ends), 0.035 * eq.chain.length
     for j, holes in enumerate(eq.chain.tendon_polyline(eq.poses)):
-        gaps = eq.gap_tensions[: len(holes) // 2 - 1, j]
-        sides = np.concatenate([eq.tensions[[j]], gaps, gaps[-1:]])
-        tensions = np.empty(len(holes) - 1)
-        tensions[::2], tensions[1::2] = 0.5 * (sides[:-1] + sides[1:]), gaps
-        pieces = list(np.stack([holes[:-1], holes[1:]], axis=1))
-        ax.add_collection(
-            LineCollection(pieces, colors=colors.to_rgba(tensions), linewidths=2.6, zorder=ORDER["tendon"])
-        )
+        pieces, tones = list(np.stack([holes[:-1], holes[1:]], axis=1)), colors.to_rgba(piece_tensions(eq, j))
+        ax.add_collection(LineCollection(pieces, colors=tones, linewidths=2.6, zorder=ORDER["tendon"]))
         ax.text(holes[0, 0], holes[0, 1] - step, str(j), ha="center", va="top", fontsize=8)
         ax.update_datalim(np.vstack([holes, holes[0] - (0.0, 3 * step)]))
         motor = colors.to_rgba(eq.tensions[j])
         ax.plot([], [], color=motor, linewidth=2.6, label=f"tendon {j}, {eq.tensions[j]:.3g} N at the motor")
-        sticking = holes.reshape(-1, 2, 2)[:-1][eq.sticking[: len(gaps), j]]
+        sticking = holes.reshape(-1, 2, 2)[:-1][eq.sticking[: len(holes) // 2 - 1, j]]
         if len(sticking):
-            ax.plot(*sticking.reshape(-1, 2).T, **_STICKS)
+            ax.plot(*sticking.reshape(-1, 2).T, **STICKS)
     if scale:
         ax.figure.colorbar(colors, ax=ax, location="bottom", shrink=0.7, pad=0.12, label="tension [N]")
+
+
+def piece_tensions(found: Solution, tendon: int) -> Array:
+    """Tension of a tendon in the channel of link 0, gap 0, the channel of link 1 and so on to its end [N].
+
+    A channel has the mean of both sides; friction at its holes changes the tension from one to the other.
+    """
+    gaps = found.gap_tensions[: found.mechanism.last_links[tendon], tendon]
+    sides = np.concatenate([found.tensions[[tendon]], gaps, gaps[-1:]])
+    tensions = np.empty(2 * len(gaps) + 1)
+    tensions[::2], tensions[1::2] = 0.5 * (sides[:-1] + sides[1:]), gaps
+    return tensions
 
 
 def tension_colors(found: Solution, ends: tuple[float, float] | None = None) -> ScalarMappable:
@@ -110,7 +114,7 @@ def plot_tensions(
         ax.stairs(tensions, np.arange(-1, len(links) + 1), baseline=None, color=color, linewidth=1.8, label=label)
         sticking = links[found.sticking[links, tendon] & (found.friction is not None)]
         if len(sticking):
-            ax.plot(sticking, 0.5 * (tensions[sticking] + tensions[sticking + 1]), **_STICKS)
+            ax.plot(sticking, 0.5 * (tensions[sticking] + tensions[sticking + 1]), **STICKS)
     ax.set(xlabel="link", ylabel=f"tension of tendon {tendon} [N]", xticks=links)
     ax.margins(x=0.02)
     unique = {text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)}

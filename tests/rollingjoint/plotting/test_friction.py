@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import matplotlib
@@ -147,16 +148,16 @@ def test_an_animation_goes_once_around(loop: Loop, tmp_path: Path, monkeypatch: 
         for index in range(5):
             picture.seek(index)
             frames.append(np.asarray(picture.convert("RGB")).astype(int))
-    assert all(np.abs(a - b).sum() > 0 for a, b in zip(frames, frames[1:], strict=False))
+    assert all(np.abs(a - b).sum() > 0 for a, b in itertools.pairwise(frames))
     orange = np.array(to_rgba("#D55E00")[:3]) * 255
     for frame in frames:  # the point on the loop
         assert (np.abs(frame - orange).max(axis=2) < 12).sum() > 20
 
 
 def test_wrong_input_is_refused(loop: Loop, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="labels.*1, one per loop"):
+    with pytest.raises(InvalidInput, match=r"labels.*1, one per loop"):
         plot_loops([loop], [])
-    with pytest.raises(InvalidInput, match="labels.*1, one per equilibrium"):
+    with pytest.raises(InvalidInput, match=r"labels.*1, one per equilibrium"):
         plot_tensions([loop.path.row(0)], ["a", "b"])
     with pytest.raises(InvalidInput, match="tendon = 2: expected an integer from 0 to 1"):
         plot_tensions([loop.path.row(0)], ["a"], tendon=2)
