@@ -54,7 +54,7 @@ def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:
             left.plot(*_plane(loops[0], loop)[part].T, color=color, **style)
             right.plot(_input(loop)[part], moved(loops[0], loop)[part], color=color, **style)
     _finish(left, *_plane_names(loops[0]))
-    left.set_aspect("equal")
+    left.set_aspect("equal", adjustable="datalim")
     _finish(right, _input_name(loops[0]), "tip along its travel [mm]")
     right.legend()
     return figure
@@ -120,7 +120,12 @@ def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
         for artist in [*moving, *right.plot(inputs[step], along[step], "o", color=PALETTE[5], markersize=8)]:
             figure.draw_artist(artist)
             artist.remove()
-        yield np.array(canvas.buffer_rgba())[..., :3]
+        yield _coarse(np.array(canvas.buffer_rgba())[..., :3])
+
+
+def _coarse(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The picture with 32 levels per colour, white and black exact: a palette needs no colours that look alike."""
+    return picture >> 3 << 3 | picture >> 5
 
 
 def _window(loop: Loop) -> dict[str, tuple[float, float]]:
