@@ -13,8 +13,8 @@ import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.simd import where
-from rollingjoint.kernels.shared.elementary import exponential
+from rollingjoint._numba.simd import any_lane, where
+from rollingjoint.kernels.shared.elementary import decay
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
@@ -26,6 +26,8 @@ ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
 # by its rate d turn / d joint angle
 BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
 
+
+MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
 _STILL = 1e-8  # a friction state below it is zero
 
 
@@ -90,8 +92,15 @@ def slide(before, way, presliding):
 @part(inline=True)
 def work_per_grip(before, after, way, presliding):
     """-∫ z ds over the way from one friction state to the next: what friction takes up per newton of grip."""
-    stuck = (before - after) * presliding
-    return -before * stuck + 0.5 * stuck * stuck / presliding - after * (way - stuck)
+    change = before - after
+    stuck = change * presliding
+    return (0.5 * change - before) * stuck - after * (way - stuck)
+
+
+@part(inline=True)
+def stretch_per_tension(coefficients, count, k, j):
+    """Stretch of tendon j beyond link k per newton, where it crosses so many joints."""
+    return coefficients[j, COMPLIANCE] * ((count - k) / count)
 
 
 @part(inline=True)
@@ -102,7 +111,10 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
         beyond = 0.0 * state.angle[0]
         for k in range(count - 1, -1, -1):
             beyond = beyond + state.gap[k, j, 0]
-            now.slips[k, j] = beyond - coefficients[j, COMPLIANCE] * ((count - k) / count) * state.tension[j]
+            now.slips[k, j] = beyond
+        if any_lane(coefficients[j, COMPLIANCE] > 0.0):
+            for k in range(count):
+                now.slips[k, j] -= stretch_per_tension(coefficients, count, k, j) * state.tension[j]
 
 
 @part(inline=True)
@@ -114,7 +126,8 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
         count = tendon_joints[j]
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
         share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
-        below = motor
+        stretches = any_lane(coefficients[j, COMPLIANCE] > 0.0)
+        carried, tension = motor, motor
         for k in range(count):
             turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
             if k > 0:
@@ -122,17 +135,20 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             free = before.states[k, j] - (now.slips[k, j] - before.slips[k, j]) * per_presliding
             z = where(free >= 1.0, 1.0, where(free <= -1.0, -1.0, free))
             per_slip = where((free < 1.0) & (free > -1.0), per_presliding, 0.0)
-            share = share * exponential(-(mu * z * turn))
+            passing, mean = decay(mu * z * turn)
+            share = share * passing
             lost = lost + constant * z
             give, flat = give + mu * turn * per_slip, flat + constant * per_slip
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * per_slip
-            yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            if stretches:
+                stretch = stretch_per_tension(coefficients, count, k, j) * per_slip
+                yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            grip, below = carried * mu * turn * mean + constant, tension
             carried = motor * share
             pulls = carried >= lost
             tension = where(pulls, carried - lost, 0.0)
-            moving = abs(z) > _STILL
-            grip = (below - tension) / where(moving, z, 1.0)
-            now.grips[k, j] = where(moving, grip, below * mu * turn + constant)
+            if any_lane(carried < lost):  # what is left below is all that the holes can take
+                grip = where(pulls, grip, below / where(abs(z) > _STILL, z, 1.0))
+            now.grips[k, j] = grip
             now.states[k, j], now.tension[k, j], now.carried[k, j] = z, tension, carried
             now.passed[k, j] = share - carried * yielding - sinking
             now.give[k, j], now.flat[k, j] = give, flat
@@ -141,7 +157,6 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             if k > 0:
                 now.bend[k - 1, j, 1] = now.bend[k - 1, j, 0] + rate * now.turn[k - 1, j, ABOVE_RATE]
             now.bend[k, j, 0] = rate * now.turn[k, j, BELOW_RATE]
-            below = tension
 
 
 @part(inline=True)
@@ -167,7 +182,7 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
     for j in range(tendon_joints.size):
         count = tendon_joints[j]
         for k in range(count):
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * (state.tension[j] - motor[j])
+            stretch = stretch_per_tension(coefficients, count, k, j) * (state.tension[j] - motor[j])
             way = now.slips[k, j] + stretch - before.slips[k, j]
             after = slide(before.states[k, j], way, coefficients[j, PRESLIDING])
             term = grips[k, j] * work_per_grip(before.states[k, j], after, way, coefficients[j, PRESLIDING])
@@ -176,15 +191,31 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
 
 
 @part(inline=True)
-def friction_work(coefficients, before, tendon_joints, now):
-    """What the holes take up in a step, with the mean of the grips before and after it [N·mm]."""
-    work = 0.0 * now.slips[0, 0]
+def evaluated_energy(coefficients, before, tendon_joints, now):
+    """Incremental potential at an evaluated state without stretch in the channels, and what the holes take up.
+
+    Returns (potential at the frozen grips, its magnitude, potential at the present grips, work with the mean of the
+    grips before and after the step) [N·mm].
+    """
+    zero = 0.0 * now.slips[0, 0]
+    energy, magnitude, present, earlier = zero, zero, zero, zero
     for j in range(tendon_joints.size):
         for k in range(tendon_joints[j]):
             way = now.slips[k, j] - before.slips[k, j]
             per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
-            work = work + 0.5 * (before.grips[k, j] + now.grips[k, j]) * per_grip
-    return work
+            term = now.frozen[k, j] * per_grip
+            energy, magnitude = energy + term, magnitude + abs(term)
+            present, earlier = present + now.grips[k, j] * per_grip, earlier + before.grips[k, j] * per_grip
+    return energy, magnitude, present, 0.5 * (present + earlier)
+
+
+@part(inline=True)
+def overshoots_kink(slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it: there the grips may send the next one right back.
+
+    slope, new_slope: of the merit along the step, at its start (negative) and at its end.
+    """
+    return new_slope > -MOST_OVERSHOOT * slope
 
 
 @part(inline=True)

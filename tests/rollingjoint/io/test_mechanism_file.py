@@ -64,7 +64,7 @@ def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
     """The same surfaces or beads, holes, tendons and name to the last bit."""
     assert (a.name, a.n_links, a.n_tendons) == (b.name, b.n_links, b.n_tendons)
     if isinstance(a, HingeChain):
-        assert (a.model, a.beads, a.tendons) == (b.model, b.beads, b.tendons)
+        assert (a.model, a.beads, a.tendons, a.friction) == (b.model, b.beads, b.tendons, b.friction)
         return
     for one, other in zip(a.links, b.links, strict=True):
         for x, y in ((one.parent, other.parent), (one.child, other.child)):
@@ -107,6 +107,9 @@ def test_dump_of_any_arm_loads_as_exactly_the_same_arm(seed: int, tmp_path: Path
     ]
     tendons = [BeadTendon(rng.normal(size=(end + 1, 2)), end, rng.uniform(1, 9)) for end in (20, 7)]
     arm = HingeChain(beads, tendons, "linear", "of any numbers")
+    assert_same(load_mechanism(write(tmp_path, dump_mechanism(arm))), arm)
+    rubbed = [BeadTendon([(3.0, 4.0)], friction=CapstanFriction(0.25 * rng.random(), compliance=0.1)), *tendons]
+    arm = HingeChain(beads, rubbed, friction=CapstanFriction(0.25 * rng.random(), 0.05, constant=rng.random()))
     assert_same(load_mechanism(write(tmp_path, dump_mechanism(arm))), arm)
 
 
@@ -168,6 +171,10 @@ def test_rest_angles_limits_and_the_model_are_read() -> None:
         ("end: 2", "end: tip", ["tendons[1].end = 'tip'", "an integer"]),
         ("stiffness: 3", "stiffness: 0", ["tendons[2]: tendon stiffness = 0.0", "positive"]),
         ("  tendon: {stiffness: 10}", "  tendon: {holes: [[1, 2]]}", ["defaults.tendon", "'holes'", "end, stiffness"]),
+        ("model: exact", "friction: {mu: 0.1, rolling: 0.2}", ["friction rolling = 0.2", "0: hinges do not roll"]),
+        ("model: exact", "friction: 0.1", ["friction = 0.1", "keys and values, with the keys mu"]),
+        ("model: exact", "model: linear\nfriction: {mu: 0.1}", ["model with friction = 'linear'", "expected exact"]),
+        ("stiffness: 3", "friction: {mu: 1}", ["tendons[2].friction: friction mu = 1.0", "0 to 0.25"]),
     ],
 )
 def test_wrong_entry_of_an_arm_names_file_place_and_what_is_expected(
