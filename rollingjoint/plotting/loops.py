@@ -125,7 +125,7 @@ def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
 
 def _coarse(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The picture with 32 levels per colour, white and black exact: a palette needs no colours that look alike."""
-    return picture >> 3 << 3 | picture >> 5
+    return np.bitwise_or(picture >> 3 << 3, picture >> 5, dtype=np.uint8)
 
 
 def _window(loop: Loop) -> dict[str, tuple[float, float]]:

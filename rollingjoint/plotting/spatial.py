@@ -61,7 +61,7 @@ def plot_arm(
     ax = _new_axes() if ax is None else ax
     _draw_beads(ax, chain, poses, color, label)
     if tendons and found is not None and found.friction is not None:
-        _draw_gap_tensions(ax, found, tension_range)
+        _draw_gap_tensions(ax, chain, found, tension_range)
     elif tendons:
         _draw_tendons(ax, chain, poses, None if found is None else found.tensions)
     if found is not None and loads:
@@ -104,11 +104,13 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
         ax.plot(*line.T, style, color=PALETTE[j % len(PALETTE)], linewidth=width, label=name)
 
 
-def _draw_gap_tensions(ax: Axes3D, found: HingeEquilibrium, ends: tuple[float, float] | None) -> None:
+def _draw_gap_tensions(
+    ax: Axes3D, chain: HingeChain, found: HingeEquilibrium, ends: tuple[float, float] | None
+) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     colors = tension_colors(found, ends)
-    for j, holes in enumerate(found.mechanism.tendon_polyline(found.poses)):
+    for j, holes in enumerate(chain.tendon_polyline(found.poses)):
         tones = colors.to_rgba(piece_tensions(found, j)[1:])  # the tendon is drawn from the hole below gap 0
         pieces = list(np.stack([holes[:-1], holes[1:]], axis=1))
         ax.add_collection3d(Line3DCollection(pieces, colors=tones, linewidths=2.0))
