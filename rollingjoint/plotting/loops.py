@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 ANIMATED = "gif"
 """Suffix of animations."""
-_FRAMES, _COLORS, _DPI, _MILLISECONDS = 60, 256, 72, 80
+_FRAMES, _COLORS, _DPI, _MILLISECONDS = 40, 256, 72, 110
 
 
 def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:

@@ -15,11 +15,19 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from PIL import Image
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
-from rollingjoint.plotting import plot_friction_states, plot_loops, plot_mechanism, plot_tensions, save_animation
+from rollingjoint.plotting import (
+    plot_arm,
+    plot_friction_states,
+    plot_loops,
+    plot_mechanism,
+    plot_tensions,
+    save_animation,
+)
 from rollingjoint.plotting.friction import tension_colors, tension_ends
 from rollingjoint.plotting.loops import moved
 from rollingjoint.presets import five_link, small_arm, two_segment
@@ -129,6 +137,19 @@ def test_loops_show_both_branches_and_the_start(loop: Loop) -> None:
     assert np.ptp(outputs) == pytest.approx(loop.travel)
     assert moved(loop, loop)[0] == 0.0
     assert right.get_legend().get_texts()[0].get_text() == "one"
+
+
+def test_an_arm_shows_the_tension_of_every_gap_and_rings_on_holes_that_stick() -> None:
+    loop = trace_loop(small_arm().replace(friction=CapstanFriction(0.1)), (-2, 0, 2, 0), steps=6, cycles=1)
+    eq = loop.path.row(-2)
+    assert 0 < eq.sticking.sum() < eq.sticking.size
+    ax = plot_arm(eq, Figure().add_subplot(projection="3d"))
+    drawn = [each for each in ax.collections if isinstance(each, Line3DCollection)]
+    colors = tension_colors(eq)
+    for j, pieces in enumerate(drawn):
+        np.testing.assert_allclose(np.array(pieces.get_colors())[::2], colors.to_rgba(eq.gap_tensions[:, j]))
+    rings = sum(len(line.get_data_3d()[0]) for line in ax.lines if line.get_label() == "sticks")
+    assert rings == 2 * eq.sticking.sum() - eq.sticking[0].sum()  # the base has one hole per tendon
 
 
 def test_the_loop_of_an_arm_is_drawn_in_its_plane() -> None:
