@@ -64,7 +64,7 @@ def moved(first: Loop, loop: Loop) -> Array:
     """(K,) how far the tip has moved from the start of the first loop, along the way between that loop's ends [mm]."""
     there, _ = first.branches
     way = there[-1] - there[0]
-    return (loop.path.tip - first.path.tip[0]) @ (way / np.linalg.norm(way))
+    return (loop.path.tip - first.path.tip[0]) @ (way / (np.linalg.norm(way) or 1.0))
 
 
 def save_animation(loop: Loop, path: str | Path) -> Path:

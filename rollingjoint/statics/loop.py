@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_choice, as_integer, as_vector
+from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.solve import solve_tensions
@@ -128,12 +129,11 @@ def trace_loop(
         cycles: how often it goes there and back, 1 or more.
         steps: steps from one end to the other, 1 or more.
     Raises:
-        InvalidInput: wrong shapes or types.
+        InvalidInput: wrong shapes or types, numbers that are not finite.
     """
     as_choice("given", given, ("lengths", "tensions"))
-    m = mechanism.n_tendons
-    to_end = as_vector("swing", swing, m, "one per tendon")
-    centre = _middle(mechanism, given) if middle is None else as_vector("middle", middle, m, "one per tendon")
+    to_end = _per_tendon("swing", swing, mechanism)
+    centre = _middle(mechanism, given) if middle is None else _per_tendon("middle", middle, mechanism)
     cycles, steps = as_integer("cycles", cycles, 1), as_integer("steps", steps, 1)
     there = np.linspace(1.0, -1.0, steps + 1)
     shares = np.concatenate(
@@ -147,6 +147,14 @@ def trace_loop(
 def inputs_of(middle: Array, swing: Array, shares: Array) -> Array:
     """(K, m) inputs at shares of the swing."""
     return middle + shares[:, None] * swing
+
+
+def _per_tendon(what: str, values: ArrayLike, mechanism: AnyMechanism) -> Array:
+    """The values, finite, (m,)."""
+    array = as_vector(what, values, mechanism.n_tendons, "one per tendon")
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(what, values, f"{mechanism.n_tendons} finite numbers, one per tendon")
+    return array
 
 
 def _middle(mechanism: AnyMechanism, given: str) -> Array:

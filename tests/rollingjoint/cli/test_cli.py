@@ -266,6 +266,7 @@ def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
         ("loop five_link --friction 0.1 --tensions 2 2", ["--swing", "2 numbers, one per tendon"]),
         ("loop five_link --friction 0.1 --tensions 2 2 --swing 1 -1 --tension-limits 0 9", ["only with lengths"]),
         ("loop five_link --friction 0.1 --lengths 90 99 --tensions 2 2", ["not allowed with"]),
+        ("loop five_link --friction 0.1 --lengths nan 99", ["middle", "2 finite numbers"]),
         ("loop five_link --friction 0.1 --json --csv", ["not allowed with"]),
         ("loop five_link --friction 0.1 --steps 0", ["steps = 0", ">= 1"]),
         ("loop five_link --friction 0.1 --force 7 1 0", ["--force LINK = 7.0"]),

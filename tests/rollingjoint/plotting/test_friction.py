@@ -139,6 +139,12 @@ def test_loops_show_both_branches_and_the_start(loop: Loop) -> None:
     assert right.get_legend().get_texts()[0].get_text() == "one"
 
 
+def test_a_loop_that_goes_nowhere_is_drawn() -> None:
+    loop = trace_loop(five_link().replace(friction=CapstanFriction(0.1)), (0, 0), steps=2, cycles=1)
+    np.testing.assert_allclose(moved(loop, loop), 0.0, atol=1e-9)
+    assert len(plot_loops([loop], ["still"]).axes) == 2
+
+
 def test_an_arm_shows_the_tension_of_every_gap_and_rings_on_holes_that_stick() -> None:
     loop = trace_loop(small_arm().replace(friction=CapstanFriction(0.1)), (-2, 0, 2, 0), steps=6, cycles=1)
     eq = loop.path.row(-2)

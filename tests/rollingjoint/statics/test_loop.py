@@ -98,6 +98,8 @@ def test_a_row_of_a_path_is_the_equilibrium_of_that_step() -> None:
     [
         (((-5, 5, 0),), {}, "swing.*2 numbers, one per tendon"),
         (((-5, 5), (90,)), {}, "middle.*2 numbers"),
+        (((-5, np.inf),), {}, "swing.*2 finite numbers"),
+        (((-5, 5), (90, np.nan)), {}, "middle.*2 finite numbers"),
         (((-5, 5),), {"given": "length"}, "given = 'length'.*Did you mean 'lengths'"),
         (((-5, 5),), {"cycles": 0}, "cycles = 0: expected an integer >= 1"),
         (((-5, 5),), {"steps": 2.5}, "steps = 2.5: expected an integer >= 1"),
