@@ -8,6 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.friction import FrictionStates
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.statics import ChainState
 from rollingjoint.differentiable.surface import as_pairs
@@ -71,6 +72,32 @@ class Equilibria:
         return self._shown(self._state.tensions.expand_as(self._state.lengths))
 
     @property
+    def gap_tensions(self) -> Tensor:
+        """(..., n - 1, m) in every gap [N]; 0 where a tendon does not cross."""
+        return self._shown((self._state.gap_tensions * self._state.geometry.crosses).mT)
+
+    @property
+    def friction_states(self) -> Tensor:
+        """(..., n - 1, m) of the holes of every link: -1 (drawn out) to 1 (pulled in)."""
+        return self.friction_state.states
+
+    @property
+    def sticking(self) -> Tensor:
+        """(..., n - 1, m) whether the holes of a link stick, or are on their way to slip."""
+        rubbing = self._state.rubbing
+        return torch.zeros_like(self.tendon_rates, dtype=torch.bool) if rubbing is None else rubbing.sticking.mT
+
+    @cached_property
+    def friction_state(self) -> FrictionStates:
+        """What the next step starts from: its `history`."""
+        rubbing, state = self._state.rubbing, self._state
+        if rubbing is None:
+            none = torch.zeros_like(self.tendon_rates)
+            return FrictionStates(none, none, self.joint_angles)
+        states, slips = (self._shown(values.mT) for values in (rubbing.states, rubbing.slips))
+        return FrictionStates(states, slips, self._shown(state.phi))
+
+    @property
     def lengths(self) -> Tensor:
         """(..., m) [mm]."""
         return self._shown(self._state.lengths)
@@ -114,7 +141,7 @@ class Equilibria:
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
         masked = freed(H, held) + torch.diag_embed(held * far[..., None])
-        if self._state.loads.symmetric:
+        if self._state.loads.symmetric and self._state.rubbing is None:
             smallest = torch.linalg.eigvalsh(masked)[..., 0]
         else:
             smallest = torch.linalg.eigvals(masked).real.amin(-1)

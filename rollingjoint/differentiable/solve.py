@@ -18,6 +18,7 @@ from torch.nn.functional import pad
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionLaw, FrictionStates, friction_law
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
@@ -37,6 +38,8 @@ def solve_tensions(
     loads: Sequence[Load] | Tensor = (),
     starts: Tensor | None = None,
     solver: str = "torch",
+    friction: DifferentiableFriction | None = None,
+    history: Equilibria | FrictionStates | None = None,
 ) -> Equilibria:
     """Equilibria under given tensions.
 
@@ -45,16 +48,18 @@ def solve_tensions(
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
         loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
-        starts: joint angles to start from, (..., n - 1) [rad]; default s = 0.
+        starts: joint angles to start from, (..., n - 1) [rad]; default those of the history, or s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for one mechanism that is solved again and again.
+        friction: of the tendons; default that of the mechanism.
+        history: equilibria that this step starts from, or their `friction_state`; default a start without friction.
     Returns:
         Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
     Raises:
         InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
-    return _solve(design, Law.constant(tau), loads, starts, solver)
+    return _solve(design, Law.constant(tau), loads, starts, solver, friction, history)
 
 
 def solve_lengths(
@@ -64,11 +69,13 @@ def solve_lengths(
     starts: Tensor | None = None,
     solver: str = "torch",
     tension_limits: tuple[Tensor | float, Tensor | float] = (0.0, torch.inf),
+    friction: DifferentiableFriction | None = None,
+    history: Equilibria | FrictionStates | None = None,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
 
     Args:
-        design, loads, starts, solver: as for `solve_tensions`.
+        design, loads, starts, solver, friction, history: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
         tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
@@ -82,38 +89,52 @@ def solve_lengths(
         _numbers(design, "tension_limits", t.expand(design.n_tendons) if t.ndim == 0 else t, design.n_tendons)
         for t in limits
     )
-    return _solve(design, Law(command, design.stiffnesses, low, high), loads, starts, solver)
+    law = Law(command, design.stiffnesses, low, high)
+    return _solve(design, law, loads, starts, solver, friction, history)
 
 
 def _solve(
-    design: DifferentiableChain, law: Law, loads: Sequence[Load] | Tensor, starts: Tensor | None, solver: str
+    design: DifferentiableChain,
+    law: Law,
+    loads: Sequence[Load] | Tensor,
+    starts: Tensor | None,
+    solver: str,
+    friction: DifferentiableFriction | None,
+    history: Equilibria | FrictionStates | None,
 ) -> Equilibria:
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
+    before = history.friction_state if isinstance(history, Equilibria) else history
+    starts = before.angles if starts is None and before is not None else starts
     begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
+    rubbing = None if friction is None else friction_law(friction, before, design.n_tendons, design.n_links - 1, design.device)
     shapes = [
         design.batch,
         table.shape[:-2],
         *(row.shape[:-1] for row in law.rows),
         *([] if begin is None else [begin.shape[:-1]]),
+        *([] if rubbing is None else rubbing.leading),
     ]
     try:
         batch = np.broadcast_shapes(*map(tuple, shapes))
     except ValueError:
         raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
     law = law.each(lambda row: row.expand(*batch, row.shape[-1]))
+    if rubbing is not None:
+        rubbing = rubbing.each(lambda t, axes: t.expand(*batch, *t.shape[t.ndim - axes :]))
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
     wide = design.over(len(batch))
     rolls = wide.valid()
     good = rolls & _usable(law, table) & (True if begin is None else torch.isfinite(begin).all(-1))
-    good = good.expand(batch)
+    good = (good if rubbing is None else good & rubbing.usable()).expand(batch)
     law, table = _where(good, law, table)
+    rubbing = None if rubbing is None else rubbing.where(good)
     wide = wide.where(rolls)
     geometry = Geometry.of(wide)
     with torch.no_grad():
-        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver)
-    return _tied(geometry, law, _acting(wide, table), s, held, status)
+        s, held, status = _search(wide, geometry.detach(), law, table, rubbing, begin, good, solver)
+    return _tied(geometry, law, _acting(wide, table), rubbing, s, held, status)
 
 
 def _search(
@@ -121,6 +142,7 @@ def _search(
     geometry: Geometry,
     law: Law,
     loads: Tensor,
+    friction: FrictionLaw | None,
     starts: Tensor | None,
     good: Tensor,
     solver: str,
@@ -134,7 +156,7 @@ def _search(
     left = good
     if solver == "torch":
         acting = _acting(design, loads)
-        s, held, arrived = minimise(geometry, law, acting, begin)
+        s, held, arrived = minimise(geometry, law, acting, begin, friction)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
         crossed = ChainState(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
@@ -156,20 +178,29 @@ def _acting(design: DifferentiableChain, table: Tensor) -> Loads:
     return Loads(table, design.n_links - 1)
 
 
-def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+def _tied(
+    geometry: Geometry,
+    law: Law,
+    acting: Loads,
+    friction: FrictionLaw | None,
+    s: Tensor,
+    held: Tensor,
+    status: Tensor,
+) -> Equilibria:
     """The equilibria at contacts s as functions of everything that the geometry, the law and the loads depend on."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa))
+    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa), friction)
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
-    return Equilibria(status, ~held, ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
+    after = ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa), friction)
+    return Equilibria(status, ~held, after)
 
 
 class _NewtonStep(torch.autograd.Function):
@@ -229,7 +260,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
 
 
 def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:
-    tensor = torch.as_tensor(values, device=design.device).to(torch.float64)
+    tensor = torch.as_tensor(values, dtype=torch.float64, device=design.device)  # a list would become single precision
     if tensor.ndim == 0 or tensor.shape[-1] != size:
         raise InvalidInput(f"shape of {what}", tuple(tensor.shape), f"(..., {size})")
     return tensor

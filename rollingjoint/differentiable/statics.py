@@ -13,6 +13,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.friction import FrictionAtPose, FrictionLaw, GapsAtPose
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 
@@ -63,6 +64,7 @@ class ChainState:
         loads: that act.
         phi: joint angles.
         contact: where the surfaces touch at these angles; whoever differentiates passes one that depends on them.
+        friction: of the tendons and the step that leads here, if any.
     """
 
     geometry: Geometry
@@ -70,6 +72,7 @@ class ChainState:
     loads: Loads
     phi: Tensor
     contact: Contact
+    friction: FrictionLaw | None = None
 
     @cached_property
     def _turns(self) -> Tensor:
@@ -148,8 +151,28 @@ class ChainState:
 
     @property
     def tensions(self) -> Tensor:
-        """(..., m) [N]."""
+        """At the motors, (..., m) [N]."""
         return self._law[0]
+
+    @cached_property
+    def gap_tensions(self) -> Tensor:
+        """(..., m, J) [N]; without friction (..., m, 1)."""
+        return self.tensions[..., None] if self.rubbing is None else self.rubbing.tensions
+
+    @cached_property
+    def rubbing(self) -> FrictionAtPose | None:
+        """Friction at this pose."""
+        if self.friction is None:
+            return None
+        length, direction, moves, is_open = self._gaps
+        along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
+        rate = torch.where(is_open, cross(direction, moves) / torch.where(is_open, length, 1.0), 0.0)
+        turns = [torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up))]
+        crosses = self.geometry.crosses
+        gaps = GapsAtPose(
+            length * crosses, self.rates, *turns, rate, 1.0 - rate, crosses, self.tensions, self.elastic
+        )
+        return FrictionAtPose(self.friction, gaps)
 
     @property
     def elastic(self) -> Tensor:
@@ -168,13 +191,15 @@ class ChainState:
     @cached_property
     def residual(self) -> Tensor:
         """r, (..., J) [N·mm]."""
-        return (self.tensions[..., None] * self.rates).sum(-2) - self.moments
+        return (self.gap_tensions * self.rates).sum(-2) - self.moments
 
     @cached_property
     def stiffness(self) -> Tensor:
-        """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces act."""
+        """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces or friction act."""
         H = torch.diag_embed(self._own_stiffness)
-        if not self.law.prescribed:
+        if self.rubbing is not None:
+            H = H + (self.rates[..., None] * self.rubbing.slopes).sum(-3)
+        elif not self.law.prescribed:
             H = H + (self.rates.mT * self.elastic[..., None, :]) @ self.rates
         return H + self._acting.stiffness() if self.loads.any else H
 
@@ -186,19 +211,19 @@ class ChainState:
         turn = (moves.abs().square() - along.square()) / torch.where(is_open, length, 1.0)
         rate = (self.contact.tangents / self.contact.kappa)[..., None, :]  # e / kappa
         second = torch.where(is_open, turn, 0.0) + dot(direction, 1j * (moves - rate))
-        gaps = (self.tensions[..., None] * self.geometry.crosses * second).sum(-2)
+        gaps = (self.gap_tensions * self.geometry.crosses * second).sum(-2)
         return gaps + cross(self.tangents, self._acting.forces) / self.contact.kappa
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
-        pull = (self.tensions[..., None] * self.geometry.crosses * self._gaps[1]).sum(-2)
+        pull = (self.gap_tensions * self.geometry.crosses * self._gaps[1]).sum(-2)
         force = self.rotations[..., :-1] * pull - self._acting.forces
         return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property
     def energy(self) -> tuple[Tensor, Tensor]:
-        """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces have none."""
+        """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces, friction have none."""
         tension = self.tensions
         stretch = self.lengths - self.law.command
         pulled = tension * stretch - 0.5 * tension.square() / self.law.stiffness
@@ -212,4 +237,4 @@ class ChainState:
     def force_scale(self) -> Tensor:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
         levers = self.rates.abs().clamp(min=1.0) * self.geometry.crosses
-        return ((self.tensions[..., None].abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
+        return ((self.gap_tensions.abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
