@@ -118,7 +118,9 @@ def friction_law(
     for field in fields(friction):
         number = torch.as_tensor(getattr(friction, field.name), dtype=torch.float64, device=device)
         if number.ndim and number.shape[-1] not in (1, n_tendons):
-            raise InvalidInput(f"shape of {field.name}", tuple(number.shape), f"a number, (..., 1) or (..., {n_tendons})")
+            raise InvalidInput(
+                f"shape of {field.name}", tuple(number.shape), f"a number, (..., 1) or (..., {n_tendons})"
+            )
         numbers.append(number.expand(*number.shape[:-1], n_tendons))
     if before is None:
         return FrictionLaw(*numbers)

@@ -63,7 +63,7 @@ class Geometry:
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
         crosses: whether tendon j crosses joint i, (m, J), 1 or 0.
         channels: length of every tendon inside the links, (..., m) [mm].
-        along: unit vectors of the channels from the parent to the child hole, complex (..., m, n); 1 where there is none.
+        along: unit vectors of the channels, parent to child hole, complex (..., m, n); 1 where there is none.
     """
 
     joints: Surfaces

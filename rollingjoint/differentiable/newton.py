@@ -211,7 +211,7 @@ def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tenso
     Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not.
     """
     free, right = freed(H, held), torch.where(held, 0.0, -residual)
-    even = 0.5 * (free + free.mT)
+    even = free if symmetric else 0.5 * (free + free.mT)
     factor, failed = torch.linalg.cholesky_ex(even)
     if symmetric:
         step = torch.cholesky_solve(right[..., None], factor)[..., 0]

@@ -106,9 +106,13 @@ def _solve(
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
     before = history.friction_state if isinstance(history, Equilibria) else history
-    starts = before.angles if starts is None and before is not None else starts
-    begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
-    rubbing = None if friction is None else friction_law(friction, before, design.n_tendons, design.n_links - 1, design.device)
+    named = "starts", starts
+    if starts is None and before is not None:
+        named = "the angles of the history", before.angles
+    begin = None if named[1] is None else _numbers(design, *named, design.n_links - 1).detach()
+    rubbing = None
+    if friction is not None:
+        rubbing = friction_law(friction, before, design.n_tendons, design.n_links - 1, design.device)
     shapes = [
         design.batch,
         table.shape[:-2],

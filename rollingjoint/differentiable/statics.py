@@ -167,11 +167,10 @@ class ChainState:
         length, direction, moves, is_open = self._gaps
         along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
         rate = torch.where(is_open, cross(direction, moves) / torch.where(is_open, length, 1.0), 0.0)
-        turns = [torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up))]
+        below, above = (torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up)))
         crosses = self.geometry.crosses
-        gaps = GapsAtPose(
-            length * crosses, self.rates, *turns, rate, 1.0 - rate, crosses, self.tensions, self.elastic
-        )
+        turns = (below, above, rate, 1.0 - rate)
+        gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
         return FrictionAtPose(self.friction, gaps)
 
     @property
