@@ -1,0 +1,433 @@
+"""Torch equilibria with tendon friction: values against two independent methods, gradients against differences."""
+
+import numpy as np
+import pytest
+
+import rollingjoint as rj
+from rollingjoint import Status
+from rollingjoint.load import LOAD_COLUMNS, load_table
+
+torch = pytest.importorskip("torch")
+
+from rollingjoint.differentiable import (  # noqa: E402 - needs torch
+    DifferentiableChain,
+    DifferentiableFriction,
+    FrictionStates,
+    solve_lengths,
+    solve_tensions,
+)
+from rollingjoint.differentiable import solve as solve_module  # noqa: E402
+
+torch.set_num_threads(1)
+
+# Source: reference cases of tendon friction, found by a Newton method in joint angles and, independently, by
+# the force balance of every link with all hole forces; the two agree to 1e-11. Every case starts at 3 N per tendon.
+# mechanism, friction, tension limits; of every step: inputs (tensions, or lengths less those at the start), force at
+# the tip, tip, and in every gap the tensions of the tendons.
+REFERENCE = {
+    "one joint": (
+        lambda: rj.uniform(2),
+        {"mu": 0.2},
+        None,
+        [((6.0, 3.0), (0, 0), (-3.31854324438, 19.99635886379), [[5.8058601244, 3.10031582131]])],
+    ),
+    "tensions, pulled and released": (
+        rj.five_link,
+        {"mu": 0.1},
+        None,
+        [
+            (
+                (9.0, 3.0),
+                (0, 0),
+                (-50.97204472816, 54.57640618085),
+                [
+                    [8.67208962531, 3.01666536973],
+                    [8.35680745546, 3.16426366085],
+                    [8.27433457586, 3.33309416704],
+                    [7.94754159831, 3.56750254758],
+                ],
+            ),
+            (
+                (7.5, 3.0),
+                (0, 0),
+                (-50.60871210553, 54.96498005649),
+                [
+                    [7.77702556977, 2.98459228203],
+                    [7.64111068107, 2.93388576832],
+                    [7.5728215203, 3.05420597137],
+                    [7.27547194825, 3.2661706568],
+                ],
+            ),
+        ],
+    ),
+    "lengths, differential and both pulled, compliance": (
+        rj.five_link,
+        {"mu": 0.1, "compliance": 0.08},
+        (0.5, 15.0),
+        [
+            (
+                (-2.0, 2.0),
+                (0, 0),
+                (-41.02852682355, 65.13296879187),
+                [
+                    [4.29551081171, 2.87140660151],
+                    [4.16692257643, 3.02745558741],
+                    [4.08808466723, 3.20922883917],
+                    [3.92605860521, 3.42867286869],
+                ],
+            ),
+            (
+                (-3.0, 1.0),
+                (0, 0),
+                (-40.12880184033, 65.77772289432),
+                [
+                    [9.43339102246, 7.36855861098],
+                    [9.15467293638, 6.98937206736],
+                    [8.98545452775, 6.90592006613],
+                    [8.63145416726, 7.24714080655],
+                ],
+            ),
+        ],
+    ),
+    "lengths, presliding": (
+        rj.five_link,
+        {"mu": 0.2, "presliding": 0.05},
+        (0.5, 15.0),
+        [
+            (
+                (-0.1, 0.1),
+                (0, 0),
+                (-35.41259208548, 69.3724803636),
+                [
+                    [3.0032115578, 2.84451830309],
+                    [2.958329098, 2.93474281173],
+                    [2.95319472716, 2.94848837744],
+                    [2.95159429357, 2.95108769595],
+                ],
+            )
+        ],
+    ),
+    "lengths, one tendon slack": (
+        rj.five_link,
+        {"mu": 0.1},
+        (0.0, 15.0),
+        [
+            (
+                (-2.0, 8.0),
+                (0.3, 0),
+                (-34.65847097054, 68.64386378365),
+                [[1.47902883245, 0.0], [1.43370537929, 0.0], [1.41606775531, 0.0], [1.34642125583, 0.0]],
+            )
+        ],
+    ),
+    "four tendons, two end half way": (
+        rj.two_segment,
+        {"mu": 0.1},
+        None,
+        [
+            (
+                (6.0, 3.0, 4.0, 3.0),
+                (0, 0),
+                (-40.551670614, 78.51588034416),
+                [
+                    [5.93798905372, 3.03132926604, 3.95865936915, 3.03132926604],
+                    [5.82028209607, 3.09263360485, 3.88018806405, 3.09263360485],
+                    [5.71326541859, 3.15056253844, 3.80884361239, 3.15056253844],
+                    [0.0, 0.0, 3.76530154464, 3.18699574462],
+                    [0.0, 0.0, 3.74655277676, 3.20294433711],
+                    [0.0, 0.0, 3.72900697077, 3.21801490157],
+                ],
+            )
+        ],
+    ),
+    "extra turn and constant friction": (
+        rj.five_link,
+        {"mu": 0.1, "extra_turn": 0.1, "constant": 0.02},
+        None,
+        [
+            (
+                (6.0, 3.0),
+                (0, 0),
+                (-44.37165934439, 62.1288186505),
+                [
+                    [5.72690714956, 3.06141508791],
+                    [5.46777867335, 3.27412258],
+                    [5.30310366446, 3.51642486207],
+                    [5.01736260214, 3.81369210607],
+                ],
+            ),
+            (
+                (5.0, 3.0),
+                (0, 0),
+                (-44.10174352074, 62.34683847395),
+                [
+                    [5.21597998341, 2.93987178297],
+                    [5.05188244444, 3.0404599097],
+                    [4.9062204221, 3.25426531552],
+                    [4.64487343401, 3.53095958358],
+                ],
+            ),
+        ],
+    ),
+}
+FIELDS = ["tip", "gap_tensions", "friction_states", "lengths", "tensions", "contact_forces", "stiffness"]
+NUMBERS = ["mu", "presliding", "extra_turn", "constant", "compliance"]
+
+
+def started(design, friction):
+    """The start of every case, and its length commands at 3 N."""
+    start = solve_tensions(design, (3.0,) * design.n_tendons, friction=friction)
+    return start, start.lengths.detach() - 3.0 / 5.0
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_steps_end_where_two_independent_methods_put_them(name):
+    build, numbers, limits, steps = REFERENCE[name]
+    design, friction = DifferentiableChain.from_mechanism(build()), DifferentiableFriction(**numbers)
+    found, command = started(design, friction)
+    for inputs, force, tip, gap_tensions in steps:
+        loads = [rj.WorldForce(-1, force)]
+        if limits is None:
+            found = solve_tensions(design, inputs, loads, friction=friction, history=found)
+        else:
+            lengths = command + torch.tensor(inputs, dtype=torch.float64)
+            found = solve_lengths(design, lengths, loads, friction=friction, history=found, tension_limits=limits)
+        assert found.status == Status.CONVERGED
+        assert found.tip.numpy() == pytest.approx(tip, abs=1e-10)
+        assert found.gap_tensions.numpy() == pytest.approx(np.array(gap_tensions), abs=1e-10)
+
+
+def test_one_joint_slides_to_the_closed_form():
+    """ln(T_l / T_r) - mu |phi| = ln(sin((w - s) / R) / sin((w + s) / R)) of two circles, s = -R phi / 2."""
+    mu, radius, half_width, ratio = 0.2, 20.0, 10.0, 2.0
+    design, friction = DifferentiableChain.from_mechanism(rj.uniform(2)), DifferentiableFriction(mu)
+    found = solve_tensions(design, (6.0, 3.0), friction=friction, history=started(design, friction)[0])
+    phi = found.joint_angles.item()
+    s = -0.5 * radius * phi
+    sines = np.sin((half_width - s) / radius) / np.sin((half_width + s) / radius)
+    assert np.log(ratio) - mu * phi == pytest.approx(np.log(sines), abs=1e-12)
+    assert s == pytest.approx(-3.28916954762, abs=1e-10)
+
+
+PATHS = {  # friction, tension limits, steps of inputs and forces at the tip; what the friction states at the end are
+    "sliding": ({}, None, [((9.0, 3.0), (0.0, 0.0))], {"slide": 8, "stick": 0}),
+    "mixed": ({}, None, [((9.0, 3.0), (0.0, 0.0)), ((7.5, 3.05), (0.3, 0.0))], {"slide": 6, "stick": 2}),
+    "stuck": (
+        {"mu": 0.2, "presliding": 0.05},
+        (0.5, 15.0),
+        [((-0.1, 0.1), (0.01, 0.0))],
+        {"slide": 0, "stick": 8},
+    ),
+    "three steps with everything": (
+        {"extra_turn": 0.1, "constant": 0.02, "compliance": 0.08},
+        (0.5, 15.0),
+        [((-2.0, 2.0), (0.0, 0.0)), ((-3.0, 1.0), (0.3, 0.0)), ((-2.2, 0.3), (0.2, 0.1))],
+        {"slide": 6, "stick": 2},
+    ),
+}
+
+
+def walk(base, leaves, limits, path):
+    """The equilibrium at the end of a path, from everything that it depends on."""
+    friction = DifferentiableFriction(*(leaves[name] for name in NUMBERS))
+    design = base.replace(**{name: leaves[name] for name in ("coefficients", "hole_arcs", "stiffnesses")})
+    found = solve_tensions(design, leaves["start"], friction=friction)
+    neutral = torch.tensor(rj.five_link().neutral_lengths) - 0.6
+    for inputs, force in path:
+        loads = torch.as_tensor(load_table([rj.WorldForce(-1, force)], design.n_links)) + leaves["loads"]
+        moved = torch.tensor(inputs, dtype=torch.float64) + leaves["inputs"]
+        step = {"friction": friction, "history": found}
+        if limits is None:
+            found = solve_tensions(design, moved, loads, **step)
+        else:
+            found = solve_lengths(design, neutral + moved, loads, tension_limits=limits, **step)
+    assert found.ok
+    return found
+
+
+def path_leaves(base, numbers):
+    """Everything that the end of a path depends on."""
+    numbers = dict.fromkeys(NUMBERS, 0.0) | {"mu": 0.1, "presliding": 0.02} | numbers
+    leaves = {name: torch.full((2,), value, dtype=torch.float64) for name, value in numbers.items()}
+    leaves |= {name: getattr(base, name).clone() for name in ("coefficients", "hole_arcs", "stiffnesses")}
+    leaves |= {"inputs": torch.zeros(2, dtype=torch.float64), "start": torch.full((2,), 3.0, dtype=torch.float64)}
+    leaves["loads"] = torch.zeros(1, len(LOAD_COLUMNS), dtype=torch.float64)
+    return {name: leaf.requires_grad_() for name, leaf in leaves.items()}
+
+
+def directions(rng, leaves):
+    """A direction in every leaf that leaves the step one that can be solved."""
+    steps = {name: torch.as_tensor(rng.normal(size=leaf.shape)) for name, leaf in leaves.items()}
+    for name in NUMBERS:
+        steps[name] = 0.1 * steps[name] * (leaves[name] > 0)
+    steps["coefficients"] = 0.01 * steps["coefficients"] / 15.0 ** torch.arange(leaves["coefficients"].shape[-1])
+    steps["hole_arcs"][:, 1:, 0] = steps["hole_arcs"][:, :-1, 1]  # facing holes move alike, or they would cross
+    moving = torch.tensor([column in ("fx", "fy") for column in LOAD_COLUMNS])
+    steps["loads"] = 0.1 * torch.where(moving, steps["loads"], 0.0)
+    return steps
+
+
+def weighted(found, weights):
+    """One number of every field."""
+    return torch.stack([(getattr(found, field) * weights[field]).sum() for field in weights])
+
+
+def assert_gradients_match_differences(function, leaves, steps):
+    """Of a function of the leaves, (fields,), by every leaf along its step; two central differences, error O(h⁴)."""
+    outputs = function(leaves)
+    rows = [torch.autograd.grad(y, list(leaves.values()), retain_graph=True, allow_unused=True) for y in outputs]
+    for column, (name, leaf) in enumerate(leaves.items()):
+        step = steps[name]
+        gradient = [0.0 if row[column] is None else float((row[column] * step).sum()) for row in rows]
+        with torch.no_grad():
+            wide, narrow = (
+                (function(leaves | {name: leaf + h * step}) - function(leaves | {name: leaf - h * step})) / (2 * h)
+                for h in (1e-4, 0.5e-4)
+            )
+        numeric = ((4 * narrow - wide) / 3).numpy()
+        assert gradient == pytest.approx(numeric, rel=1e-6, abs=1e-8 * max(1.0, np.abs(numeric).max()) + 1e-6), name
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_gradients_along_a_path_match_differences(name, monkeypatch):
+    monkeypatch.setattr(solve_module, "solve_compiled", lambda *_: pytest.fail("the torch solver got stuck"))
+    numbers, limits, path, kinds = PATHS[name]
+    rng = np.random.default_rng(2)
+    base = DifferentiableChain.from_mechanism(rj.five_link())
+    leaves = path_leaves(base, numbers)
+    found = walk(base, leaves, limits, path)
+    assert int(found.sticking.sum()) == kinds["stick"]
+    assert int((found.friction_states.abs() == 1.0).sum()) == kinds["slide"]
+    weights = {field: torch.as_tensor(rng.normal(size=getattr(found, field).shape)) for field in FIELDS}
+    steps = directions(rng, leaves)
+    assert_gradients_match_differences(
+        lambda values: weighted(walk(base, values, limits, path), weights), leaves, steps
+    )
+
+
+def test_gradients_by_the_history_match_differences():
+    rng = np.random.default_rng(3)
+    design, friction = DifferentiableChain.from_mechanism(rj.five_link()), DifferentiableFriction(0.1)
+    pulled = solve_tensions(design, (9.0, 3.0), friction=friction, history=started(design, friction)[0])
+    before = pulled.friction_state
+    leaves = {"states": 0.8 * before.states, "slips": before.slips.clone()}
+    leaves = {name: leaf.requires_grad_() for name, leaf in leaves.items()}
+
+    def step(values):
+        history = FrictionStates(values["states"], values["slips"], before.angles)
+        return solve_tensions(design, (7.5, 3.05), friction=friction, history=history)
+
+    found = step(leaves)
+    assert 0 < int(found.sticking.sum()) < 8
+    weights = {field: torch.as_tensor(rng.normal(size=getattr(found, field).shape)) for field in FIELDS}
+    steps = {name: 0.1 * torch.as_tensor(rng.normal(size=leaf.shape)) for name, leaf in leaves.items()}
+    assert_gradients_match_differences(lambda values: weighted(step(values), weights), leaves, steps)
+
+
+def test_a_detached_history_stops_gradients():
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    mu = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
+    friction = DifferentiableFriction(mu)
+    pulled = solve_tensions(design, (9.0, 3.0), friction=friction, history=started(design, friction)[0])
+    constant = DifferentiableFriction(0.1)
+    attached = solve_tensions(design, (7.5, 3.05), friction=constant, history=pulled)
+    assert torch.autograd.grad(attached.tip.sum(), mu, retain_graph=True)[0] != 0
+    cut = solve_tensions(design, (7.5, 3.05), friction=constant, history=pulled.friction_state.detach())
+    assert cut.tip.tolist() == attached.tip.tolist() and not cut.tip.requires_grad
+
+
+def test_without_friction_there_is_none_and_at_a_start_none_acts():
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    mu = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
+    free = solve_tensions(design, (6.0, 3.0), DEAD)
+    start = solve_tensions(design, (6.0, 3.0), DEAD, friction=DifferentiableFriction(mu))
+    for found in (free, start):
+        assert found.gap_tensions.tolist() == [[6.0, 3.0]] * 4
+        assert found.friction_states.abs().max() == 0
+    assert start.tip.detach().numpy() == pytest.approx(free.tip.numpy(), abs=1e-11)
+    assert torch.autograd.grad(start.tip.sum(), mu)[0] == 0
+    assert free.friction_state.angles.tolist() == free.joint_angles.tolist()
+
+
+def test_without_friction_a_history_is_where_to_start():
+    design, push = DifferentiableChain.from_mechanism(rj.uniform(4)), [rj.WorldForce(-1, (0.0, -12.0))]
+    left = solve_tensions(design, (1.0, 1.0), push, starts=torch.full((3,), 0.4))
+    assert solve_tensions(design, (1.0, 1.0), push, history=left).tip.numpy() == pytest.approx(left.tip.numpy())
+
+
+DEAD = [rj.WorldForce(2, (0.3, -0.4), point=(1.0, 2.0))]
+
+
+def test_no_friction_at_mu_zero():
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    friction = DifferentiableFriction(0.0)
+    found = solve_tensions(design, (6.0, 3.0), DEAD, friction=friction, history=started(design, friction)[0])
+    free = solve_tensions(design, (6.0, 3.0), DEAD)
+    assert found.tip.numpy() == pytest.approx(free.tip.numpy(), abs=1e-11)
+    assert found.stiffness.numpy() == pytest.approx(free.stiffness.numpy(), abs=1e-9)
+
+
+def test_every_lane_has_its_own_friction_and_history():
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    mu = torch.tensor([[0.0], [0.05], [0.1], [0.2]], dtype=torch.float64, requires_grad=True)
+    tensions = torch.tensor([[9.0, 3.0], [7.5, 3.0], [6.0, 4.0], [9.0, 3.0]], dtype=torch.float64)
+    friction = DifferentiableFriction(mu)
+    start = solve_tensions(design, tensions.flip(0), friction=friction)
+    together = solve_tensions(design, tensions, DEAD, friction=friction, history=start)
+    (gradient,) = torch.autograd.grad(together.tip.sum(), mu)
+    for lane in range(4):
+        alone = DifferentiableFriction(mu[lane])
+        start = solve_tensions(design, tensions[3 - lane], friction=alone)
+        one = solve_tensions(design, tensions[lane], DEAD, friction=alone, history=start)
+        assert one.tip.detach().numpy() == pytest.approx(together.tip[lane].detach().numpy(), abs=1e-10)
+        (by_mu,) = torch.autograd.grad(one.tip.sum(), mu)
+        assert by_mu[lane].item() == pytest.approx(gradient[lane].item(), rel=1e-8)
+
+
+BAD_FRICTION = {
+    "beyond the range of mu": {"mu": 0.3},
+    "negative mu": {"mu": -0.1},
+    "not a number": {"mu": np.nan},
+    "hardly any presliding": {"presliding": 0.005},
+    "negative extra turn": {"extra_turn": -0.1},
+    "negative constant": {"constant": -0.1},
+    "negative compliance": {"compliance": -0.1},
+}
+
+
+@pytest.mark.parametrize("what", BAD_FRICTION)
+def test_a_lane_whose_friction_cannot_be_solved_has_no_gradient_and_leaves_the_others_alone(what):
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    good = {"mu": 0.1, "presliding": 0.02, "extra_turn": 0.0, "constant": 0.0, "compliance": 0.0}
+    both = {name: [[value], [(good | BAD_FRICTION[what])[name]]] for name, value in good.items()}
+    leaves = {name: torch.tensor(value, dtype=torch.float64, requires_grad=True) for name, value in both.items()}
+    history = started(design, DifferentiableFriction(0.1))[0]
+    found = solve_tensions(design, (6.0, 3.0), DEAD, friction=DifferentiableFriction(**leaves), history=history)
+    assert found.status.tolist() == [Status.CONVERGED, Status.INVALID_INPUT]
+    outputs = [getattr(found, field) for field in (*FIELDS, "smallest_eigenvalue")]
+    assert all(torch.isfinite(output).all() for output in outputs)
+    gradients = torch.autograd.grad(sum(output.sum() for output in outputs), list(leaves.values()))
+    assert gradients[0][0] != 0 and all(gradient[1] == 0 for gradient in gradients)
+    alone = solve_tensions(design, (6.0, 3.0), DEAD, friction=DifferentiableFriction(0.1), history=history)
+    assert found.tip[0].detach().numpy() == pytest.approx(alone.tip.numpy(), abs=1e-10)
+
+
+def test_what_cannot_be_understood_is_refused_by_name():
+    design = DifferentiableChain.from_mechanism(rj.five_link())
+    friction = DifferentiableFriction(0.1)
+    other = solve_tensions(DifferentiableChain.from_mechanism(rj.uniform(3)), (3.0, 3.0), friction=friction)
+    with pytest.raises(rj.InvalidInput, match="history"):
+        solve_tensions(design, (3.0, 3.0), friction=friction, history=other)
+    with pytest.raises(rj.InvalidInput, match="shape of mu"):
+        solve_tensions(design, (3.0, 3.0), friction=DifferentiableFriction(torch.full((3,), 0.1)))
+    with pytest.raises(rj.InvalidInput, match="leading axes"):
+        wide = DifferentiableFriction(torch.full((3, 1), 0.1))
+        solve_tensions(design, torch.ones(2, 2), friction=wide)
+
+
+def test_the_energy_of_stiffness_is_that_of_the_nonsymmetric_jacobian():
+    design, friction = DifferentiableChain.from_mechanism(rj.five_link()), DifferentiableFriction(0.1)
+    found = solve_tensions(design, (9.0, 3.0), friction=friction, history=started(design, friction)[0])
+    H = found.stiffness
+    assert (H - H.mT).abs().max() > 1e-3 * H.abs().max()
+    assert found.smallest_eigenvalue.item() == pytest.approx(np.linalg.eigvals(H.numpy()).real.min(), rel=1e-12)
