@@ -10,6 +10,7 @@ Modules:
     geometry: where surfaces touch, where holes are.
     loads: loads, their energy, moments and stiffness.
     newton: equilibria of a batch by Newton's method in torch.
+    slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
     statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.

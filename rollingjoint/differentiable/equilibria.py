@@ -87,6 +87,18 @@ class Equilibria:
         rubbing = self._state.rubbing
         return torch.zeros_like(self.tendon_rates, dtype=torch.bool) if rubbing is None else rubbing.sticking.mT
 
+    @property
+    def slip(self) -> Tensor:
+        """(..., n - 1, m) of the tendon through the holes of a link in this step, towards the tip [mm]."""
+        rubbing = self._state.rubbing
+        return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT)
+
+    @property
+    def dissipated_work(self) -> Tensor:
+        """(...) work that the holes take in this step [N·mm]: presliding may return a little of it."""
+        rubbing = self._state.rubbing
+        return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work)
+
     @cached_property
     def friction_state(self) -> FrictionStates:
         """What the next step starts from: its `history`."""

@@ -12,9 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionLaw, frozen_work
+from rollingjoint.differentiable.friction import FrictionStep
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.slip import frozen_work
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
@@ -32,16 +33,14 @@ _ARMIJO = 1e-4
 _WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
 
 
-def minimise(
-    geometry: Geometry, law: Law, loads: Loads, s: Tensor, friction: FrictionLaw | None = None
-) -> tuple[Tensor, Tensor, Tensor]:
+def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Stable equilibria from contacts s, (..., J) [mm].
 
     Returns:
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
         row has converged, (...).
     """
-    problem = _Equations(geometry, law, loads, _Bounds(geometry, s), friction)
+    problem = _Equations(geometry, law, loads, _Bounds(geometry, s))
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
     current = problem.at(s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
@@ -58,7 +57,7 @@ def _descended(
 
     When few rows of many are left, they go on alone, which does not change their results.
     """
-    bounds = problem.bounds
+    law, bounds = problem.law, problem.bounds
     for taken in range(most):
         held = bounds.held(current.phi, current.residual)
         arrived = current.worst(held) <= current.goal
@@ -71,10 +70,10 @@ def _descended(
                 problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
             )
             return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        step = _step(current, bounds, held, problem.friction is None)
+        step = _step(current, bounds, held, law.friction is None)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
         trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
-        better = active & trial.improves(current, held, problem.friction)
+        better = active & trial.improves(current, held, law.friction)
         current = current.replaced(trial, better)
         alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
         stuck = stuck | (alpha < _SMALLEST_STEP)
@@ -100,7 +99,7 @@ class _Iterate(NamedTuple):
         """Largest residual of a free joint."""
         return torch.where(held, 0.0, self.residual.abs()).amax(-1)
 
-    def improves(self, before: _Iterate, held: Tensor, friction: FrictionLaw | None) -> Tensor:
+    def improves(self, before: _Iterate, held: Tensor, friction: FrictionStep | None) -> Tensor:
         """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
         change = self.energy - before.energy
         if friction is not None:
@@ -154,13 +153,12 @@ class _Equations(NamedTuple):
     law: Law
     loads: Loads
     bounds: _Bounds
-    friction: FrictionLaw | None
 
     def at(self, s: Tensor) -> _Iterate:
         """The rows with their contacts at s."""
         contact = self.geometry.contact(s)
         phi = contact.angles
-        state = ChainState(self.geometry, self.law, self.loads, phi, contact, self.friction)
+        state = ChainState(self.geometry, self.law, self.loads, phi, contact)
         energy, magnitude = state.energy
         H = state.stiffness.expand(*phi.shape, phi.shape[-1])
         goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
@@ -192,8 +190,7 @@ class _Equations(NamedTuple):
         )
         loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
         bounds = _Bounds(geometry, rows(self.bounds.first))
-        friction = None if self.friction is None else self.friction.each(rows)
-        return _Equations(geometry, self.law.each(rows), loads, bounds, friction)
+        return _Equations(geometry, self.law.each(rows), loads, bounds)
 
 
 def _step(current: _Iterate, bounds: _Bounds, held: Tensor, symmetric: bool) -> Tensor:

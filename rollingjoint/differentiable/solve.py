@@ -7,6 +7,7 @@ Source: docs/theory.md, section 5: dphi/dx = -H⁻¹ dr/dx.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from torch.nn.functional import pad
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
-from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionLaw, FrictionStates, friction_law
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates, FrictionStep
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
@@ -105,40 +106,28 @@ def _solve(
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
-    before = history.friction_state if isinstance(history, Equilibria) else history
-    named = "starts", starts
-    if starts is None and before is not None:
-        named = "the angles of the history", before.angles
-    begin = None if named[1] is None else _numbers(design, *named, design.n_links - 1).detach()
-    rubbing = None
+    before = None if history is None else _history(design, history)
     if friction is not None:
-        rubbing = friction_law(friction, before, design.n_tendons, design.n_links - 1, design.device)
-    shapes = [
-        design.batch,
-        table.shape[:-2],
-        *(row.shape[:-1] for row in law.rows),
-        *([] if begin is None else [begin.shape[:-1]]),
-        *([] if rubbing is None else rubbing.leading),
-    ]
+        law = replace(law, friction=FrictionStep.of(friction, before, design.n_tendons, design.starts))
+    starts = before.angles if starts is None and before is not None else starts
+    begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
+    shapes = [design.batch, table.shape[:-2], *law.leading, *([] if begin is None else [begin.shape[:-1]])]
     try:
         batch = np.broadcast_shapes(*map(tuple, shapes))
     except ValueError:
         raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
-    law = law.each(lambda row: row.expand(*batch, row.shape[-1]))
-    if rubbing is not None:
-        rubbing = rubbing.each(lambda t, axes: t.expand(*batch, *t.shape[t.ndim - axes :]))
+    law = law.each(lambda tensor, axes: tensor.expand(*batch, *tensor.shape[tensor.ndim - axes :]))
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
     wide = design.over(len(batch))
     rolls = wide.valid()
     good = rolls & _usable(law, table) & (True if begin is None else torch.isfinite(begin).all(-1))
-    good = (good if rubbing is None else good & rubbing.usable()).expand(batch)
+    good = good.expand(batch)
     law, table = _where(good, law, table)
-    rubbing = None if rubbing is None else rubbing.where(good)
     wide = wide.where(rolls)
     geometry = Geometry.of(wide)
     with torch.no_grad():
-        s, held, status = _search(wide, geometry.detach(), law, table, rubbing, begin, good, solver)
-    return _tied(geometry, law, _acting(wide, table), rubbing, s, held, status)
+        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver)
+    return _tied(geometry, law, _acting(wide, table), s, held, status)
 
 
 def _search(
@@ -146,7 +135,6 @@ def _search(
     geometry: Geometry,
     law: Law,
     loads: Tensor,
-    friction: FrictionLaw | None,
     starts: Tensor | None,
     good: Tensor,
     solver: str,
@@ -160,7 +148,7 @@ def _search(
     left = good
     if solver == "torch":
         acting = _acting(design, loads)
-        s, held, arrived = minimise(geometry, law, acting, begin, friction)
+        s, held, arrived = minimise(geometry, law, acting, begin)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
         crossed = ChainState(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
@@ -182,29 +170,20 @@ def _acting(design: DifferentiableChain, table: Tensor) -> Loads:
     return Loads(table, design.n_links - 1)
 
 
-def _tied(
-    geometry: Geometry,
-    law: Law,
-    acting: Loads,
-    friction: FrictionLaw | None,
-    s: Tensor,
-    held: Tensor,
-    status: Tensor,
-) -> Equilibria:
+def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
     """The equilibria at contacts s as functions of everything that the geometry, the law and the loads depend on."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa), friction)
+    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa))
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
-    after = ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa), friction)
-    return Equilibria(status, ~held, after)
+    return Equilibria(status, ~held, ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
 
 
 class _NewtonStep(torch.autograd.Function):
@@ -234,20 +213,20 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
 
 
 def _usable(law: Law, table: Tensor) -> Tensor:
-    """Whether the inputs of a row can be solved with: finite, not huge, no pushing tendon, no negative spring."""
-    command, stiffness, low, high = law.each(Tensor.detach).rows
+    """Whether the inputs of a row can be solved with: finite, in their ranges, no pushing tendon or spring."""
+    command, stiffness, low, high = (row.detach() for row in law.rows)
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
     known, pushing = table.detach().abs() <= LARGEST_INPUT, table[..., list(STIFFNESSES)] < 0
-    return numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
+    good = numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
+    return good if law.friction is None else good & law.friction.usable()
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
     """Law and loads; in rows that are not good, constants that can be solved with."""
     if bool(good.all()):
         return law, table
-    row = good[..., None]
-    return law.each(lambda values: torch.where(row, values, 1.0)), torch.where(row[..., None], table, 0.0)
+    return law.where(good), torch.where(good[..., None, None], table, 0.0)
 
 
 def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tensor:
@@ -261,6 +240,19 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     if links is not None:
         raise InvalidInput("links of the load table", links, f"integers from 0 to {design.n_links - 1}")
     return torch.as_tensor(table).to(design.device, torch.float64)
+
+
+def _history(design: DifferentiableChain, history: Equilibria | FrictionStates) -> FrictionStates:
+    """What a step starts from."""
+    before = history.friction_state if isinstance(history, Equilibria) else history
+    J, m = design.n_links - 1, design.n_tendons
+    shapes = {"states": (J, m), "slips": (J, m), "angles": (J,)}
+    tensors = {name: torch.as_tensor(getattr(before, name)).to(design.starts) for name in shapes}
+    for name, shape in shapes.items():
+        if tuple(tensors[name].shape[-len(shape) :]) != shape:
+            expected = f"(..., {str(shape)[1:-1].rstrip(',')}), that of this mechanism"
+            raise InvalidInput(f"shape of {name} of the history", tuple(tensors[name].shape), expected)
+    return FrictionStates(**tensors)
 
 
 def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:

@@ -7,28 +7,30 @@ F force, r residual, H stiffness. Everything has leading axes and is differentia
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionAtPose, FrictionLaw, GapsAtPose
+from rollingjoint.differentiable.friction import FrictionStep
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
+from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 
 
 @dataclass(frozen=True)
 class Law:
-    """Tendon law, (..., m) each: tension = clip(stiffness × (length - command), low, high)."""
+    """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high); friction."""
 
     command: Tensor
     stiffness: Tensor
     low: Tensor
     high: Tensor
     prescribed: bool = False  # tensions are given: low is high
+    friction: FrictionStep | None = None
 
     @classmethod
     def constant(cls, tensions: Tensor) -> Law:
@@ -40,10 +42,24 @@ class Law:
         """Command, stiffness, minimum and maximum tension."""
         return self.command, self.stiffness, self.low, self.high
 
-    def each(self, change: Callable[[Tensor], Tensor]) -> Law:
-        """The law with every row changed."""
-        command, stiffness, low, high = (change(row) for row in self.rows)
-        return Law(command, stiffness, low, high, self.prescribed)
+    @property
+    def leading(self) -> list[torch.Size]:
+        """The leading axes of every tensor."""
+        found: list[torch.Size] = [row.shape[:-1] for row in self.rows]
+        if self.friction is not None:
+            found += [tensor.shape[: tensor.ndim - axes] for tensor, axes in self.friction.tensors.values()]
+        return found
+
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> Law:
+        """The law with every tensor changed, by a function that also gets the number of its own axes."""
+        friction = None if self.friction is None else self.friction.each(change)
+        command, stiffness, low, high = (change(row, 1) for row in self.rows)
+        return Law(command, stiffness, low, high, self.prescribed, friction)
+
+    def where(self, good: Tensor) -> Law:
+        """The law; in rows that are not good, (...), a constant that can be solved with."""
+        calm = self.each(lambda tensor, axes: torch.where(good[(..., *(None,) * axes)], tensor, 1.0))
+        return calm if self.friction is None else replace(calm, friction=self.friction.where(good))
 
     def of(self, lengths: Tensor) -> tuple[Tensor, Tensor]:
         """Tensions [N], and d tension / d length [N/mm]."""
@@ -64,7 +80,6 @@ class ChainState:
         loads: that act.
         phi: joint angles.
         contact: where the surfaces touch at these angles; whoever differentiates passes one that depends on them.
-        friction: of the tendons and the step that leads here, if any.
     """
 
     geometry: Geometry
@@ -72,7 +87,6 @@ class ChainState:
     loads: Loads
     phi: Tensor
     contact: Contact
-    friction: FrictionLaw | None = None
 
     @cached_property
     def _turns(self) -> Tensor:
@@ -162,7 +176,7 @@ class ChainState:
     @cached_property
     def rubbing(self) -> FrictionAtPose | None:
         """Friction at this pose."""
-        if self.friction is None:
+        if self.law.friction is None:
             return None
         length, direction, moves, is_open = self._gaps
         along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
@@ -171,7 +185,7 @@ class ChainState:
         crosses = self.geometry.crosses
         turns = (below, above, rate, 1.0 - rate)
         gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
-        return FrictionAtPose(self.friction, gaps)
+        return FrictionAtPose(self.law.friction, gaps)
 
     @property
     def elastic(self) -> Tensor:
