@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionStates
+from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.newton import freed
+from rollingjoint.differentiable.slip import FIRM
 from rollingjoint.differentiable.statics import ChainState
 from rollingjoint.differentiable.surface import as_pairs
 from rollingjoint.solution import Status
@@ -73,41 +74,60 @@ class Equilibria:
 
     @property
     def gap_tensions(self) -> Tensor:
-        """(..., n - 1, m) in every gap [N]; 0 where a tendon does not cross."""
+        """(..., n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]."""
         return self._shown((self._state.gap_tensions * self._state.geometry.crosses).mT)
 
     @property
     def friction_states(self) -> Tensor:
-        """(..., n - 1, m) of the holes of every link: -1 (drawn out) to 1 (pulled in)."""
+        """(..., n - 1, m) friction state of every tendon in links 0 to n - 2: 1 slips to the motor, -1 to the tip."""
         return self.friction_state.states
 
     @property
     def sticking(self) -> Tensor:
-        """(..., n - 1, m) whether the holes of a link stick, or are on their way to slip."""
-        rubbing = self._state.rubbing
-        return torch.zeros_like(self.tendon_rates, dtype=torch.bool) if rubbing is None else rubbing.sticking.mT
+        """(..., n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
+        return (self.friction_states.abs() < FIRM) & (self._state.geometry.crosses.mT > 0)
 
     @property
     def slip(self) -> Tensor:
-        """(..., n - 1, m) of the tendon through the holes of a link in this step, towards the tip [mm]."""
+        """(..., n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
         rubbing = self._state.rubbing
         return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT)
 
     @property
     def dissipated_work(self) -> Tensor:
-        """(...) work that the holes take in this step [N·mm]: presliding may return a little of it."""
+        """(...) what friction has taken up in the step from the history to here [N·mm]."""
         rubbing = self._state.rubbing
         return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work)
 
     @cached_property
     def friction_state(self) -> FrictionStates:
-        """What the next step starts from: its `history`."""
-        rubbing, state = self._state.rubbing, self._state
-        if rubbing is None:
-            none = torch.zeros_like(self.tendon_rates)
-            return FrictionStates(none, none, self.joint_angles)
-        states, slips = (self._shown(values.mT) for values in (rubbing.states, rubbing.slips))
-        return FrictionStates(states, slips, self._shown(state.phi))
+        """What friction remembers, the history of the next step. Gradients flow through it.
+
+        In a row that is not ok it is a constant: what was remembered before; slips and angles are those of the pose if
+        that is INDETERMINATE.
+        """
+        return self.remembered(None)
+
+    def remembered(self, friction: DifferentiableFriction | None) -> FrictionStates:
+        """`friction_state`; that of equilibria without friction in terms of the friction of the step to come."""
+        state = self._state
+        if state.rubbing is None:
+            friction = friction or DifferentiableFriction(0.0)
+            state = replace(state, law=replace(state.law, friction=friction.each(lambda t: t.to(state.phi.device))))
+        rubbing, before = state.rubbing, state.law.history
+        assert rubbing is not None
+        found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
+            lambda tensor, _: self._shown(tensor)
+        )
+        if before is None or bool(self.ok.all()):
+            return found
+        stands = self.status <= Status.INDETERMINATE
+        kept = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
+        chosen = {}
+        for name, axes in HISTORY.items():
+            mask = kept[name][(..., *(None,) * axes)]
+            chosen[name] = torch.where(mask, getattr(found, name), getattr(before, name).detach())
+        return FrictionStates(**chosen)
 
     @property
     def lengths(self) -> Tensor:
@@ -153,7 +173,7 @@ class Equilibria:
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
         masked = freed(H, held) + torch.diag_embed(held * far[..., None])
-        if self._state.loads.symmetric and self._state.rubbing is None:
+        if self._state.loads.symmetric and self._state.law.history is None:
             smallest = torch.linalg.eigvalsh(masked)[..., 0]
         else:
             smallest = torch.linalg.eigvals(masked).real.amin(-1)

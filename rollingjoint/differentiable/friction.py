@@ -1,112 +1,139 @@
-"""Tendon friction with memory: its numbers, what one step leaves to the next, and both together for one step."""
+"""Tendon friction with memory, in tensors: its coefficients, and what one step leaves to the next."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import NO_FRICTION, RANGES, CapstanFriction
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
-LARGEST_MU = 0.25
-SMALLEST_PRESLIDING = 0.01  # mm
+COEFFICIENTS = ("mu", "presliding", "extra_turn", "constant", "compliance")  # order: that of friction_coefficients
+HISTORY = {"states": 2, "slips": 2, "grips": 2, "angles": 1}  # axes after those of the batch
+
+
+def _number(value: Any) -> Tensor:
+    """A number as a tensor with one axis, a tensor as it is; double precision."""
+    tensor = torch.as_tensor(value, dtype=torch.float64)
+    return tensor if tensor.ndim else tensor[None]
 
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFriction:
-    """Capstan friction of the tendons, as `rollingjoint.CapstanFriction`, in tensors.
+    """Friction of the tendons as `rollingjoint.CapstanFriction` has it, by tensors that can be differentiated.
+
+    Each is a number, or a tensor: (..., m) with one value per tendon, (..., 1) with one for all, leading axes as of
+    designs. A row whose numbers are not in the ranges of CapstanFriction is INVALID_INPUT. Rolling resistance is not
+    covered.
 
     Args:
-        mu: coefficient of friction, 0 to 0.25; like every other number a float, or a tensor (..., m): one per tendon,
-            or (..., 1): the same for all, with leading axes that broadcast to the batch.
-        presliding: slip that turns a hole from stuck to sliding, at least 0.01 mm.
-        extra_turn: angle-independent turn of every link [rad].
-        constant: friction of every link that no tension changes [N].
-        compliance: stretch of the tendon inside the mechanism [mm/N].
+        mu: coefficient of friction.
+        presliding: slip over which friction builds up [mm].
+        extra_turn: turn that every link adds [rad].
+        constant: friction force that every link adds [N].
+        compliance: stretch of the tendon between the base and its end per newton [mm/N].
     """
 
-    mu: Tensor | float
-    presliding: Tensor | float = 0.02
-    extra_turn: Tensor | float = 0.0
-    constant: Tensor | float = 0.0
-    compliance: Tensor | float = 0.0
+    mu: Tensor
+    presliding: Tensor = _number(NO_FRICTION.presliding)  # noqa: RUF009 - constant
+    extra_turn: Tensor = _number(0.0)  # noqa: RUF009
+    constant: Tensor = _number(0.0)  # noqa: RUF009
+    compliance: Tensor = _number(0.0)  # noqa: RUF009
+
+    def __post_init__(self) -> None:
+        for name in COEFFICIENTS:
+            object.__setattr__(self, name, _number(getattr(self, name)))
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Its coefficients, (..., 1) or (..., m)."""
+        return tuple(getattr(self, name) for name in COEFFICIENTS)
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> DifferentiableFriction:
+        """The friction with every coefficient changed."""
+        return DifferentiableFriction(*map(change, self.tensors))
+
+    def usable(self) -> Tensor:
+        """Whether the coefficients of a row are in their ranges, (...)."""
+        named = zip(COEFFICIENTS, self.tensors, strict=True)
+        good = [((t >= RANGES[name][0]) & (t <= RANGES[name][1])).all(-1) for name, t in named]
+        return torch.stack(torch.broadcast_tensors(*good)).all(0)
+
+    def where(self, good: Tensor) -> DifferentiableFriction:
+        """The friction; in rows that are not good, (...), a constant that can be solved with."""
+        calm = (0.0, NO_FRICTION.presliding, 0.0, 0.0, 0.0)
+        pairs = zip(self.tensors, calm, strict=True)
+        return DifferentiableFriction(*(torch.where(good[..., None], tensor, value) for tensor, value in pairs))
+
+
+def as_friction(
+    friction: DifferentiableFriction | CapstanFriction, n_tendons: int, like: Tensor
+) -> DifferentiableFriction:
+    """The friction of so many tendons, on the device of another tensor.
+
+    Raises:
+        InvalidInput: it is none, has rolling resistance, or numbers for another number of tendons.
+    """
+    if isinstance(friction, CapstanFriction):
+        without_rolling(friction.rolling)
+        friction = DifferentiableFriction(*(getattr(friction, name) for name in COEFFICIENTS))
+    if not isinstance(friction, DifferentiableFriction):
+        raise InvalidInput("friction", friction, "a DifferentiableFriction or a CapstanFriction")
+    for name, tensor in zip(COEFFICIENTS, friction.tensors, strict=True):
+        if tensor.shape[-1] not in (1, n_tendons):
+            raise InvalidInput(f"shape of {name}", tuple(tensor.shape), f"a number, (..., 1) or (..., {n_tendons})")
+    return friction.each(lambda tensor: tensor.to(like.device))
+
+
+def without_rolling(arm: float) -> None:
+    """Refuse rolling resistance: InvalidInput."""
+    if arm > 0.0:
+        raise InvalidInput("rolling of the friction", arm, "0: gradients do not cover rolling resistance")
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionStates:
-    """What a step leaves to the next, (..., n - 1, m) by link and tendon unless said otherwise; differentiable.
+    """What friction remembers of the steps of a batch, as `rollingjoint.FrictionState`: the history of the next ones.
+
+    Gradients flow through it.
 
     Attributes:
-        states: friction state z, -1 (drawn out) to 1 (pulled in).
-        slips: slip coordinate s [mm].
-        angles: joint angles, (..., n - 1) [rad]; the next step starts there.
+        states: (..., n - 1, m) friction state of every tendon in links 0 to n - 2, -1 to 1.
+        slips: (..., n - 1, m) slip coordinate [mm].
+        grips: (..., n - 1, m) friction force of the link's holes where the tendon slips [N].
+        angles: (..., n - 1) joint angles [rad].
     """
 
     states: Tensor
     slips: Tensor
+    grips: Tensor
     angles: Tensor
 
-    def detach(self) -> FrictionStates:
-        """The same as constants: gradients stop here."""
-        return FrictionStates(*(getattr(self, field.name).detach() for field in fields(self)))
-
-
-@dataclass(frozen=True)
-class FrictionStep:
-    """Friction of one step: five numbers of every tendon, (..., m), and the history, (..., m, J), as all gaps have it.
-
-    A step without history is a start: no hole has slipped, z = 0, as if there were no friction.
-    """
-
-    mu: Tensor
-    presliding: Tensor
-    extra_turn: Tensor
-    constant: Tensor
-    compliance: Tensor
-    states: Tensor | None = None
-    slips: Tensor | None = None
-
-    @classmethod
-    def of(
-        cls, friction: DifferentiableFriction, before: FrictionStates | None, n_tendons: int, like: Tensor
-    ) -> FrictionStep:
-        """The step of so many tendons, on the device of another tensor.
-
-        Raises:
-            InvalidInput: numbers of another shape than the tendons ask for.
-        """
-        numbers = []
-        for name in (field.name for field in fields(friction)):
-            number = torch.as_tensor(getattr(friction, name), dtype=torch.float64, device=like.device)
-            if number.ndim and number.shape[-1] not in (1, n_tendons):
-                allowed = f"a number, (..., 1) or (..., {n_tendons})"
-                raise InvalidInput(f"shape of {name}", tuple(number.shape), allowed)
-            numbers.append(number.expand(*number.shape[:-1], n_tendons))
-        step = cls(*numbers)
-        return step if before is None else replace(step, states=before.states.mT, slips=before.slips.mT)
-
-    def each(self, change: Callable[[Tensor, int], Tensor]) -> FrictionStep:
-        """The step with every tensor changed, by a function that also gets the number of its own axes."""
-        return replace(self, **{name: change(tensor, axes) for name, (tensor, axes) in self.tensors.items()})
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> FrictionStates:
+        """The same with every tensor changed, by a function that also gets the number of its own axes."""
+        return FrictionStates(**{name: change(getattr(self, name), axes) for name, axes in HISTORY.items()})
 
     @property
-    def tensors(self) -> dict[str, tuple[Tensor, int]]:
-        """Every tensor, and the number of its own axes."""
-        named = ((field.name, getattr(self, field.name)) for field in fields(self))
-        return {name: (each, 2 if name in ("states", "slips") else 1) for name, each in named if each is not None}
+    def leading(self) -> list[torch.Size]:
+        """The leading axes of every tensor."""
+        return [getattr(self, name).shape[:-axes] for name, axes in HISTORY.items()]
 
-    def where(self, good: Tensor) -> FrictionStep:
-        """The step; in rows that are not good, (...), a constant that can be solved with."""
-        calm = self.each(lambda tensor, axes: torch.where(good[(..., *(None,) * axes)], tensor, 0.0))
-        return replace(calm, presliding=torch.where(good[..., None], self.presliding, 1.0))
+    def detach(self) -> FrictionStates:
+        """The same as a constant: no gradients flow to earlier steps."""
+        return self.each(lambda tensor, _: tensor.detach())
 
     def usable(self) -> Tensor:
-        """Whether the numbers of a row are finite and within their ranges, (...)."""
-        good = (self.mu >= 0) & (self.mu <= LARGEST_MU) & (self.presliding >= SMALLEST_PRESLIDING)
-        good = (good & (self.extra_turn >= 0) & (self.constant >= 0) & (self.compliance >= 0)).all(-1)
-        for tensor, axes in self.tensors.values():
-            good = good & (tensor.detach().abs() <= LARGEST_INPUT).flatten(-axes).all(-1)
+        """Whether a row is finite, and its friction states from -1 to 1, (...)."""
+        good = (self.states.abs() <= 1.0).flatten(-2).all(-1)
+        for name, axes in HISTORY.items():
+            good = good & (getattr(self, name).detach().abs() <= LARGEST_INPUT).flatten(-axes).all(-1)
         return good
+
+    def where(self, good: Tensor) -> FrictionStates:
+        """The same; zeros in rows that are not good, (...)."""
+        return self.each(lambda tensor, axes: torch.where(good[(..., *(None,) * axes)], tensor, 0.0))

@@ -63,7 +63,7 @@ class Geometry:
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
         crosses: whether tendon j crosses joint i, (m, J), 1 or 0.
         channels: length of every tendon inside the links, (..., m) [mm].
-        along: unit vectors of the channels, parent to child hole, complex (..., m, n); 1 where there is none.
+        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y where there is none.
     """
 
     joints: Surfaces
@@ -84,7 +84,7 @@ class Geometry:
         channels = (through.abs() * passed).sum(-1)
         crosses = (links[:-1] < design.crossed[:, None]).to(torch.float64)
         drilled = (passed > 0) & (through.detach().abs() > 0)
-        safe = torch.where(drilled, through, 1.0)
+        safe = torch.where(drilled, through, 1j)
         along = safe / safe.abs()
         return cls(surfaces.joints(), holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels, along)
 

@@ -1,7 +1,7 @@
 """Equilibria of a batch by Newton's method in torch, each row with its own design; no tables are built.
 
-Every row descends its energy; one that gets stuck is left to the compiled solver. Friction has no energy: in every step
-it has the work of the amplitudes at the beginning of that step. Source: docs/theory.md, section 7.
+Every row descends its energy; one that gets stuck is left to the compiled solver. Friction has no energy: every Newton
+step is judged by the work of the holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionStep
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.slip import frozen_work
@@ -73,7 +72,7 @@ def _descended(
         step = _step(current, bounds, held, law.friction is None)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
         trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
-        better = active & trial.improves(current, held, law.friction)
+        better = active & trial.improves(current, held, law)
         current = current.replaced(trial, better)
         alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
         stuck = stuck | (alpha < _SMALLEST_STEP)
@@ -91,19 +90,20 @@ class _Iterate(NamedTuple):
     energy: Tensor
     rounding: Tensor  # of the energy
     goal: Tensor  # largest residual at rest
-    distal: Tensor  # lengths, states before they are limited, amplitudes: (..., m, J), of friction
+    distal: Tensor  # lengths, states before they are limited, grips: of friction, (..., m, J)
     reached: Tensor
-    amplitudes: Tensor
+    grips: Tensor
 
     def worst(self, held: Tensor) -> Tensor:
         """Largest residual of a free joint."""
         return torch.where(held, 0.0, self.residual.abs()).amax(-1)
 
-    def improves(self, before: _Iterate, held: Tensor, friction: FrictionStep | None) -> Tensor:
+    def improves(self, before: _Iterate, held: Tensor, law: Law) -> Tensor:
         """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
         change = self.energy - before.energy
-        if friction is not None:
-            change = change + frozen_work(friction, before.amplitudes, before.reached, self.distal - before.distal)
+        if law.friction is not None and law.history is not None:
+            moved = self.distal - before.distal
+            change = change + frozen_work(law.friction.presliding, before.grips, before.reached, moved)
         slope = (before.residual * (self.phi - before.phi)).sum(-1)
         level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
         return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
@@ -164,7 +164,7 @@ class _Equations(NamedTuple):
         goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
         rubbing = state.rubbing
         none = phi.new_zeros(*phi.shape[:-1], 0, 0)
-        friction = (none, none, none) if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.amplitudes)
+        friction = (none, none, none) if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
         return _Iterate(s, phi, contact.kappa, state.residual, H, energy, ROUNDING * magnitude, goal, *friction)
 
     def chosen(self, mask: Tensor) -> _Equations:

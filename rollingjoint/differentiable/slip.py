@@ -12,9 +12,10 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionStep
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 
-_SMALL_STATE = 1e-8  # below it a hole's amplitude is its limit at z = 0
+FIRM = 1.0 - 1e-7  # a hole sticks if its friction state is smaller; the rest is rounding
+_SMALL_STATE = 1e-8  # below it a hole's grip is its limit at z = 0
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,16 @@ class GapsAtPose:
 
 @dataclass(frozen=True)
 class FrictionAtPose:
-    """Friction at one pose: states, tensions and their slopes, (..., m, J) where not said otherwise."""
+    """Friction at one pose: states, tensions and their slopes, (..., m, J) where not said otherwise.
 
-    step: FrictionStep
+    Args:
+        friction: of the tendons.
+        history: what the step to this pose starts from; None at a start: no hole has slipped, z = 0.
+        gaps: at this pose.
+    """
+
+    friction: DifferentiableFriction
+    history: FrictionStates | None
     gaps: GapsAtPose
 
     @cached_property
@@ -56,7 +64,7 @@ class FrictionAtPose:
     def _compliance(self) -> Tensor:
         """C of every link, the stretch of the tendon beyond it [mm/N]."""
         left = _beyond(self.gaps.crosses)
-        return self.step.compliance[..., None] * left / left[..., :1].clamp(min=1.0)
+        return self.friction.compliance[..., None] * left / left[..., :1].clamp(min=1.0)
 
     @cached_property
     def slips(self) -> Tensor:
@@ -66,63 +74,74 @@ class FrictionAtPose:
     @cached_property
     def slipped(self) -> Tensor:
         """By how much s has grown in this step [mm]."""
-        return torch.zeros_like(self.slips) if self.step.slips is None else self.slips - self.step.slips
+        return torch.zeros_like(self.slips) if self.history is None else self.slips - self.history.slips.mT
 
     @cached_property
     def reached(self) -> Tensor:
         """z before it is limited to -1 to 1."""
-        if self.step.states is None:
+        if self.history is None:
             return torch.zeros_like(self.slips)
-        return self.step.states - self.slipped / self.step.presliding[..., None]
+        return self.history.states.mT - self.slipped / self.friction.presliding[..., None]
+
+    @cached_property
+    def _follows(self) -> Tensor:
+        """Whether z follows the slip: where it is at an end, up to rounding, it has the derivatives of sliding on."""
+        return (self.reached.abs() < FIRM) & (self.history is not None)
 
     @cached_property
     def states(self) -> Tensor:
         """z."""
-        z = self.reached
-        return torch.where(z >= 1.0, 1.0, torch.where(z <= -1.0, -1.0, z)) * self.gaps.crosses
-
-    @cached_property
-    def sticking(self) -> Tensor:
-        """Which holes stick: their states are not at an end."""
-        return (self.reached.abs() < 1.0) & (self.gaps.crosses > 0)
+        return torch.where(self._follows, self.reached, self.reached.detach().clamp(-1.0, 1.0)) * self.gaps.crosses
 
     @cached_property
     def turns(self) -> Tensor:
         """theta of every link, at the hole where the tendon leaves it and that where it has entered [rad]."""
-        entered = _next(self.gaps.turns_above.abs())
-        return (self.step.extra_turn[..., None] + self.gaps.turns_below.abs() + entered) * self.gaps.crosses
+        left, entered = (_sign(turn) * turn for turn in (self.gaps.turns_below, self.gaps.turns_above))
+        return (self.friction.extra_turn[..., None] + left + _later(entered)) * self.gaps.crosses
 
     @cached_property
     def _decay(self) -> Tensor:
         """E = exp(-mu Σ z theta)."""
-        return torch.exp(-self.step.mu[..., None] * torch.cumsum(self.states * self.turns, -1))
+        return torch.exp(-self.friction.mu[..., None] * torch.cumsum(self.states * self.turns, -1))
+
+    @cached_property
+    def _unlimited(self) -> Tensor:
+        """T before it is limited to pulling [N]."""
+        lost = self.friction.constant[..., None] * torch.cumsum(self.states, -1)
+        return self.gaps.tensions[..., None] * self._decay - lost
+
+    @cached_property
+    def _pulls(self) -> Tensor:
+        return (self._unlimited >= 0.0) & (self.gaps.crosses > 0)
 
     @cached_property
     def tensions(self) -> Tensor:
         """T in every gap [N]; 0 in those that a tendon does not cross."""
-        lost = self.step.constant[..., None] * torch.cumsum(self.states, -1)
-        return (self.gaps.tensions[..., None] * self._decay - lost).clamp(min=0.0) * self.gaps.crosses
+        return torch.where(self._pulls, self._unlimited, 0.0)
 
     @cached_property
-    def amplitudes(self) -> Tensor:
-        """Q: what the holes of a link take from the tension, by z [N]."""
+    def grips(self) -> Tensor:
+        """Q: what the holes of a link take from the tension at z = 1 [N]."""
         below = torch.cat([self.gaps.tensions[..., None].expand_as(self.states)[..., :1], self.tensions[..., :-1]], -1)
         moved = self.states.abs() > _SMALL_STATE
-        stuck = (below * self.step.mu[..., None] * self.turns + self.step.constant[..., None]) * self.gaps.crosses
+        stuck = (
+            below * self.friction.mu[..., None] * self.turns + self.friction.constant[..., None]
+        ) * self.gaps.crosses
         return torch.where(moved, (below - self.tensions) / torch.where(moved, self.states, 1.0), stuck)
 
     @property
     def work(self) -> Tensor:
-        """Work that the holes take in this step, (...) [N·mm]: presliding may return a little of it."""
-        return -(self.states * self.amplitudes * self.slipped).sum((-2, -1))
+        """Work that the holes take in this step, with the mean of the grips before and after it, (...) [N·mm]."""
+        if self.history is None:
+            return torch.zeros_like(self.slips[..., 0, 0])
+        per_grip = self.friction.presliding[..., None] * (_well(self.reached) - _well(self.history.states.mT))
+        return (0.5 * (self.history.grips.mT + self.grips) * per_grip).sum((-2, -1))
 
     @cached_property
     def slopes(self) -> Tensor:
         """dT/dphi, (..., m, J, J): of the tension in every gap by every joint angle, one-sided where holes turn."""
-        step, gaps = self.step, self.gaps
-        sticks = self.sticking / step.presliding[..., None]  # -dz/ds
-        if step.states is None:
-            sticks = torch.zeros_like(sticks)
+        friction, gaps = self.friction, self.gaps
+        sticks = self._follows / friction.presliding[..., None]  # -dz/ds
         joints = torch.arange(gaps.lengths.shape[-1], device=gaps.lengths.device)
         first = torch.minimum(joints[:, None], joints)
         rates, elastic = gaps.rates[..., None, :], (gaps.elastic[..., None] * gaps.rates)[..., None, :]
@@ -132,29 +151,26 @@ class FrictionAtPose:
             moving, stretched = (torch.cumsum(weights * sticks * c, -1) for c in (1.0, self._compliance))
             return moving[..., first] * rates - stretched[..., :, None] * elastic
 
-        left = self.states * torch.sign(gaps.turns_below) * gaps.rates_below
-        entered = _previous(self.states) * torch.sign(gaps.turns_above) * gaps.rates_above
+        left = self.states * _sign(gaps.turns_below) * gaps.rates_below
+        entered = _earlier(self.states) * _sign(gaps.turns_above) * gaps.rates_above
         turned = left[..., None, :] * (joints[:, None] >= joints) + entered[..., None, :] * (joints[:, None] > joints)
-        exponent = step.mu[..., None, None] * (passed(self.turns) - turned)
+        exponent = friction.mu[..., None, None] * (passed(self.turns) - turned)
         decay, tensions = self._decay[..., None], gaps.tensions[..., None, None]
         slopes = decay * (elastic + tensions * exponent)
-        slopes = slopes + step.constant[..., None, None] * passed(torch.ones_like(self.turns))
-        pulled = (self.tensions > 0) & (gaps.crosses > 0)
-        return torch.where(pulled[..., None], slopes, 0.0)
+        slopes = slopes + friction.constant[..., None, None] * passed(torch.ones_like(self.turns))
+        return torch.where(self._pulls[..., None], slopes, 0.0)
 
 
-def frozen_work(step: FrictionStep, amplitudes: Tensor, reached: Tensor, moved: Tensor) -> Tensor:
-    """Work against friction while the distal lengths move, its amplitudes those at the beginning, (...) [N·mm].
+def frozen_work(presliding: Tensor, grips: Tensor, reached: Tensor, moved: Tensor) -> Tensor:
+    """Work against friction while the distal lengths move and the grips are those at the beginning, (...) [N·mm].
 
     Args:
-        step: of the friction.
-        amplitudes, reached: at the beginning, (..., m, J).
+        presliding: of the tendons, (..., m or 1) [mm].
+        grips, reached: at the beginning, (..., m, J).
         moved: by how much the distal lengths grow, (..., m, J) [mm].
     """
-    if step.states is None:
-        return torch.zeros_like(moved[..., 0, 0])
-    presliding = step.presliding[..., None]
-    return (amplitudes * presliding * (_well(reached - moved / presliding) - _well(reached))).sum((-2, -1))
+    per_slip = 1.0 / presliding[..., None]
+    return (grips / per_slip * (_well(reached - moved * per_slip) - _well(reached))).sum((-2, -1))
 
 
 def _well(z: Tensor) -> Tensor:
@@ -168,11 +184,16 @@ def _beyond(values: Tensor) -> Tensor:
     return values.flip(-1).cumsum(-1).flip(-1)
 
 
-def _next(values: Tensor) -> Tensor:
+def _sign(turn: Tensor) -> Tensor:
+    """1 or -1; 1 at 0, as in the compiled solver."""
+    return torch.where(turn.detach() < 0.0, -1.0, 1.0).to(turn.dtype)
+
+
+def _later(values: Tensor) -> Tensor:
     """The values one place later on the last axis, 0 first."""
     return torch.nn.functional.pad(values[..., :-1], (1, 0))
 
 
-def _previous(values: Tensor) -> Tensor:
+def _earlier(values: Tensor) -> Tensor:
     """The values one place earlier on the last axis, 0 last."""
     return torch.nn.functional.pad(values[..., 1:], (0, 1))

@@ -19,16 +19,20 @@ from torch.nn.functional import pad
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
-from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates, FrictionStep
+from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates, as_friction
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
-from rollingjoint.solution import Status
+from rollingjoint.solution import Solution, Status
+
+History = Equilibria | FrictionStates | Solution | FrictionState | None
+"""The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
 
@@ -39,8 +43,8 @@ def solve_tensions(
     loads: Sequence[Load] | Tensor = (),
     starts: Tensor | None = None,
     solver: str = "torch",
-    friction: DifferentiableFriction | None = None,
-    history: Equilibria | FrictionStates | None = None,
+    friction: DifferentiableFriction | CapstanFriction | None = None,
+    history: History = None,
 ) -> Equilibria:
     """Equilibria under given tensions.
 
@@ -52,8 +56,9 @@ def solve_tensions(
         starts: joint angles to start from, (..., n - 1) [rad]; default those of the history, or s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for one mechanism that is solved again and again.
-        friction: of the tendons; default that of the mechanism.
-        history: equilibria that this step starts from, or their `friction_state`; default a start without friction.
+        friction: of the tendons; default that of the design. It acts where there is a history.
+        history: the equilibria before this step, or their `friction_state`; gradients flow through it. Without it the
+            result is the pose without friction, in which nothing has ever slipped.
     Returns:
         Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
     Raises:
@@ -70,8 +75,8 @@ def solve_lengths(
     starts: Tensor | None = None,
     solver: str = "torch",
     tension_limits: tuple[Tensor | float, Tensor | float] = (0.0, torch.inf),
-    friction: DifferentiableFriction | None = None,
-    history: Equilibria | FrictionStates | None = None,
+    friction: DifferentiableFriction | CapstanFriction | None = None,
+    history: History = None,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
 
@@ -100,15 +105,15 @@ def _solve(
     loads: Sequence[Load] | Tensor,
     starts: Tensor | None,
     solver: str,
-    friction: DifferentiableFriction | None,
-    history: Equilibria | FrictionStates | None,
+    friction: DifferentiableFriction | CapstanFriction | None,
+    history: History,
 ) -> Equilibria:
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
-    before = None if history is None else _history(design, history)
-    if friction is not None:
-        law = replace(law, friction=FrictionStep.of(friction, before, design.n_tendons, design.starts))
+    acting = design.friction if friction is None else as_friction(friction, design.n_tendons, design.starts)
+    before = None if history is None else _history(design, acting, history)
+    law = replace(law, friction=acting, history=None if acting is None else before)
     starts = before.angles if starts is None and before is not None else starts
     begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
     shapes = [design.batch, table.shape[:-2], *law.leading, *([] if begin is None else [begin.shape[:-1]])]
@@ -219,7 +224,9 @@ def _usable(law: Law, table: Tensor) -> Tensor:
     limits = ((low >= 0) & (high >= low)).all(-1)
     known, pushing = table.detach().abs() <= LARGEST_INPUT, table[..., list(STIFFNESSES)] < 0
     good = numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
-    return good if law.friction is None else good & law.friction.usable()
+    for part in (law.friction, law.history):
+        good = good if part is None else good & part.usable()
+    return good
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
@@ -242,16 +249,22 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     return torch.as_tensor(table).to(design.device, torch.float64)
 
 
-def _history(design: DifferentiableChain, history: Equilibria | FrictionStates) -> FrictionStates:
-    """What a step starts from."""
-    before = history.friction_state if isinstance(history, Equilibria) else history
-    J, m = design.n_links - 1, design.n_tendons
-    shapes = {"states": (J, m), "slips": (J, m), "angles": (J,)}
-    tensors = {name: torch.as_tensor(getattr(before, name)).to(design.starts) for name in shapes}
-    for name, shape in shapes.items():
-        if tuple(tensors[name].shape[-len(shape) :]) != shape:
-            expected = f"(..., {str(shape)[1:-1].rstrip(',')}), that of this mechanism"
-            raise InvalidInput(f"shape of {name} of the history", tuple(tensors[name].shape), expected)
+def _history(design: DifferentiableChain, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
+    """What a step with this friction starts from."""
+    if isinstance(history, Equilibria):
+        before: Any = history.remembered(friction)
+    else:
+        before = history.friction_state if isinstance(history, Solution) else history
+    if not isinstance(before, FrictionStates | FrictionState):
+        raise InvalidInput("history", history, "equilibria or their friction_state")
+    shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(
+        ("states", "slips", "grips"), (design.n_links - 1, design.n_tendons)
+    )
+    tensors = {name: torch.as_tensor(getattr(before, name)).to(design.starts) for name in HISTORY}
+    for name, tensor in tensors.items():
+        if tuple(tensor.shape[-HISTORY[name] :]) != shapes[name]:
+            expected = f"(..., {str(shapes[name])[1:-1].rstrip(',')}), as of this mechanism"
+            raise InvalidInput(f"shape of the history's {name}", tuple(tensor.shape), expected)
     return FrictionStates(**tensors)
 
 

@@ -7,13 +7,13 @@ F force, r residual, H stiffness. Everything has leading axes and is differentia
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from rollingjoint.differentiable.friction import FrictionStep
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
@@ -23,14 +23,18 @@ _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 
 @dataclass(frozen=True)
 class Law:
-    """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high); friction."""
+    """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high).
+
+    With friction, the gaps have other tensions, which depend on the history of the step; without a history z = 0.
+    """
 
     command: Tensor
     stiffness: Tensor
     low: Tensor
     high: Tensor
     prescribed: bool = False  # tensions are given: low is high
-    friction: FrictionStep | None = None
+    friction: DifferentiableFriction | None = None
+    history: FrictionStates | None = None
 
     @classmethod
     def constant(cls, tensions: Tensor) -> Law:
@@ -45,21 +49,23 @@ class Law:
     @property
     def leading(self) -> list[torch.Size]:
         """The leading axes of every tensor."""
-        found: list[torch.Size] = [row.shape[:-1] for row in self.rows]
-        if self.friction is not None:
-            found += [tensor.shape[: tensor.ndim - axes] for tensor, axes in self.friction.tensors.values()]
-        return found
+        numbers = self.rows if self.friction is None else (*self.rows, *self.friction.tensors)
+        found = [tensor.shape[:-1] for tensor in numbers]
+        return found if self.history is None else [*found, *self.history.leading]
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> Law:
         """The law with every tensor changed, by a function that also gets the number of its own axes."""
-        friction = None if self.friction is None else self.friction.each(change)
         command, stiffness, low, high = (change(row, 1) for row in self.rows)
-        return Law(command, stiffness, low, high, self.prescribed, friction)
+        friction = None if self.friction is None else self.friction.each(lambda tensor: change(tensor, 1))
+        history = None if self.history is None else self.history.each(change)
+        return Law(command, stiffness, low, high, self.prescribed, friction, history)
 
     def where(self, good: Tensor) -> Law:
         """The law; in rows that are not good, (...), a constant that can be solved with."""
-        calm = self.each(lambda tensor, axes: torch.where(good[(..., *(None,) * axes)], tensor, 1.0))
-        return calm if self.friction is None else replace(calm, friction=self.friction.where(good))
+        command, stiffness, low, high = (torch.where(good[..., None], row, 1.0) for row in self.rows)
+        friction = None if self.friction is None else self.friction.where(good)
+        history = None if self.history is None else self.history.where(good)
+        return Law(command, stiffness, low, high, self.prescribed, friction, history)
 
     def of(self, lengths: Tensor) -> tuple[Tensor, Tensor]:
         """Tensions [N], and d tension / d length [N/mm]."""
@@ -185,7 +191,7 @@ class ChainState:
         crosses = self.geometry.crosses
         turns = (below, above, rate, 1.0 - rate)
         gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
-        return FrictionAtPose(self.law.friction, gaps)
+        return FrictionAtPose(self.law.friction, self.law.history, gaps)
 
     @property
     def elastic(self) -> Tensor:

@@ -314,7 +314,7 @@ def test_gradients_by_the_history_match_differences():
     leaves = {name: leaf.requires_grad_() for name, leaf in leaves.items()}
 
     def step(values):
-        history = FrictionStates(values["states"], values["slips"], before.angles)
+        history = FrictionStates(values["states"], values["slips"], before.grips, before.angles)
         return solve_tensions(design, (7.5, 3.05), friction=friction, history=history)
 
     found = step(leaves)
@@ -431,3 +431,19 @@ def test_the_energy_of_stiffness_is_that_of_the_nonsymmetric_jacobian():
     H = found.stiffness
     assert (H - H.mT).abs().max() > 1e-3 * H.abs().max()
     assert found.smallest_eigenvalue.item() == pytest.approx(np.linalg.eigvals(H.numpy()).real.min(), rel=1e-12)
+
+
+def test_a_step_that_repeats_its_inputs_has_the_derivatives_of_sliding_on():
+    design, friction = DifferentiableChain.from_mechanism(rj.five_link()), DifferentiableFriction(0.1)
+    start, rest = started(design, friction)
+    command = (rest + torch.tensor([-2.0, 2.0])).requires_grad_()
+    step = {"friction": friction, "tension_limits": (0.5, 15.0)}
+    there = solve_lengths(design, command.detach(), history=start, **step)
+    for _ in range(3):
+        there = solve_lengths(design, command.detach(), history=there.friction_state, **step)
+    found = solve_lengths(design, command, history=there, **step)
+    assert not found.sticking.any()
+    on = torch.tensor([-1e-5, 1e-5], dtype=torch.float64)
+    further = solve_lengths(design, command.detach() + on, history=there, **step)
+    (gradient,) = torch.autograd.grad(found.tip[0], command)
+    assert float((gradient * on).sum()) == pytest.approx(float(further.tip[0] - found.tip[0].detach()), rel=1e-4)
