@@ -15,7 +15,7 @@ from torch import Tensor
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 
 FIRM = 1.0 - 1e-7  # a hole sticks if its friction state is smaller; the rest is rounding
-_SMALL_STATE = 1e-8  # below it a hole's grip is its limit at z = 0
+_SMALL_STATE = 1e-8  # below it a hole's grip is that of a hole at rest
 
 
 @dataclass(frozen=True)
@@ -122,12 +122,14 @@ class FrictionAtPose:
     @cached_property
     def grips(self) -> Tensor:
         """Q: what the holes of a link take from the tension at z = 1 [N]."""
-        below = torch.cat([self.gaps.tensions[..., None].expand_as(self.states)[..., :1], self.tensions[..., :-1]], -1)
-        moved = self.states.abs() > _SMALL_STATE
-        stuck = (
-            below * self.friction.mu[..., None] * self.turns + self.friction.constant[..., None]
-        ) * self.gaps.crosses
-        return torch.where(moved, (below - self.tensions) / torch.where(moved, self.states, 1.0), stuck)
+        motor, z = self.gaps.tensions[..., None], self.states
+        below = torch.cat([motor.expand_as(z)[..., :1], self.tensions[..., :-1]], -1)
+        carried = motor * torch.cat([torch.ones_like(z[..., :1]), self._decay[..., :-1]], -1)
+        slope = self.friction.mu[..., None] * self.turns
+        pulling = carried * slope * _relative_loss(slope * z) + self.friction.constant[..., None]
+        limited = ~self._pulls | torch.cat([torch.zeros_like(self._pulls[..., :1]), ~self._pulls[..., :-1]], -1)
+        slack = (self.gaps.crosses > 0) & limited & (z.detach().abs() > _SMALL_STATE)
+        return torch.where(slack, (below - self.tensions) / torch.where(slack, z, 1.0), pulling * self.gaps.crosses)
 
     @property
     def work(self) -> Tensor:
@@ -177,6 +179,13 @@ def _well(z: Tensor) -> Tensor:
     """Integral of z limited to -1 to 1."""
     size = z.abs()
     return torch.where(size <= 1.0, 0.5 * z.square(), size - 0.5)
+
+
+def _relative_loss(x: Tensor) -> Tensor:
+    """(1 - exp(-x)) / x, 1 at 0."""
+    small = x.detach().abs() < 1e-2
+    near = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
+    return torch.where(small, near, -torch.expm1(-x) / torch.where(small, 1.0, x))
 
 
 def _beyond(values: Tensor) -> Tensor:
