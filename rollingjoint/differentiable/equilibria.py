@@ -90,14 +90,14 @@ class Equilibria:
     @property
     def slip(self) -> Tensor:
         """(..., n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
-        rubbing = self._state.rubbing
-        return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT)
+        rubbing, stands = self._state.rubbing, (self.status <= Status.INDETERMINATE)[..., None, None]
+        return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT) * stands
 
     @property
     def dissipated_work(self) -> Tensor:
         """(...) what friction has taken up in the step from the history to here [N·mm]."""
         rubbing = self._state.rubbing
-        return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work)
+        return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work) * self.ok
 
     @cached_property
     def friction_state(self) -> FrictionStates:

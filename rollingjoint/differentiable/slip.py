@@ -15,7 +15,7 @@ from torch import Tensor
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 
 FIRM = 1.0 - 1e-7  # a hole sticks if its friction state is smaller; the rest is rounding
-_SMALL_STATE = 1e-8  # below it a hole's grip is that of a hole at rest
+_STILL = 1e-8  # a friction state below it is zero
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ class FrictionAtPose:
         carried = motor * torch.cat([torch.ones_like(z[..., :1]), self._decay[..., :-1]], -1)
         slope = self.friction.mu[..., None] * self.turns
         pulling = carried * slope * _relative_loss(slope * z) + self.friction.constant[..., None]
-        limited = ~self._pulls | torch.cat([torch.zeros_like(self._pulls[..., :1]), ~self._pulls[..., :-1]], -1)
-        slack = (self.gaps.crosses > 0) & limited & (z.detach().abs() > _SMALL_STATE)
-        return torch.where(slack, (below - self.tensions) / torch.where(slack, z, 1.0), pulling * self.gaps.crosses)
+        slack = ~self._pulls & (z.detach().abs() > _STILL)
+        left = below / torch.where(slack, z, 1.0)  # what is left below is all that the holes can take
+        return torch.where(self._pulls, pulling, left) * self.gaps.crosses
 
     @property
     def work(self) -> Tensor:

@@ -29,9 +29,9 @@ from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
-from rollingjoint.solution import Solution, Status
+from rollingjoint.solution import Status
 
-History = Equilibria | FrictionStates | Solution | FrictionState | None
+History = Equilibria | FrictionStates | FrictionState | None
 """The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
@@ -251,10 +251,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
 
 def _history(design: DifferentiableChain, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
     """What a step with this friction starts from."""
-    if isinstance(history, Equilibria):
-        before: Any = history.remembered(friction)
-    else:
-        before = history.friction_state if isinstance(history, Solution) else history
+    before: Any = history.remembered(friction) if isinstance(history, Equilibria) else history
     if not isinstance(before, FrictionStates | FrictionState):
         raise InvalidInput("history", history, "equilibria or their friction_state")
     shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(

@@ -64,7 +64,7 @@ class Law:
         """The law; in rows that are not good, (...), a constant that can be solved with."""
         command, stiffness, low, high = (torch.where(good[..., None], row, 1.0) for row in self.rows)
         friction = None if self.friction is None else self.friction.where(good)
-        history = None if self.history is None else self.history.where(good)
+        history = None if self.history is None else self.history.where(self.history.usable())
         return Law(command, stiffness, low, high, self.prescribed, friction, history)
 
     def of(self, lengths: Tensor) -> tuple[Tensor, Tensor]:

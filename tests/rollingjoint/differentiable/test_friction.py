@@ -128,7 +128,7 @@ def test_one_joint_slides_to_the_closed_form():
     assert s == pytest.approx(-3.28916954762, abs=1e-10)
 
 
-STEP_FIELDS = ["joint_angles", "poses", "gap_tensions", "friction_states", "slip", "dissipated_work", "contact_forces"]
+STEP_FIELDS = ["joint_angles", "poses", "gap_tensions", "friction_states", "slip", "dissipated_work"]
 STEP_FIELDS += ["tensions", "lengths", "stiffness", "smallest_eigenvalue", "sticking"]
 
 
@@ -375,6 +375,16 @@ def test_what_cannot_be_understood_is_refused_by_name():
     other = solve_tensions(DifferentiableChain.from_mechanism(rj.uniform(3)), (3.0, 3.0), friction=friction)
     with pytest.raises(rj.InvalidInput, match="history"):
         solve_tensions(design, (3.0, 3.0), friction=friction, history=other)
+    with pytest.raises(rj.InvalidInput, match="history = 3"):
+        solve_tensions(design, (3.0, 3.0), friction=friction, history=3)
+    with pytest.raises(
+        rj.InvalidInput, match=r"friction = 0\.1: expected a DifferentiableFriction or a CapstanFriction"
+    ):
+        solve_tensions(design, (3.0, 3.0), friction=0.1)
+    with pytest.raises(rj.InvalidInput, match="rolling resistance"):
+        solve_tensions(design, (3.0, 3.0), friction=rj.CapstanFriction(0.1, rolling=0.05))
+    with pytest.raises(rj.InvalidInput, match="rolling resistance"):
+        DifferentiableChain.from_mechanism(rj.five_link().replace(friction=rj.CapstanFriction(0.1, rolling=0.05)))
     with pytest.raises(rj.InvalidInput, match="shape of mu"):
         solve_tensions(design, (3.0, 3.0), friction=DifferentiableFriction(torch.full((3,), 0.1)))
     with pytest.raises(rj.InvalidInput, match="leading axes"):
@@ -404,3 +414,51 @@ def test_a_step_that_repeats_its_inputs_has_the_derivatives_of_sliding_on():
     further = solve_lengths(design, command.detach() + on, history=there, **step)
     (gradient,) = torch.autograd.grad(found.tip[0], command)
     assert float((gradient * on).sum()) == pytest.approx(float(further.tip[0] - found.tip[0].detach()), rel=1e-4)
+
+
+def test_a_design_keeps_the_friction_of_its_mechanism():
+    friction = rj.CapstanFriction(0.1, 0.03, 0.05, 0.01, compliance=0.05)
+    chain = rj.five_link().replace(friction=friction)
+    assert [tendon.friction for tendon in DifferentiableChain.from_mechanism(chain).mechanism().tendons] == [
+        friction
+    ] * 2
+    other = rj.five_link().replace(
+        tendons=[
+            rj.Tendon.on_surfaces(s, friction=rj.CapstanFriction(mu))
+            for s, mu in zip((-10.0, 10.0), (0.05, 0.2), strict=True)
+        ]
+    )
+    plain = DifferentiableChain.from_mechanism(rj.five_link())
+    assert plain.friction is None and plain.mechanism().tendons[0].friction is None
+    both = DifferentiableChain.from_mechanism([chain, other, rj.five_link()])
+    start = solve_tensions(both, (3.0, 3.0))
+    found = solve_tensions(both, (9.0, 4.0), DEAD, history=start)
+    for lane, each in enumerate((chain, other)):
+        known = rj.solve_tensions(each, (9.0, 4.0), DEAD, history=rj.solve_tensions(each, (3.0, 3.0)))
+        assert found.tip[lane].numpy() == pytest.approx(known.tip, abs=1e-9)
+        alone = solve_tensions(both[lane], (9.0, 4.0), DEAD, history=known.friction_state)
+        for field in ("gap_tensions", "contact_forces", "slip", "stiffness"):
+            assert getattr(alone, field).numpy() == pytest.approx(getattr(known, field), rel=1e-9, abs=1e-9), field
+    assert found.gap_tensions[2].tolist() == [[9.0, 4.0]] * 4
+    given = solve_tensions(plain, (9.0, 4.0), DEAD, friction=friction, history=start.friction_state)
+    replaced = solve_tensions(plain.replace(friction=friction), (9.0, 4.0), DEAD, history=start)
+    assert given.tip[0].tolist() == replaced.tip[0].tolist() == pytest.approx(found.tip[0].tolist(), abs=1e-10)
+
+
+@pytest.mark.parametrize("tensions", [(np.nan, 3.0), (0.0, 0.0)])
+def test_a_lane_that_fails_remembers_what_the_compiled_solver_remembers(tensions):
+    chain = rj.five_link().replace(friction=rj.CapstanFriction(0.1))
+    design = DifferentiableChain.from_mechanism(chain)
+    mu = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
+    friction = DifferentiableFriction(mu)
+    inputs = np.array([tensions, (8.0, 3.0)])
+    known = rj.solve_tensions_batch(chain, [(9.0, 3.0)] * 2, history=rj.solve_tensions(chain, (3.0, 3.0)))
+    found = solve_tensions(design, (9.0, 3.0), friction=friction, history=started(design, friction)[0])
+    known = rj.solve_tensions_batch(chain, inputs, history=known)
+    found = solve_tensions(design, inputs, friction=friction, history=found)
+    assert found.status.tolist() == known.status.tolist() and not found.ok[0]
+    for name in ("states", "slips", "grips", "angles"):
+        remembered = getattr(found.friction_state, name)
+        assert remembered.detach().numpy() == pytest.approx(getattr(known.friction_state, name), abs=1e-8)
+        assert torch.autograd.grad(remembered[0].sum(), mu, retain_graph=True)[0] == 0
+    assert found.dissipated_work.detach().numpy() == pytest.approx(known.dissipated_work, abs=1e-9)
