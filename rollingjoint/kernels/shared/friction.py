@@ -178,33 +178,23 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
     return energy, magnitude
 
 
-@part
+@part(inline=True)
 def evaluated_energy(coefficients, before, tendon_joints, now):
-    """Incremental potential at an evaluated state at the frozen grips, its size, and the potential at the present ones.
+    """Incremental potential at an evaluated state without stretch in the channels, and what the holes take up.
 
-    Without stretch in the channels.
+    Returns (potential at the frozen grips, its magnitude, potential at the present grips, work with the mean of the
+    grips before and after the step) [N·mm].
     """
     zero = 0.0 * now.slips[0, 0]
-    energy, magnitude, present = zero, zero, zero
+    energy, magnitude, present, earlier = zero, zero, zero, zero
     for j in range(tendon_joints.size):
         for k in range(tendon_joints[j]):
             way = now.slips[k, j] - before.slips[k, j]
             per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
             term = now.frozen[k, j] * per_grip
-            energy, magnitude, present = energy + term, magnitude + abs(term), present + now.grips[k, j] * per_grip
-    return energy, magnitude, present
-
-
-@part(inline=True)
-def friction_work(coefficients, before, tendon_joints, now):
-    """What the holes take up in a step, with the mean of the grips before and after it [N·mm]."""
-    work = 0.0 * now.slips[0, 0]
-    for j in range(tendon_joints.size):
-        for k in range(tendon_joints[j]):
-            way = now.slips[k, j] - before.slips[k, j]
-            per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
-            work = work + 0.5 * (before.grips[k, j] + now.grips[k, j]) * per_grip
-    return work
+            energy, magnitude = energy + term, magnitude + abs(term)
+            present, earlier = present + now.grips[k, j] * per_grip, earlier + before.grips[k, j] * per_grip
+    return energy, magnitude, present, 0.5 * (present + earlier)
 
 
 @part(inline=True)
