@@ -5,12 +5,13 @@ Source: docs/theory.md, section 9.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.checked_yaml import located, mapping, number
 from rollingjoint.checks import as_number
 from rollingjoint.errors import MechanismError
 
@@ -71,6 +72,19 @@ class CapstanFriction:
 
 
 NO_FRICTION = CapstanFriction(0.0)
+
+
+def friction_from_dict(where: str, value: object) -> CapstanFriction:
+    """The friction that a mapping in a mechanism file describes; ConfigError with the place for a wrong one."""
+    given = mapping(where, value, tuple(_RANGES), required=("mu",))
+    numbers = {key: number(f"{where}.{key}", each) for key, each in given.items()}
+    with located(where):
+        return CapstanFriction(**numbers)
+
+
+def friction_to_dict(friction: CapstanFriction | None) -> dict[str, dict[str, float]]:
+    """The key of a mechanism file that makes the same friction exactly; none for None."""
+    return {} if friction is None else {"friction": asdict(friction)}
 
 
 def checked_friction(friction: object, what: str = "friction") -> CapstanFriction | None:

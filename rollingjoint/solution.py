@@ -287,14 +287,14 @@ class Solution(ABC):
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
 
     @staticmethod
+    @abstractmethod
     def _fill_rubbed_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
-        raise NotImplementedError
 
     @staticmethod
+    @abstractmethod
     def _begin_histories(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, law, tensions, angles, history)."""
-        raise NotImplementedError
 
     @cached_property
     def _crossed(self) -> NDArray[np.bool_]:

@@ -58,8 +58,8 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
         return history
     if not isinstance(history, Solution):
         raise InvalidInput("history", history, _ALLOWED, "solve_tensions and solve_lengths return equilibria.")
-    if history.friction is not None:
-        return history.friction.state
+    if history.friction is not None or history.mechanism is mechanism:
+        return history.friction_state
     one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
     if (history.joint_angles.shape[-1], history.tensions.shape[-1]) != (one.n_joints, one.n_tendons):
         allowed = f"that of a mechanism with {one.n_joints} joints and {one.n_tendons} tendons"

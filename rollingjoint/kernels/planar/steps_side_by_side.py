@@ -54,6 +54,7 @@ from rollingjoint.kernels.shared.friction import (
     evaluated_energy,
     friction_of,
     history_of,
+    overshoots_kink,
     valid_friction,
 )
 from rollingjoint.kernels.shared.tolerances import (
@@ -132,10 +133,10 @@ def _freeze(tendon_joints, rubbed, accepted):
 
 
 @part(inline=True)
-def _fill_jacobian(tendon_joints, rubbed, held, A, upper):
+def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
     """Fill A = dr/dphi, of a joint that is held with a row and a column of the identity.
 
-    upper: memory, (J,).
+    own, flat: memory, (J,).
     """
     block, now = rubbed.block, rubbed.now
     state, free = block.state, block.vectors[5]
@@ -147,19 +148,16 @@ def _fill_jacobian(tendon_joints, rubbed, held, A, upper):
             A[m, i] = A[i, m]
         A[i, i] = lever + (contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX])
     for j in range(tendon_joints.size):
-        for m in range(tendon_joints[j]):
-            rate = gap[m, j, 1]
-            own = now.give[m, j] * rate - now.bend[m, j, 1]
-            for i in range(m):
-                A[i, m] = A[i, m] + upper[i] * rate
-            lever, carried = now.lever[m, j], now.carried[m, j]
-            stretch = state.elastic[j] * now.passed[m, j]
-            upper[m] = lever * (stretch + carried * now.give[m, j] + now.flat[m, j])
-            own_rate = upper[m] * rate - lever * carried * now.bend[m, j, 0]
-            A[m, m] = A[m, m] + own_rate + now.tension[m, j] * gap[m, j, 2]
-            for i in range(m + 1, tendon_joints[j]):
-                value = state.elastic[j] * now.passed[i, j] * rate + now.carried[i, j] * own + now.flat[m, j] * rate
-                A[i, m] = A[i, m] + now.lever[i, j] * value
+        for i in range(tendon_joints[j]):
+            rate, lever, carried = gap[i, j, 1], now.lever[i, j], now.carried[i, j]
+            stretch, bent = lever * (state.elastic[j] * now.passed[i, j]), lever * carried
+            both = stretch + bent * now.give[i, j] + lever * now.flat[i, j]
+            for m in range(i):
+                A[i, m] += stretch * gap[m, j, 1] + bent * own[m] + lever * flat[m]
+            A[i, i] += both * rate - bent * now.bend[i, j, 0] + now.tension[i, j] * gap[i, j, 2]
+            for m in range(i + 1, tendon_joints[j]):
+                A[i, m] += both * gap[m, j, 1]
+            own[i], flat[i] = now.give[i, j] * rate - now.bend[i, j, 1], now.flat[i, j] * rate
     if any_lane(held > 0.0):
         for i in range(n_joints):
             for m in range(n_joints):
@@ -231,19 +229,21 @@ def advance(rubbed, chain, designs):
     energy, magnitude = potential + term, magnitude + size
     worst, held = hold_ends(block)
     zero = 0.0 * worst
-    slope = zero
+    slope, new_slope = zero, zero
     for i in range(angle.size):
-        slope = slope + base_residual[i] * (angle[i] - base_angle[i])
+        way = angle[i] - base_angle[i]
+        slope, new_slope = slope + base_residual[i] * way, new_slope + residual[i] * way
 
     running = search[PHASE] == RUNNING
     noise, fall = ROUNDING * (search[MAGNITUDE] + magnitude), search[ENERGY] - energy
-    descent = (fall > noise) & (fall >= -1e-4 * slope)
+    short = (search[STEPS] < 0.0) | ~overshoots_kink(slope, new_slope)
+    descent = (fall > noise) & (fall >= -1e-4 * slope) & short
     accepted = running & (descent | ((fall >= -noise) & (worst < search[WORST])))
     goal = RELATIVE_GOAL * scale
     goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
     _freeze(tendon_joints, rubbed, accepted)
-    _fill_jacobian(tendon_joints, rubbed, held, block.L, solution)
+    _fill_jacobian(tendon_joints, rubbed, held, block.L, solution, per_pivot)
     largest = zero
     for i in range(angle.size):
         size = where(free[i] > 0.0, abs(block.L[i, i]), 0.0)
