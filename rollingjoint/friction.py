@@ -76,7 +76,7 @@ NO_FRICTION = CapstanFriction(0.0)
 
 def friction_from_dict(where: str, value: object) -> CapstanFriction:
     """The friction that a mapping in a mechanism file describes; ConfigError with the place for a wrong one."""
-    given = mapping(where, value, tuple(_RANGES), required=("mu",))
+    given = mapping(where, value, tuple(RANGES), required=("mu",))
     numbers = {key: number(f"{where}.{key}", each) for key, each in given.items()}
     with located(where):
         return CapstanFriction(**numbers)

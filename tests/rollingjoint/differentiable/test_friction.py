@@ -464,3 +464,20 @@ def test_a_lane_that_fails_remembers_what_the_compiled_solver_remembers(tensions
         assert remembered.detach().numpy() == pytest.approx(getattr(known.friction_state, name), abs=1e-8)
         assert torch.autograd.grad(remembered[0].sum(), mu, retain_graph=True)[0] == 0
     assert found.dissipated_work.detach().numpy() == pytest.approx(known.dissipated_work, abs=1e-9)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no CUDA device")
+def test_the_same_on_a_cuda_device():
+    results = []
+    for device in ("cpu", "cuda"):
+        design = DifferentiableChain.from_mechanism(rj.five_link(), device=device)
+        mu = torch.full((4, 1), 0.1, dtype=torch.float64, requires_grad=True)
+        friction = DifferentiableFriction(mu.to(device))
+        found = solve_tensions(
+            design, torch.tensor([9.0, 3.0]), friction=friction, history=started(design, friction)[0]
+        )
+        found = solve_tensions(design, torch.tensor([7.5, 3.05]), friction=friction, history=found)
+        assert found.tip.device.type == device and found.friction_state.states.device.type == device
+        results.append([found.tip.detach().cpu(), torch.autograd.grad(found.tip.sum(), mu)[0]])
+    for one, other in zip(*results, strict=True):
+        assert one.numpy() == pytest.approx(other.numpy(), rel=1e-8, abs=1e-8)
