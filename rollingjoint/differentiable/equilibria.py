@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
@@ -109,13 +109,10 @@ class Equilibria:
         return self.remembered(None)
 
     def remembered(self, friction: DifferentiableFriction | None) -> FrictionStates:
-        """`friction_state`; that of equilibria without friction in terms of the friction of the step to come."""
-        state = self._state
-        if state.rubbing is None:
-            friction = friction or DifferentiableFriction(0.0)
-            state = replace(state, law=replace(state.law, friction=friction.each(lambda t: t.to(state.phi.device))))
-        rubbing, before = state.rubbing, state.law.history
-        assert rubbing is not None
+        """`friction_state`; where nothing has slipped yet, in terms of the friction of the step to come."""
+        state, before = self._state, self._state.law.history
+        friction = friction or state.law.friction or DifferentiableFriction(0.0)
+        rubbing = state.rubbing or state.rubbing_under(friction.each(lambda tensor: tensor.to(state.phi)))
         found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
             lambda tensor, _: self._shown(tensor)
         )
@@ -173,7 +170,7 @@ class Equilibria:
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
         masked = freed(H, held) + torch.diag_embed(held * far[..., None])
-        if self._state.loads.symmetric and self._state.law.history is None:
+        if self._state.loads.symmetric and self._state.rubbing is None:
             smallest = torch.linalg.eigvalsh(masked)[..., 0]
         else:
             smallest = torch.linalg.eigvals(masked).real.amin(-1)

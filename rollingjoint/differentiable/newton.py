@@ -69,7 +69,7 @@ def _descended(
                 problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
             )
             return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        step = _step(current, bounds, held, law.friction is None)
+        step = _step(current, bounds, held, law.history is None)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
         trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
         better = active & trial.improves(current, held, law)

@@ -253,7 +253,7 @@ def _history(design: DifferentiableChain, friction: DifferentiableFriction | Non
     """What a step with this friction starts from."""
     before: Any = history.remembered(friction) if isinstance(history, Equilibria) else history
     if not isinstance(before, FrictionStates | FrictionState):
-        raise InvalidInput("history", history, "equilibria or their friction_state")
+        raise InvalidInput("history", history, "Equilibria of rollingjoint.differentiable, or a friction_state")
     shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(
         ("states", "slips", "grips"), (design.n_links - 1, design.n_tendons)
     )

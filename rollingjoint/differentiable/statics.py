@@ -25,7 +25,7 @@ _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 class Law:
     """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high).
 
-    With friction, the gaps have other tensions, which depend on the history of the step; without a history z = 0.
+    With friction and the history that a step starts from, the gaps have tensions of their own.
     """
 
     command: Tensor
@@ -176,14 +176,18 @@ class ChainState:
 
     @cached_property
     def gap_tensions(self) -> Tensor:
-        """(..., m, J) [N]; without friction (..., m, 1)."""
+        """(..., m, J) [N]; without a step with friction (..., m, 1)."""
         return self.tensions[..., None] if self.rubbing is None else self.rubbing.tensions
 
     @cached_property
     def rubbing(self) -> FrictionAtPose | None:
-        """Friction at this pose."""
-        if self.law.friction is None:
+        """Friction at this pose, if a step with friction leads to it."""
+        if self.law.friction is None or self.law.history is None:
             return None
+        return self.rubbing_under(self.law.friction)
+
+    def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
+        """What this friction is at this pose."""
         length, direction, moves, is_open = self._gaps
         along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
         rate = torch.where(is_open, cross(direction, moves) / torch.where(is_open, length, 1.0), 0.0)
@@ -191,7 +195,7 @@ class ChainState:
         crosses = self.geometry.crosses
         turns = (below, above, rate, 1.0 - rate)
         gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
-        return FrictionAtPose(self.law.friction, self.law.history, gaps)
+        return FrictionAtPose(friction, self.law.history, gaps)
 
     @property
     def elastic(self) -> Tensor:

@@ -301,8 +301,8 @@ def test_without_friction_there_is_none_and_at_a_start_none_acts():
     for found in (free, start):
         assert found.gap_tensions.tolist() == [[6.0, 3.0]] * 4
         assert found.friction_states.abs().max() == 0
-    assert start.tip.detach().numpy() == pytest.approx(free.tip.numpy(), abs=1e-11)
-    assert torch.autograd.grad(start.tip.sum(), mu)[0] == 0
+    assert start.tip.tolist() == free.tip.tolist()
+    assert not start.tip.requires_grad
     assert free.friction_state.angles.tolist() == free.joint_angles.tolist()
 
 
