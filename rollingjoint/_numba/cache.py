@@ -6,11 +6,14 @@ the old answer. Here the key is a hash over all files that hold kernels.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import hashlib
 import os
 import pickle
+import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Callable
@@ -40,7 +43,11 @@ def _source_hash() -> str:
 
 @functools.cache
 def cache_directory() -> Path:
-    """First writable place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space."""
+    """First safe, writable place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space.
+
+    What lies there is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a fresh
+    folder that goes with the process.
+    """
     home = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser()
     scratch = Path(tempfile.gettempdir()) / f"rollingjoint-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
     chosen = os.environ.get("ROLLINGJOINT_CACHE")
@@ -49,12 +56,39 @@ def cache_directory() -> Path:
     for place in places:
         folder = place / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            place.mkdir(mode=0o777 if place.parent == _PACKAGE else 0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
-        return folder
-    return places[-1] / name
+        if _is_private(folder) and (place.parent == _PACKAGE or not _others_may_replace(place)):
+            return folder
+        if chosen:
+            wanted = "a folder that belongs to you and that nobody else can write to"
+            print(f"rollingjoint: ROLLINGJOINT_CACHE = {chosen!r}: expected {wanted}; not used", file=sys.stderr)
+    return _fresh_folder()
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether it is a real folder of this user that nobody else can enter."""
+    seen = folder.lstat()
+    mine = not hasattr(os, "getuid") or (seen.st_uid == os.getuid() and not seen.st_mode & 0o077)
+    return stat.S_ISDIR(seen.st_mode) and mine
+
+
+def _others_may_replace(folder: Path) -> bool:
+    """Whether another user could put a folder of theirs in the place of one inside."""
+    if not hasattr(os, "getuid"):
+        return False
+    seen = folder.stat()
+    return seen.st_uid not in (0, os.getuid()) or bool(seen.st_mode & 0o022 and not seen.st_mode & stat.S_ISVTX)
+
+
+def _fresh_folder() -> Path:
+    """A private folder that is deleted when the process ends."""
+    folder = tempfile.mkdtemp(prefix="rollingjoint-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def _sources(function: Callable[..., Any]) -> list[Path]:

@@ -1,9 +1,12 @@
 """Compiled kernels are kept where they can be written, and forgotten when any kernel source changes."""
 
 import os
+import pickle
 import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -77,6 +80,89 @@ def test_a_package_and_a_home_that_cannot_be_written_leave_scratch_space(tmp_pat
     assert float(arc) == pytest.approx(1.0)
     assert Path(folder).parent.parent == scratch
     assert list(Path(folder).glob("*.nbc"))
+
+
+@pytest.fixture
+def only_scratch(tmp_path, monkeypatch):
+    """Scratch space as the only place for kernels that can be written."""
+    cache._source_hash()
+    blocked = tmp_path / "file"
+    blocked.write_text("a file where a folder should be")
+    monkeypatch.setattr(cache, "_PACKAGE", blocked)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.delenv("ROLLINGJOINT_CACHE", raising=False)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    return scratch
+
+
+def _found() -> Path:
+    return cache.cache_directory.__wrapped__()
+
+
+def test_the_folder_of_kernels_belongs_to_its_user_alone(only_scratch):
+    folder = _found()
+    assert folder.parent.parent == only_scratch
+    assert [stat.S_IMODE(each.stat().st_mode) for each in (folder, folder.parent)] == [0o700, 0o700]
+    assert _found() == folder
+
+
+def _open_to_all(folder: Path) -> None:
+    folder.chmod(0o777)
+
+
+def _open_above(folder: Path) -> None:
+    folder.parent.chmod(0o777)
+
+
+def _of_another_user(folder: Path) -> None:
+    os.chown(folder, 12345, -1)
+
+
+def _above_of_another_user(folder: Path) -> None:
+    os.chown(folder.parent, 12345, -1)
+
+
+def _a_link(folder: Path) -> None:
+    folder.rename(folder.parent / "elsewhere")
+    folder.symlink_to(folder.parent / "elsewhere")
+
+
+@pytest.mark.parametrize("spoil", [_open_to_all, _open_above, _of_another_user, _above_of_another_user, _a_link])
+def test_kernels_are_not_read_where_others_could_have_put_them(only_scratch, spoil):
+    if "another_user" in spoil.__name__ and os.getuid() != 0:
+        pytest.skip("only an administrator can give a folder away")
+    expected = _found()
+    spoil(expected)
+    fresh = _found()
+    assert fresh.parent == only_scratch and fresh not in (expected, expected.parent)
+    assert stat.S_IMODE(fresh.stat().st_mode) == 0o700 and not list(fresh.iterdir())
+
+
+class _Evil:
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self):
+        return Path.write_text, (self.marker, "code of another user")
+
+
+def test_a_planted_file_is_not_run(tmp_path):
+    chosen = tmp_path / "cache"
+    folder, marker = Path(run(chosen)[1]), tmp_path / "marker"
+    for path in folder.glob("*.nbi"):
+        path.write_bytes(pickle.dumps(_Evil(marker)))
+    chosen.chmod(0o777)
+    environment = os.environ | {"ROLLINGJOINT_CACHE": str(chosen), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, cwd=ROOT, capture_output=True, text=True)
+    assert not marker.exists()
+    assert float(done.stdout.split()[0]) == pytest.approx(1.0)
+    assert done.stderr == (
+        f"rollingjoint: ROLLINGJOINT_CACHE = {str(chosen)!r}: expected a folder that belongs to you and that nobody else "
+        "can write to; not used\n"
+    )
+    assert not Path(done.stdout.split()[1]).exists()  # the fresh folder goes with its process
 
 
 @pytest.fixture(scope="module")
