@@ -43,10 +43,10 @@ def _source_hash() -> str:
 
 @functools.cache
 def cache_directory() -> Path:
-    """First safe, writable place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space.
+    """First safe place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space.
 
-    What lies there is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a fresh
-    folder that goes with the process.
+    What lies there is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a
+    fresh folder that goes with the process.
     """
     home = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser()
     scratch = Path(tempfile.gettempdir()) / f"rollingjoint-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
@@ -64,7 +64,7 @@ def cache_directory() -> Path:
         if _is_private(folder) and (place.parent == _PACKAGE or not _others_may_replace(place)):
             return folder
         if chosen:
-            wanted = "a folder that belongs to you and that nobody else can write to"
+            wanted = "a folder of your own that nobody else can write to"
             print(f"rollingjoint: ROLLINGJOINT_CACHE = {chosen!r}: expected {wanted}; not used", file=sys.stderr)
     return _fresh_folder()
 

@@ -159,8 +159,8 @@ def test_a_planted_file_is_not_run(tmp_path):
     assert not marker.exists()
     assert float(done.stdout.split()[0]) == pytest.approx(1.0)
     assert done.stderr == (
-        f"rollingjoint: ROLLINGJOINT_CACHE = {str(chosen)!r}: expected a folder that belongs to you and that nobody else "
-        "can write to; not used\n"
+        f"rollingjoint: ROLLINGJOINT_CACHE = {str(chosen)!r}: expected a folder of your own that nobody else can "
+        "write to; not used\n"
     )
     assert not Path(done.stdout.split()[1]).exists()  # the fresh folder goes with its process
 
