@@ -20,6 +20,8 @@ from rollingjoint.errors import InvalidInput, MechanismError
 
 Array = NDArray[np.float64]
 
+LIMIT_TOLERANCE = 1e-9  # mm that an arc length may lie beyond a limit; it then counts as the limit
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _PANEL_TURN = 0.5  # rad a quadrature panel may turn; 16 nodes are then exact to rounding
 
@@ -120,13 +122,13 @@ class Profile:
         Raises:
             InvalidInput: s beyond the limits.
         """
-        s = np.asarray(s, float)
-        lo, hi = self.limits
-        if not np.all((s >= lo - 1e-12) & (s <= hi + 1e-12)):
+        given, (lo, hi) = np.asarray(s, float), self.limits
+        if not np.all((given >= lo - LIMIT_TOLERANCE) & (given <= hi + LIMIT_TOLERANCE)):
             raise InvalidInput("arc length s", s, f"values within the surface limits [{lo:g}, {hi:g}] mm")
+        at: Array = np.clip(given, lo, hi)
         borders, positions = self._panels
-        panel = np.clip(np.searchsorted(borders, s, side="right") - 1, 0, len(borders) - 2)
-        return positions[panel] + self._chord(borders[panel], s)
+        panel = np.clip(np.searchsorted(borders, at, side="right") - 1, 0, len(borders) - 2)
+        return positions[panel] + self._chord(borders[panel], at)
 
     def _chord(self, begin: Array, end: Array) -> Array:
         """Chord of the curve from begin to end, both within one panel, (..., 2) [mm]."""

@@ -19,7 +19,7 @@ from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 from rollingjoint.load import Load, checked_springs, load_table
 from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.planar import joint_table
-from rollingjoint.profile import Profile, Surface
+from rollingjoint.profile import LIMIT_TOLERANCE, Profile, Surface
 from rollingjoint.tendon import Hole, OnSurface, Tendon
 
 if TYPE_CHECKING:
@@ -158,13 +158,16 @@ class RollingChain(Mechanism["Equilibrium"]):
     def joint_angles(self, arc_lengths: ArrayLike) -> Array:
         """Joint angles phi at contact arc lengths, (..., n - 1) both [rad, mm].
 
+        An arc length up to 1e-9 mm beyond a limit counts as the limit.
+
         Raises:
-            InvalidInput: wrong number of joints, or s beyond a joint's limits.
+            InvalidInput: wrong number of joints, or s further beyond a joint's limits.
         """
         s = self.per_joint("arc lengths", arc_lengths)
         low, high = self.joint_limits.T
-        if not np.all((s >= low - 1e-12) & (s <= high + 1e-12)):
+        if not np.all((s >= low - LIMIT_TOLERANCE) & (s <= high + LIMIT_TOLERANCE)):
             raise InvalidInput("arc lengths", s, f"values between {low} and {high} mm, the surface limits")
+        s = np.clip(s, low, high)
         pairs = zip(self.links[:-1], self.links[1:], np.moveaxis(s, -1, 0), strict=True)
         return np.stack(
             [below.child.tangent_angle(at) - above.parent.tangent_angle(at) for below, above, at in pairs], -1
@@ -173,9 +176,9 @@ class RollingChain(Mechanism["Equilibrium"]):
     def arc_lengths(self, joint_angles: ArrayLike) -> Array:
         """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
         phi = self.per_joint("joint angles", joint_angles)
-        return arc_lengths_of(self.arrays, np.zeros(phi.size, np.int64), phi.reshape(-1, self.n_joints)).reshape(
-            phi.shape
-        )
+        rows = phi.reshape(-1, self.n_joints)
+        s = arc_lengths_of(self.arrays, np.zeros(len(rows), np.int64), rows).reshape(phi.shape)
+        return np.clip(s, *self.joint_limits.T)
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""

@@ -13,6 +13,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.batch import stiffness_of
 from rollingjoint.kernels.planar.forward import arc_lengths_of
 from rollingjoint.kernels.planar.rubbed import begin_histories, rubbed_stiffness_of
+from rollingjoint.mechanism import distinct
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
 
@@ -51,8 +52,12 @@ class Equilibrium(Solution):
 
     @cached_property
     def arc_lengths(self) -> Array:
-        """(n - 1,) contact point on both surfaces [mm]."""
-        return arc_lengths_of(*self._designs, self._rows(self.joint_angles)).reshape(self.joint_angles.shape)
+        """(n - 1,) contact point on both surfaces [mm], within the limits of the joint."""
+        chain, designs = self._designs
+        chains = distinct(self.mechanism) if isinstance(self.mechanism, tuple) else (self.mechanism,)
+        low, high = np.moveaxis(np.array([each.joint_limits for each in chains])[designs], -1, 0)
+        s = arc_lengths_of(chain, designs, self._rows(self.joint_angles))
+        return np.clip(s, low, high).reshape(self.joint_angles.shape)
 
     @property
     def pose_jacobian(self) -> Array:

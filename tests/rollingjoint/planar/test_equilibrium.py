@@ -28,6 +28,7 @@ from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar.chain import evaluate
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.planar.random_chain import random_chain, random_loads, random_tensions
 
 # Exact surfaces, converged runs of the published algorithm on refined grids: docs/theory.md, section 6.
 REFERENCE = [
@@ -313,3 +314,22 @@ def test_the_tip_of_two_segments_reaches_an_area_and_that_of_one_segment_a_curve
 
     assert independent_directions(two_segment(), (4.0, 1.0, 1.0, 3.0)) == 2
     assert independent_directions(five_link(), (4.0, 1.0)) == 1
+
+
+@pytest.mark.parametrize("seed", [15, 38, 86])  # seeds whose contacts once lay 1e-12 mm beyond the limit
+def test_arc_lengths_at_a_limit_are_within_it_and_accepted(seed):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng)
+    tensions = [random_tensions(rng, chain.n_tendons) for _ in range(20)]
+    found = solve_tensions_batch(chain, tensions, random_loads(rng, chain.n_links, 20.0))
+    assert np.any(found.status == Status.AT_LIMIT)
+    low, high = chain.joint_limits.T
+    assert np.all((found.arc_lengths >= low) & (found.arc_lengths <= high))
+    np.testing.assert_allclose(chain.joint_angles(found.arc_lengths), found.joint_angles, rtol=0.0, atol=1e-11)
+    np.testing.assert_array_equal(chain.arc_lengths(found.joint_angles), found.arc_lengths)
+    for i, link in enumerate(chain.links[:-1]):
+        assert np.all(np.isfinite(link.child.point(found.arc_lengths[:, i])))
+    nearly = np.where(found.arc_lengths == high, high + 5e-10, found.arc_lengths)
+    np.testing.assert_array_equal(chain.joint_angles(nearly), chain.joint_angles(found.arc_lengths))
+    with pytest.raises(InvalidInput, match="surface limits"):
+        chain.joint_angles(high + 1e-6)
