@@ -16,18 +16,71 @@ import yaml
 from rollingjoint.checks import as_integer, as_number, suggestion
 from rollingjoint.errors import ConfigError, InvalidInput
 
+LARGEST_FILE = 1_000_000  # bytes
+MOST_VALUES = 50_000  # with everything that aliases stand for written out
+DEEPEST = 32  # levels of lists and mappings inside each other
+_LONGEST_NUMBER = 400  # characters
+
 
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader; a key given twice is an error, and 3e-4 is a number (YAML 1.1 makes it text)."""
+    """The safe loader with limits on what it builds; 3e-4 is a number (YAML 1.1 makes it text).
+
+    A key given twice, a key that is a list or a mapping, and an alias inside what it stands for are errors.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._sizes: dict[yaml.Node, int] = {}  # of nodes that are complete: values inside, aliases written out
+
+    def compose_node(self, parent: Any, index: Any) -> yaml.Node:
+        mark, alias = self.peek_event().start_mark, self.check_event(yaml.AliasEvent)
+        if self._depth == DEEPEST:
+            raise _found(f"more than {DEEPEST} levels of lists and mappings", mark)
+        self._depth += 1
+        node: yaml.Node = super().compose_node(parent, index)  # type: ignore[assignment]
+        self._depth -= 1
+        if alias and node not in self._sizes:
+            raise _found("an alias inside of what it stands for", mark)
+        if node not in self._sizes:
+            self._sizes[node] = 1 + sum(self._sizes[each] for each in _children(node))
+        if self._sizes[node] > MOST_VALUES:
+            raise _found(f"more than {MOST_VALUES:,} values, aliases written out", mark)
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
         seen: set[str] = set()
         for key, _ in node.value:
-            if str(key.value) in seen:
-                raise yaml.composer.ComposerError(None, None, f"key {key.value!r} given twice", key.start_mark)
-            seen.add(str(key.value))
+            if not isinstance(key, yaml.ScalarNode):
+                raise _found("a list or a mapping as a key", key.start_mark)
+            if key.value in seen:
+                raise _found(f"key {_shortened(key.value)} given twice", key.start_mark)
+            seen.add(key.value)
         return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        kind = node.tag.rpartition(":")[2]
+        try:
+            if kind in ("int", "float") and len(node.value) > _LONGEST_NUMBER:
+                raise _found(f"a number of {len(node.value):,} characters", node.start_mark)
+            return super().construct_object(node, deep)
+        except (ValueError, ArithmeticError, LookupError, AttributeError, TypeError):
+            raise _found(f"{_shortened(node.value)} is not of type {kind}", node.start_mark) from None
+
+
+def _found(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    return yaml.composer.ComposerError(None, None, problem, mark)
+
+
+def _children(node: yaml.Node) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [each for pair in node.value for each in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
+
+
+def _shortened(value: object) -> str:
+    return repr(value if len(str(value)) <= 40 else f"{str(value)[:37]}...") if isinstance(value, str) else "this"
 
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
@@ -38,22 +91,39 @@ def parse_yaml(text: str, where: str) -> object:
     """Content of YAML text: dicts, lists, numbers and text, never other objects.
 
     Raises:
-        ConfigError: no valid YAML, or a key given twice.
+        ConfigError: no valid YAML, a key given twice, more than LARGEST_FILE characters, MOST_VALUES values or DEEPEST
+            levels.
     """
+    if len(text) > LARGEST_FILE:
+        raise ConfigError(f"size of {where}", len(text), f"at most {LARGEST_FILE:,} characters")
     try:
         return yaml.load(text, Loader=_StrictLoader)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise ConfigError(f"{where}: line {line}", error.problem, "valid YAML") from None
-    except yaml.YAMLError as error:
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise ConfigError(
+            f"{where}: line {line}", text[error.position], "valid YAML", "Remove this character."
+        ) from None
+    except (yaml.YAMLError, ValueError, ArithmeticError, RecursionError) as error:  # such as an impossible escape
         raise ConfigError(where, text, "valid YAML", str(error)) from None
 
 
 def read_yaml(path: Path) -> object:
     """Content of a YAML file; as parse_yaml, and ConfigError for a file that cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (UnicodeDecodeError, OSError) as error:
+        if path.exists() and not path.is_file():
+            raise ConfigError("file", str(path), "a file of YAML text, no folder or device")
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            size = path.stat().st_size
+            raise ConfigError(f"size of {path}", size, f"at most {LARGEST_FILE:,} bytes of YAML text")
+        text = content.decode().replace("\r\n", "\n")
+    except (ValueError, OSError) as error:
+        if isinstance(error, ConfigError):
+            raise
         raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
     return parse_yaml(text, str(path))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
 
 class RollingJointError(Exception):
     """Base of everything this project raises on purpose."""
@@ -23,7 +26,7 @@ class InvalidInput(RollingJointError, ValueError):
 
     def __str__(self) -> str:
         text = f"{self.what} = {_short(self.value)}: expected {self.allowed}."
-        return f"{text} {self.hint}" if self.hint else text
+        return one_line(f"{text} {self.hint}" if self.hint else text)
 
 
 class MechanismError(InvalidInput):
@@ -38,9 +41,54 @@ class SolverError(RollingJointError, RuntimeError):
     """An equilibrium that the caller required and the solver could not give."""
 
 
-def _short(value: object, limit: int = 120) -> str:
+@contextmanager
+def naming(path: object) -> Iterator[None]:
+    """A context in which an OSError that names no file, such as "File too large", gets this one."""
     try:
-        text = repr(value)
-    except ValueError:  # an integer of thousands of digits, which Python does not print
-        text = f"a very large {type(value).__name__}"
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _short(value: object, limit: int = 120) -> str:
+    """The beginning of repr(value), made no further than that: lists of shared lists may be endless."""
+    text = ""
+    for piece in _pieces(value):
+        text += piece
+        if len(text) > limit:
+            return text[: limit - 3] + "..."
+    return text
+
+
+def _pieces(value: object) -> Iterator[str]:
+    """repr(value) piece by piece."""
+    if type(value) is dict:
+        yield "{"
+        for i, (key, item) in enumerate(value.items()):
+            yield ", " if i else ""
+            yield from _pieces(key)
+            yield ": "
+            yield from _pieces(item)
+        yield "}"
+    elif type(value) in (list, tuple):
+        items: Sequence[object] = value  # type: ignore[assignment]
+        yield "[" if type(value) is list else "("
+        for i, item in enumerate(items):
+            yield ", " if i else ""
+            yield from _pieces(item)
+        yield "]" if type(value) is list else ",)" if len(items) == 1 else ")"
+    elif type(value) is str:
+        yield repr(value[:1000])
+    else:
+        try:
+            yield " ".join(repr(value).split())  # arrays print one row per line
+        except ValueError:  # an integer of thousands of digits, which Python does not print
+            yield f"a very large {type(value).__name__}"
+
+
+def one_line(text: str) -> str:
+    """The text with its lines joined, and characters that would not print as their escapes."""
+    joined = " ".join(line.strip() for line in text.splitlines())
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in joined)

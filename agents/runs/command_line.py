@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rollingjoint.errors import RollingJointError
+from rollingjoint.errors import RollingJointError, one_line
 
 FAILED, INTERRUPTED = 2, 130
 
@@ -19,7 +19,7 @@ def exit_code(command: Callable[[], int]) -> int:
     try:
         return command()
     except (RollingJointError, OSError) as error:
-        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

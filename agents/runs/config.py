@@ -163,12 +163,21 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
     Raises ConfigError that names the file, the key and the nearest valid key.
     """
     path = Path(path)
-    values = _section(read_yaml(path), str(path))
+    values = filled(path)
     with prefixed(f"{path} with --set: " if overrides else f"{path}: "):
         values = apply_overrides(values, overrides)
         if isinstance(values.get("env"), dict):
             values["env"] = _resolve_env(values["env"], path.parent)
         return TrainConfig.from_dict(values)
+
+
+def filled(path: Path) -> dict[str, Any]:
+    """The keys and values of a YAML file; ConfigError where there are none."""
+    values = _section(read_yaml(path), str(path))
+    if not values:
+        keys = ", ".join(each.name for each in fields(TrainConfig))
+        raise ConfigError(str(path), None, f"keys and values, with the keys {keys}")
+    return values
 
 
 def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -181,7 +190,9 @@ def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[st
             raise ConfigError("--set", text, "section.key=value, for example parameters.gamma=0.9")
         place = values
         for section in sections:
-            if not isinstance(place.setdefault(section, {}), dict):
+            if place.get(section) is None:
+                place[section] = {}
+            if not isinstance(place[section], dict):
                 raise ConfigError("--set", text, f"a key of a section; '{section}' is a value")
             place = place[section]
         place[key] = parse_yaml(value, f"--set {text}")

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming
 
 
 class RunFolderError(InvalidInput):
@@ -21,7 +21,7 @@ def write_file(path: Path, write: Callable[[Any], Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with partial.open("wb") as stream:
+        with naming(path), partial.open("wb") as stream:
             write(stream)
             stream.flush()
             os.fsync(stream.fileno())

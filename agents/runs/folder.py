@@ -32,10 +32,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.runs.config import TrainConfig, load_config
+from agents.runs.config import TrainConfig, filled, load_config
 from agents.runs.files import RunFolderError, read_rows, write_json, write_text
 from agents.runs.locks import alone_in
-from rollingjoint.checked_yaml import dump_yaml, read_yaml
+from rollingjoint.checked_yaml import dump_yaml
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
@@ -118,7 +118,7 @@ class RunFolder:
 
     def extend(self, total_timesteps: int, command: Sequence[str]) -> None:
         """Record the new end of the run, and the command that set it."""
-        values: Any = read_yaml(self.path / "config.yaml")
+        values = filled(self.path / "config.yaml")
         write_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
         commands = self.path / "command.txt"
         write_text(commands, commands.read_text() + shlex.join(command) + "\n")
@@ -139,7 +139,7 @@ class RunFolder:
     @property
     def is_finished(self) -> bool:
         """Whether all steps are done and saved: the last thing that training writes is a checkpoint."""
-        done = [int(path.name) for path in self.checkpoints.glob("[0-9]*") if path.name.isdigit()]
+        done = [int(path.name) for path in self.checkpoint_folders]
         return max(done, default=0) >= self.config().total_timesteps
 
     @property
@@ -161,6 +161,11 @@ class RunFolder:
     def checkpoints(self) -> Path:
         """Folder of the checkpoints."""
         return self.path / "checkpoints"
+
+    @property
+    def checkpoint_folders(self) -> list[Path]:
+        """The folders of the checkpoints; others there, whatever they are, are nobody's business."""
+        return [path for path in self.checkpoints.glob("[0-9]*") if re.fullmatch("[0-9]{1,18}", path.name)]
 
     @property
     def evaluations(self) -> Path:

@@ -105,7 +105,7 @@ def save(model: BaseAlgorithm, run: RunFolder) -> bool:
         os.rename(partial, folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    for older in run.checkpoints.iterdir():
+    for older in run.checkpoint_folders:
         if older != folder:
             shutil.rmtree(older / "resume", ignore_errors=True)
     return resumable
@@ -113,7 +113,7 @@ def save(model: BaseAlgorithm, run: RunFolder) -> bool:
 
 def newest(run: RunFolder) -> Path | None:
     """The newest checkpoint from which the run can be resumed; None if there is none."""
-    complete = [path.parent for path in run.checkpoints.glob("[0-9]*/resume")]
+    complete = [folder for folder in run.checkpoint_folders if (folder / "resume").is_dir()]
     return max(complete, key=steps_of, default=None)
 
 

@@ -74,7 +74,7 @@ def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> Trai
 
 def _check_nothing_is_lost(run: RunFolder) -> None:
     """Raise RunFolderError if there is a policy but no checkpoint to resume from."""
-    if any(run.path.glob("checkpoints/[0-9]*")) or run.policy_files("last")[0].exists():
+    if run.checkpoint_folders or run.policy_files("last")[0].exists():
         hint = "To start over: --config with --force."
         raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", hint)
 

@@ -15,7 +15,7 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes
 from rollingjoint.cad.sheet import A3, A4, INK, THIN_INK, TITLE_BLOCK, Box, Format, Sheet, frame_of
 from rollingjoint.cad.tables import different_parts, draw_tables, millimetres, ranges, rows_left
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.figure import check_figure_path
@@ -66,7 +66,8 @@ def assembly_drawing(
         SolverError: an equilibrium that is not usable.
     """
     path = check_figure_path(path)
-    write_drawing(path, assemble(mechanism, Fabrication(thickness, channel_diameter, tolerance, wall)))
+    with naming(path):
+        write_drawing(path, assemble(mechanism, Fabrication(thickness, channel_diameter, tolerance, wall)))
     return path
 
 

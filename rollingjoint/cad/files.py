@@ -13,7 +13,7 @@ from rollingjoint.cad.drawing import write_drawing
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes, write_dxf, write_svg
 from rollingjoint.cad.solid import write_stl
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 
@@ -58,7 +58,8 @@ def export(
     _check_free(target, writers, overwrite)
     with tempfile.TemporaryDirectory(prefix=".export-", dir=target if target.is_dir() else target.parent) as place:
         for name, write in writers.items():
-            write(Path(place, name))
+            with naming(target / name):
+                write(Path(place, name))
         target.mkdir(exist_ok=True)
         return [Path(place, name).replace(target / name) for name in writers]
 

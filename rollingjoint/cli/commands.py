@@ -19,7 +19,7 @@ from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
 from rollingjoint.cli import loop_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, one_line
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.mechanism import AnyMechanism
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except (InvalidInput, OSError) as error:
-        print(f"rj {args.command}: error: {error}", file=sys.stderr)
+        print(f"rj {args.command}: error: {one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
@@ -65,7 +65,8 @@ def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
         InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
     """
     path = check_figure_path(path)
-    fig.savefig(path, dpi=dpi, bbox_inches="tight")
+    with naming(path):
+        fig.savefig(path, dpi=dpi, bbox_inches="tight")
     return path
 
 

@@ -158,3 +158,11 @@ def test_importing_agents_and_reading_a_config_loads_neither_torch_nor_matplotli
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_section_of_nothing_is_an_empty_one(tmp_path):
+    path = tmp_path / "some.yaml"
+    path.write_text("parameters: null\nenv: null\n")
+    config = load_config(path, ["parameters.gamma=0.9", "env.settings.episode_steps=20"])
+    assert config.parameters == {"gamma": 0.9}
+    assert config.env.settings == {"episode_steps": 20}

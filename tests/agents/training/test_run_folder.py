@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 
 import pytest
 
@@ -6,6 +8,8 @@ from agents.runs.config import TrainConfig
 from agents.runs.files import RunFolderError, write_file, write_text
 from agents.runs.folder import RunFolder
 from agents.train import main
+from agents.training import checkpoint
+from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.presets import five_link
 
@@ -78,3 +82,35 @@ def test_a_broken_config_ends_with_one_line_and_no_run_folder(arguments, tmp_pat
     assert error.startswith("error: ")
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["1abc", "12.5", "00000\u0661", "notes"])
+def test_other_folders_under_checkpoints_are_left_alone(tmp_path, name):
+    run = RunFolder.create(tmp_path / "run", TrainConfig(), [])
+    other = run.checkpoints / name / "resume"
+    other.mkdir(parents=True)
+    whole = run.checkpoints / "000000010"
+    (whole / "resume").mkdir(parents=True)
+    assert checkpoint.newest(run) == whole
+    assert not run.is_finished
+    assert [path.name for path in run.checkpoint_folders] == [whole.name]
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "{}"])
+def test_an_empty_config_is_named_with_its_keys(tmp_path, text):
+    run = RunFolder.create(tmp_path / "run", TrainConfig(), [])
+    (run.path / "config.yaml").write_text(text)
+    for read in (run.config, lambda: run.extend(100, [])):
+        with pytest.raises(
+            ConfigError, match=r"config.yaml = None: expected keys and values, with the keys algorithm, "
+        ):
+            read()
+
+
+def test_a_file_too_large_names_itself(tmp_path):
+    with pytest.raises(OSError, match=r"File too large: .*table.csv"):
+        write_file(tmp_path / "table.csv", _too_large)
+
+
+def _too_large(stream):
+    raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
