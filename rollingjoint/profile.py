@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 LIMIT_TOLERANCE = 1e-9  # mm that an arc length may lie beyond a limit; it then counts as the limit
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_LONGEST = 10_000.0  # mm
+_MOST_TURN = 2000.0  # rad, largest curvature times length over the pieces: positions take a panel for each half radian
+_MOST_PIECES, _MOST_POWERS = 1000, 32
 _PANEL_TURN = 0.5  # rad a quadrature panel may turn; 16 nodes are then exact to rounding
 
 
@@ -34,7 +37,8 @@ class Profile:
         breaks: piece borders, (p + 1,), increasing, containing 0 [mm].
         coefficients: (p, k) ascending powers of (s - breaks[i]) [1/mm, 1/mm², ...].
     Raises:
-        MechanismError: borders that do not increase or do not contain 0, shapes that disagree, non-finite numbers.
+        MechanismError: borders that do not increase or do not contain 0, shapes that disagree, non-finite numbers; more
+            than 1,000 pieces, 32 coefficients each, 10,000 mm or 2,000 rad of turning.
     """
 
     breaks: Array
@@ -56,6 +60,7 @@ class Profile:
             raise MechanismError(
                 "profile coefficients", coefficients.shape, f"shape ({breaks.size - 1}, k), one row per piece"
             )
+        _check_size(breaks, coefficients)
         for array in (breaks, coefficients):
             array.setflags(write=False)
         object.__setattr__(self, "breaks", breaks)
@@ -234,6 +239,25 @@ def _finite(what: str, values: ArrayLike, ndim: int) -> Array:
     if array.ndim != ndim or not np.all(np.isfinite(array)):
         raise MechanismError(what, values, allowed)
     return array
+
+
+def _check_size(breaks: Array, coefficients: Array) -> None:
+    """Raise MechanismError for a surface that would take more than a moment to tabulate."""
+    pieces, powers = coefficients.shape
+    if pieces > _MOST_PIECES or powers > _MOST_POWERS:
+        allowed = f"at most {_MOST_PIECES:,} pieces with {_MOST_POWERS} coefficients each"
+        raise MechanismError("shape of the profile coefficients", (pieces, powers), allowed)
+    if breaks[-1] - breaks[0] > _LONGEST:
+        raise MechanismError("profile length", float(breaks[-1] - breaks[0]), f"at most {_LONGEST:,.0f} mm")
+    widths = np.diff(breaks)
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = widths * np.linspace(0.0, 1.0, 65)[:, None]
+        u = np.polynomial.polynomial.polyval(steps, coefficients.T, tensor=False)
+        turn = float((np.abs(u).max(axis=0) * widths).sum())
+    if not turn <= _MOST_TURN:
+        hint = "Is the curvature in 1/mm? Else narrow the limits."
+        allowed = f"at most {_MOST_TURN:g} rad: largest curvature times length, summed over the pieces"
+        raise MechanismError("turning of a profile", turn, allowed, hint)
 
 
 def _limits(limits: ArrayLike) -> Array:

@@ -25,6 +25,7 @@ _TOLERANCE = 2e-12  # mm and rad
 _POLE_TOLERANCE = 1e-10  # of the contact's rate e / kappa, relative: only the stiffness depends on it
 _LARGEST_CELL = 4.0  # mm; largest cell of the first fit
 _SMALLEST_CELL = 1e-5  # mm
+_MOST_CELLS = 4000  # about a second; ordinary joints have a few dozen
 _ANGLE_ROUNDING = 2e-15  # rad; over the relative curvature it is the rounding of a contact's place
 _NODES = np.cos(np.pi * (np.arange(N_COEFFICIENTS) + 0.5) / N_COEFFICIENTS)
 _PROBES = np.cos(np.pi * np.arange(N_COEFFICIENTS + 1) / N_COEFFICIENTS)
@@ -55,7 +56,8 @@ def tabulate(child: Surface, parent: Surface) -> JointTable:
     cached: only new profiles need a fit.
 
     Raises:
-        MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch.
+        MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch, or so long or
+            uneven that the table would not end.
     """
     cells, coefficients, arcs = _tabulate_profiles(child.profile, parent.profile)
     turn = child.angle - parent.angle
@@ -87,6 +89,13 @@ def _tabulate_profiles(child_profile: Profile, parent_profile: Profile) -> Joint
     ]
     done: list[tuple[float, float, Array]] = []
     while pending:
+        if len(done) + len(pending) > _MOST_CELLS:
+            raise MechanismError(
+                f"cells of the joint between s = {pending[0][0]:.4g} and {pending[-1][1]:.4g} mm",
+                len(done) + len(pending),
+                f"at most {_MOST_CELLS:,} polynomials for both surfaces to 2e-12 mm",
+                "Narrow the limits, or make the surfaces smoother or smaller.",
+            )
         low, high = (np.array(side) for side in zip(*pending, strict=True))
         coefficients, good = _fit(child, parent, low, high)
         pending = []

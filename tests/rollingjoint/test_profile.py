@@ -1,10 +1,13 @@
 """Surfaces are integrated exactly, whatever their curvature."""
 
+import contextlib
+import time
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from rollingjoint import InvalidInput, MechanismError, Profile, Surface
+from rollingjoint import InvalidInput, Link, MechanismError, Profile, RollingChain, Surface, Tendon
 
 PROFILES = {
     "constant": Profile.constant(-0.07),
@@ -84,3 +87,35 @@ def test_invalid_surfaces_name_the_value_and_the_range(build, name):
 def test_points_beyond_the_surface_are_refused():
     with pytest.raises(InvalidInput, match=r"\[-15, 15\] mm"):
         Surface(Profile.constant(-0.05)).point(15.1)
+
+
+@pytest.mark.parametrize(
+    "make, expected",
+    [
+        (lambda: Profile.constant(-0.05, (-6000.0, 6000.0)), "profile length = 12000.0: expected at most 10,000 mm"),
+        (lambda: Profile.constant(-50_000.0), "turning of a profile = 1500000.0: expected at most 2000 rad"),
+        (lambda: Profile.constant(-1e300), "turning of a profile"),
+        (lambda: Profile.polynomial([1e300] * 5, (-1.0, 1.0)), "turning of a profile"),
+        (lambda: Profile.polynomial([1e-30] * 33, (-1.0, 1.0)), "at most 1,000 pieces with 32 coefficients"),
+        (lambda: Profile.samples(np.linspace(-15.0, 15.0, 1002), np.full(1002, -0.05)), "at most 1,000 pieces"),
+    ],
+)
+def test_surfaces_that_would_never_be_tabulated_are_refused_at_once(make, expected):
+    begin = time.perf_counter()
+    with pytest.raises(MechanismError, match=expected):
+        make()
+    assert time.perf_counter() - begin < 1.0
+
+
+def _pair(child: Profile, parent: Profile) -> RollingChain:
+    link = Link(Surface(parent, (0.0, -10.0)), Surface(child, (0.0, 10.0)))
+    return RollingChain([link, link], [Tendon([((5.0, 0.0), (5.0, 0.0))])])
+
+
+@pytest.mark.parametrize("limits", [(-5000.0, 5000.0), (-999.0, 999.0), (-15.0, 15.0)])
+def test_the_largest_surfaces_are_tabulated_in_seconds_or_refused(limits):
+    u = -1999.0 / (limits[1] - limits[0])
+    begin = time.process_time()
+    with contextlib.suppress(MechanismError):
+        assert _pair(Profile.constant(u, limits), Profile.constant(0.0, limits)).arrays.cells.size
+    assert time.process_time() - begin < 5.0
