@@ -337,6 +337,15 @@ def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:
     return None
 
 
+def check_table(tables: Any, columns: Sequence[str], n_links: int) -> None:
+    """Raise InvalidInput unless load tables (..., rows, columns) have these columns, and links that exist."""
+    if not isinstance(tables, np.ndarray) or tables.dtype != float or tables.shape[-1] != len(columns):
+        raise InvalidInput("loads", tables, f"a table of floats with {len(columns)} columns")
+    links = wrong_links(tables, columns, n_links)
+    if links is not None:
+        raise InvalidInput("links of the load table", links, f"integers from 0 to {n_links - 1}")
+
+
 def _table(
     loads: Sequence[Load], places: Mapping[str, int], rows_of: Callable[[Load], list[Row] | NDArray[np.float64]]
 ) -> NDArray[np.float64]:

@@ -12,10 +12,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import SolverError
+from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History
-from rollingjoint.mechanism import AnyMechanism, designs_of
+from rollingjoint.mechanism import AnyMechanism, designs_of, read_only
 
 Array = NDArray[np.float64]
 
@@ -122,15 +122,32 @@ def _no_friction(one: Solution) -> FrictionStep:
     return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
 
 
+def _check_shape(name: str, value: Any, expected: tuple[int, ...]) -> None:
+    """Raise InvalidInput unless a field of an equilibrium has the shape of its mechanism."""
+    if np.shape(value) != expected or (expected and not isinstance(value, np.ndarray)):
+        raise InvalidInput(f"{name} of an equilibrium", value, f"an array of shape {expected}, as of its mechanism")
+
+
+def _check_friction(step: FrictionStep, rows: tuple[int, ...], n_joints: int, n_tendons: int) -> None:
+    holes = (*rows, n_joints, n_tendons)
+    joints = (*rows, n_joints)
+    for name in ("gap_tensions", "slip"):
+        _check_shape(name, getattr(step, name), holes)
+    for name, value, shape in zip(step.state._fields, step.state, (holes, holes, holes, joints, joints), strict=True):
+        _check_shape(f"friction state ({name})", value, shape)
+
+
 def friction_step(arrays: FrictionArrays) -> FrictionStep:
     """What friction did, from the outputs of a batch."""
     slip = arrays.after.slips - arrays.before.slips
+    for array in (arrays.tension, slip, *arrays.after):
+        array.setflags(write=False)
     return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ABC):
-    """One equilibrium, or many with a leading axis B on every array; each family adds to it.
+    """One equilibrium, or many with a leading axis B on every array, all read-only; each family adds to it.
 
     Attributes:
         mechanism: what was solved, or a tuple of mechanisms, one per row.
@@ -158,6 +175,35 @@ class Solution(ABC):
     status: Status | NDArray[np.int64]
     friction: FrictionStep | None = field(default=None, kw_only=True)
 
+    def __post_init__(self) -> None:
+        """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
+        one = self.mechanism[0] if isinstance(self.mechanism, tuple) else self.mechanism
+        rows = np.shape(self.status)
+        for name, shape in self._shapes(one.n_joints, one.n_tendons).items():
+            _check_shape(name, getattr(self, name), (*rows, *shape))
+        if self.friction is not None:
+            _check_friction(self.friction, rows, one.n_joints, one.n_tendons)
+        if np.ndim(self.loads) != len(rows) + 2 or np.shape(self.loads)[:-2] != rows:
+            raise InvalidInput("shape of loads", np.shape(self.loads), f"{(*rows, 'rows', 'columns')}")
+        self._check_loads(self.loads, one.n_links)
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                object.__setattr__(self, name, read_only(value.copy()))
+
+    @classmethod
+    def filled(cls, **values: Any) -> Self:
+        """The equilibrium of these fields, which kernels have filled: nothing is checked or copied."""
+        made = object.__new__(cls)
+        vars(made).update(values)
+        return made
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled arrays are writable."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+        vars(self).update(state)
+
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
         """True for a stable equilibrium (Status CONVERGED or AT_LIMIT)."""
@@ -172,7 +218,7 @@ class Solution(ABC):
         mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
         friction = None if self.friction is None else self.friction.row(index)
         status = Status(int(np.asarray(self.status)[index]))
-        return replace(self, mechanism=mechanism, loads=self.loads[index], status=status, friction=friction, **plain)
+        return self.filled(mechanism=mechanism, loads=self.loads[index], status=status, friction=friction, **plain)
 
     @property
     @abstractmethod
@@ -290,6 +336,25 @@ class Solution(ABC):
     def _designs(self) -> tuple[Any, NDArray[np.int64]]:
         """The arrays of the mechanisms, and which of them each row has."""
         return designs_of(self.mechanism, np.size(self.status))
+
+    @abstractmethod
+    def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
+        """Shape of every field with numbers, of one row; families add to it."""
+        joints, tendons, both = (n_joints,), (n_tendons,), (n_joints, n_tendons)
+        return {
+            "joint_angles": joints,
+            "tensions": tendons,
+            "lengths": tendons,
+            "tendon_rates": both,
+            "tendon_stiffness": tendons,
+            "residual": (),
+            "iterations": (),
+        }
+
+    @staticmethod
+    @abstractmethod
+    def _check_loads(loads: Array, n_links: int) -> None:
+        """Raise InvalidInput for a table with other columns than the family's, or with links that do not exist."""
 
     @staticmethod
     @abstractmethod

@@ -76,8 +76,28 @@ def pack(
 ) -> Equilibrium:
     """The equilibria in the results of the kernels."""
     angles, poses, contacts, tensions, lengths, rates, elastic, forces, _, residual, iterations, status = results
-    solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
-    return Equilibrium(mechanism, table, *solved, contacts[..., :2], contacts[..., 2:], forces, friction=friction)
+    for array in (table, angles, poses, contacts, tensions, lengths, rates, elastic, forces):
+        array.setflags(write=False)
+    if isinstance(status, np.ndarray):
+        for outcome in (residual, iterations, status):
+            outcome.setflags(write=False)
+    return Equilibrium.filled(
+        mechanism=mechanism,
+        loads=table,
+        joint_angles=angles,
+        poses=poses,
+        tensions=tensions,
+        lengths=lengths,
+        tendon_rates=rates,
+        tendon_stiffness=elastic,
+        residual=residual,
+        iterations=iterations,
+        status=status,
+        contact_points=contacts[..., :2],
+        contact_tangents=contacts[..., 2:],
+        contact_forces=forces,
+        friction=friction,
+    )
 
 
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:

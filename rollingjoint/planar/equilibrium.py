@@ -13,6 +13,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.batch import stiffness_of
 from rollingjoint.kernels.planar.forward import arc_lengths_of
 from rollingjoint.kernels.planar.rubbed import begin_histories, rubbed_stiffness_of
+from rollingjoint.load import LOAD_COLUMNS, check_table
 from rollingjoint.mechanism import distinct
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
@@ -77,6 +78,14 @@ class Equilibrium(Solution):
         jacobian = np.stack([-arm[..., 1], arm[..., 0], np.ones_like(arm[..., 0])], axis=-2)
         jacobian[..., link:] = 0.0
         return jacobian
+
+    def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
+        contacts = dict.fromkeys(("contact_points", "contact_tangents", "contact_forces"), (n_joints, 2))
+        return super()._shapes(n_joints, n_tendons) | {"poses": (n_joints + 1, 3)} | contacts
+
+    @staticmethod
+    def _check_loads(loads: Array, n_links: int) -> None:
+        check_table(loads, LOAD_COLUMNS, n_links)
 
     _fill_stiffness = staticmethod(stiffness_of)
     _fill_rubbed_stiffness = staticmethod(rubbed_stiffness_of)

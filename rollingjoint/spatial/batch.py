@@ -63,8 +63,27 @@ def pack(
 ) -> HingeEquilibrium:
     """The equilibria in the results of the kernels."""
     angles, poses, tensions, lengths, rates, torques, elastic, residual, iterations, status, escapes = results
-    solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
-    return HingeEquilibrium(mechanism, table, *solved, torques, escapes, friction=friction)
+    for array in (table, angles, poses, tensions, lengths, rates, torques, elastic):
+        array.setflags(write=False)
+    if isinstance(status, np.ndarray):
+        for outcome in (residual, iterations, status, escapes):
+            outcome.setflags(write=False)
+    return HingeEquilibrium.filled(
+        mechanism=mechanism,
+        loads=table,
+        joint_angles=angles,
+        poses=poses,
+        tensions=tensions,
+        lengths=lengths,
+        tendon_rates=rates,
+        tendon_stiffness=elastic,
+        residual=residual,
+        iterations=iterations,
+        status=status,
+        tendon_torques=torques,
+        escapes=escapes,
+        friction=friction,
+    )
 
 
 @functools.cache

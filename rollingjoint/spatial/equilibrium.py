@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS, check_table
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 
@@ -72,6 +73,14 @@ class HingeEquilibrium(Solution):
         axes = (self.rotations[..., :-1, :, :] @ axes[..., None])[..., 0]
         axes = np.broadcast_to(axes[..., None, :, :] if arm.ndim > axes.ndim else axes, arm.shape)
         return np.swapaxes(np.concatenate([np.cross(axes, arm), axes], axis=-1), -1, -2)
+
+    def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
+        more = {"poses": (n_joints + 1, 4, 4), "tendon_torques": (n_joints, n_tendons), "escapes": ()}
+        return super()._shapes(n_joints, n_tendons) | more
+
+    @staticmethod
+    def _check_loads(loads: Array, n_links: int) -> None:
+        check_table(loads, SPATIAL_LOAD_COLUMNS, n_links)
 
     _fill_stiffness = staticmethod(hinge_stiffness_of)
     _fill_rubbed_stiffness = staticmethod(rubbed_hinge_stiffness_of)
