@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from rj_gym.core.info import every_lane
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, named
+
+try:
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
+except ModuleNotFoundError as error:
+    raise named(error) from None
 
 if TYPE_CHECKING:
     from rj_gym.core.vector import TaskVectorEnv

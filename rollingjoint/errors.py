@@ -41,6 +41,27 @@ class SolverError(RollingJointError, RuntimeError):
     """An equilibrium that the caller required and the solver could not give."""
 
 
+_EXTRAS = {  # of pyproject.toml, and the packages that only they bring
+    "train": ("stable_baselines3", "sb3_contrib", "optuna", "tensorboard", "tqdm", "rich", "filelock"),
+    "design": ("torch",),
+    "search": ("cma", "ribs"),
+    "cad": ("ezdxf", "shapely", "trimesh", "manifold3d"),
+}
+
+
+class MissingPackage(RollingJointError, ModuleNotFoundError):
+    """A package that is not installed, of an extra that brings it."""
+
+
+def named(error: ModuleNotFoundError) -> ModuleNotFoundError:
+    """The error, saying in one line which extra brings the package; as it is where none does."""
+    package = (error.name or "").partition(".")[0]
+    extra = next((extra for extra, packages in _EXTRAS.items() if package in packages), None)
+    if extra is None or isinstance(error, MissingPackage):
+        return error
+    return MissingPackage(f'{package} is not installed: run pip install "rollingjoint[{extra}]"', name=error.name)
+
+
 @contextmanager
 def naming(path: object) -> Iterator[None]:
     """A context in which an OSError that names no file, such as "File too large", gets this one."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rollingjoint.errors import RollingJointError, one_line
+from rollingjoint.errors import RollingJointError, named, one_line
 
 FAILED, INTERRUPTED = 2, 130
 
@@ -20,6 +20,11 @@ def exit_code(command: Callable[[], int]) -> int:
         return command()
     except (RollingJointError, OSError) as error:
         print("error:", one_line(str(error)), file=sys.stderr)
+        return FAILED
+    except ModuleNotFoundError as error:
+        if not isinstance(missing := named(error), RollingJointError):
+            raise
+        print("error:", missing, file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from rj_gym.core.draws import blocks_of
@@ -22,9 +21,14 @@ from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_p
 from rollingjoint.design import MARGINS
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, named
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Status
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise named(error) from None
 
 Array = NDArray[np.float64]
 
