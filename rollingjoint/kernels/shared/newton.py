@@ -43,8 +43,18 @@ from rollingjoint.kernels.shared.tolerances import (
 )
 
 MAX_ITERATIONS = 200
+_FEWEST_ITERATIONS = 80
+_ALL_ITERATIONS_JOINTS = 220  # up to here; a dense step takes the cube of the joints
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _MAX_HALVINGS = 40
+
+
+@part
+def most_iterations(n_dense):
+    """How many dense steps with so many joints: all of MAX_ITERATIONS for 0, fewer where they would take too long."""
+    if n_dense <= _ALL_ITERATIONS_JOINTS:
+        return MAX_ITERATIONS
+    return max(_FEWEST_ITERATIONS, int(MAX_ITERATIONS * (_ALL_ITERATIONS_JOINTS / n_dense) ** 3))
 
 
 @part
@@ -202,7 +212,8 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
     energy, magnitude = renew(chain, state, energy + _proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
-    for iteration in range(MAX_ITERATIONS):
+    most = most_iterations(0 if long else n)
+    for iteration in range(most):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:
             fill_generators(chain, loads, state, prox, sweep)
@@ -236,4 +247,4 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
             stalled = True
         else:
             damping = max(10.0 * damping, 1e-6)
-    return NOT_CONVERGED, MAX_ITERATIONS, worst
+    return NOT_CONVERGED, most, worst

@@ -8,7 +8,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.bounds import mark_free, move
 from rollingjoint.kernels.shared.formulas import evaluate, stiffness
 from rollingjoint.kernels.shared.linear import cholesky, largest
-from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, newton_step
+from rollingjoint.kernels.shared.newton import most_iterations, newton_step
 from rollingjoint.kernels.shared.tolerances import RESIDUAL_GOAL, SMALLEST_PIVOT
 
 
@@ -22,7 +22,8 @@ def relax(chain, law, loads, state, H, sweep):
     n = state.angle.size
     free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
     rate, worst = -1.0, 0.0
-    for count in range(MAX_ITERATIONS):
+    most = most_iterations(n)
+    for count in range(most):
         evaluate(chain, law, loads, state)
         new_worst = mark_free(chain, state, 0.0, state.residual, free)
         if new_worst <= RESIDUAL_GOAL:
@@ -36,4 +37,4 @@ def relax(chain, law, loads, state, H, sweep):
             H[i, i] += rate
         newton_step(chain, state, H, sweep, False, 0.0, free, state.residual, L, step)
         move(chain, state.angle, step, 1.0, state.angle)
-    return MAX_ITERATIONS
+    return most

@@ -1,9 +1,21 @@
 """Long chains: the O(n) Newton step equals the dense one, and converges for a thousand links."""
 
+import time
+
 import numpy as np
 import pytest
 
-from rollingjoint import Gravity, Spring, Status, TorsionSpring, WorldForce, solve_lengths, solve_tensions, uniform
+from rollingjoint import (
+    BodyWrench,
+    Gravity,
+    Spring,
+    Status,
+    TorsionSpring,
+    WorldForce,
+    solve_lengths,
+    solve_tensions,
+    uniform,
+)
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
@@ -74,3 +86,14 @@ def test_slack_long_chains_say_so():
     chain = uniform(40)
     assert solve_tensions(chain, (0.0, 0.0)).status is Status.INDETERMINATE
     assert solve_lengths(chain, chain.neutral_lengths + 5.0).status is Status.INDETERMINATE
+
+
+@pytest.mark.parametrize("seed", [1, 2])  # neither converges; 600 dense steps once took up to 13 s
+def test_a_follower_force_on_a_long_chain_ends_in_the_stated_time(seed):
+    chain, rng = uniform(300), np.random.default_rng(seed)
+    solve_tensions(uniform(20), np.full(2, 2.0), [BodyWrench(-1, (1e-3, 0.0))])  # compiles
+    force = rng.normal(0.0, 1.0, 2)
+    begin = time.process_time()
+    result = solve_tensions(chain, rng.uniform(0.1, 10.0, chain.n_tendons), [BodyWrench(-1, tuple(force))])
+    assert time.process_time() - begin < 5.0
+    assert result.iterations <= 3 * 80
