@@ -39,7 +39,7 @@ from rollingjoint.kernels.shared.friction import (
     tension_rate,
     work_per_grip,
 )
-from rollingjoint.kernels.shared.linear import cholesky, descent_step, lu_step
+from rollingjoint.kernels.shared.linear import descent_step, downhill_step
 from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
 from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
 from rollingjoint.kernels.shared.newton import classify, minimise
@@ -250,13 +250,13 @@ def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
 
 @formula(formulas.direction, Rubbed)
 def direction(chain, H, sweep, free, residual, L, step):
-    """Newton's step on A; where its symmetric part is not positive definite, with |eigenvalues| of that or a shift."""
+    """Newton's step on A; where that does not descend, with |eigenvalues| of its symmetric part, or a shift."""
     if sweep.diagonal.size > 0:
         lu_long_step(chain.lu, sweep.diagonal, free, residual, step)
         return
     for i in range(free.size):
         chain.A[i, i] = H[i, i]  # with the proximal term
-    if not (cholesky(H, free, 0.0, L) > 1e-10 and lu_step(chain.A, free, residual, step)):
+    if not downhill_step(chain.A, free, residual, L, step):
         descent_step(H, free, residual, L, step)
 
 
