@@ -252,7 +252,7 @@ def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
 def direction(chain, H, sweep, free, residual, L, step):
     """Newton's step on A; where that does not descend, with |eigenvalues| of its symmetric part, or a shift."""
     if sweep.diagonal.size > 0:
-        lu_long_step(chain.lu, sweep.diagonal, free, residual, step)
+        lu_long_step(chain.lu, sweep, free, residual, step)
         return
     for i in range(free.size):
         chain.A[i, i] = H[i, i]  # with the proximal term
