@@ -5,8 +5,8 @@ Source: docs/theory.md, section 9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +101,7 @@ def friction_coefficients(friction: CapstanFriction) -> tuple[float, ...]:
     return friction.mu, friction.presliding, friction.extra_turn, friction.constant, friction.compliance
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionState:
+class FrictionState(NamedTuple):
     """What friction remembers of a step, or of many with a leading axis B; the history of the next one.
 
     Attributes:
@@ -119,9 +118,6 @@ class FrictionState:
     angles: Array
     rolling: Array
 
-    def __iter__(self) -> Iterator[Array]:
-        return (getattr(self, each.name) for each in fields(self))
-
     def row(self, index: int) -> FrictionState:
         """That of one row of a batch."""
-        return FrictionState(*(array[index] for array in self))
+        return FrictionState(*[array[index] for array in self])

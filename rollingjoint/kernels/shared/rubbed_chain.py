@@ -31,9 +31,9 @@ from rollingjoint.kernels.shared.friction import (
     Rubbing,
     evaluate_holes,
     evaluate_slips,
+    evaluated_energy,
     freeze,
     friction_energy,
-    friction_work,
     overshoots_kink,
     slide,
     tension_rate,
@@ -312,7 +312,8 @@ def remember(chain, before, memory, status, state, after):
     """
     now, rolling, law = memory.now, memory.rolling, memory.law
     stands, holds = status <= INDETERMINATE, status < INDETERMINATE
-    work = friction_work(law.tendons, before, chain.tendon_joints, now) if holds else 0.0
+    _, _, _, work = evaluated_energy(law.tendons, before, chain.tendon_joints, now)
+    work = work if holds else 0.0
     for i in range(state.angle.size):
         after.angles[i] = state.angle[i] if stands else before.angles[i]
         after.rolling[i] = before.rolling[i]
