@@ -70,6 +70,14 @@ def _bottom(z):
 
 
 @part(inline=True)
+def angle_of(sine, cosine):
+    """The angle, 0 to pi, of a vector with these components (of any length, not both zero, sine not negative)."""
+    over, under, far = _fraction(sine, cosine)
+    x = over / under
+    return _arc(x, 1.0 / _bottom(x * x), far, sine, cosine)
+
+
+@part(inline=True)
 def two_angles(sine, cosine, other_sine, other_cosine, length):
     """Two angles, 0 to pi, from their unit vectors (sines not negative), and 1 / length: two divisions for all five."""
     over, under, far = _fraction(sine, cosine)

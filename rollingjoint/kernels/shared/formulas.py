@@ -55,7 +55,7 @@ def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:
 
 
 def overshoots(chain: Any, slope: Any, new_slope: Any) -> Any:
-    """Whether a step ends too far beyond the minimum along it; from the slopes of the merit where it begins and ends."""
+    """Whether a step ends too far beyond the minimum along it; slopes of the merit at its start and its end."""
     raise TypeError("overshoots is compiled into kernels")
 
 
