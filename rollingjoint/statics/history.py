@@ -26,7 +26,9 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
         return start.joint_angles
     if start is not None:
         return start
-    return history.angles if isinstance(history, FrictionState) else getattr(history, "joint_angles", None)
+    if isinstance(history, Solution):  # a step that failed leaves its own history as it was
+        return history.joint_angles if history.friction is None else history.friction.state.angles
+    return getattr(history, "angles", None)
 
 
 def checked_history(

@@ -17,7 +17,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED
-from rollingjoint.kernels.shared.bounds import begin
+from rollingjoint.kernels.shared.bounds import begin, moved
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
@@ -357,10 +357,15 @@ def _hold(chain, state, memory, history):
 def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques):
     """Fill A, and d residual / d tension at the motor, (J, m), at an evaluated state.
 
-    The history gives the friction states; the rest of it is filled.
+    That is the state that left this history, or another one, which a step from this history did not bring to rest.
     """
     _soften(friction, 1.0, memory.law)
-    _hold(chain, state, memory, history)
+    if moved(state.angle, history.angles):
+        formulas.fill_turns(chain, state, memory.now.turn)
+        evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
+        evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
+    else:
+        _hold(chain, state, memory, history)
     one = rubbed(chain, history, memory, 0, 0, False)
     if friction.rolling[ARM] > 0.0:
         _evaluate_rolling(one, state)
