@@ -1,9 +1,9 @@
 """A chain with friction: the formulas of its family, and on top of them what friction changes.
 
 Newton's method runs on it as on any chain. Residual r and Jacobian A = dr/dangle are exact but for one term: how the
-loads' share of the normal force changes where there is rolling resistance. A is not symmetric. The line search goes by
-the incremental potential, whose gradient is r as long as the grips of the holes are held at their values where the
-search begins (`renew`). Source: docs/theory.md, section 9.
+normal forces between the links change as tendons, loads and contacts turn, where there is rolling resistance. A is not
+symmetric. The line search goes by the incremental potential, whose gradient is r as long as the grips of the holes are
+held at their values where the search begins (`renew`). Source: docs/theory.md, section 9.
 """
 
 from __future__ import annotations
