@@ -59,7 +59,9 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
     if isinstance(history, FrictionState):
         return history
     if not isinstance(history, Solution):
-        raise InvalidInput("history", history, _ALLOWED, "solve_tensions and solve_lengths return equilibria.")
+        raise InvalidInput(
+            "history", type(history).__name__, _ALLOWED, "solve_tensions and solve_lengths return equilibria."
+        )
     if history.friction is not None or history.mechanism is mechanism:
         return history.friction_state
     one = mechanism[0] if isinstance(mechanism, tuple) else mechanism

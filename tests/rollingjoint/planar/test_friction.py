@@ -215,10 +215,10 @@ def test_forces_that_are_scaled_alike_change_no_pose(factor):
 def test_a_slack_tendon_slips_along_and_pulls_on_nothing():
     chain = with_friction(five_link, 0.1)
     begin, command = at_rest(chain)
-    step = solve_lengths(chain, command + (-2.0, 8.0), [WorldForce(-1, (0.3, 0.0))], history=begin)
+    step = solve_lengths(chain, command - (2.0, -8.0), [WorldForce(-1, (0.3, 0.0))], history=begin)
     assert step.ok and step.tensions[1] == 0.0
     assert np.all(step.gap_tensions[:, 1] == 0.0) and np.any(step.friction_states[:, 1] != 0.0)
-    both = solve_lengths(chain, command + (20.0, 20.0), history=step)
+    both = solve_lengths(chain, command - (-20.0, -20.0), history=step)
     assert both.status is Status.INDETERMINATE
     assert np.array_equal(both.friction_states, step.friction_states)  # nothing tells which way they would slip
     assert both.dissipated_work == 0.0 and np.all(both.gap_tensions == 0.0)
@@ -226,7 +226,7 @@ def test_a_slack_tendon_slips_along_and_pulls_on_nothing():
 
 def test_a_joint_stops_at_the_end_of_its_surface():
     chain = with_friction(five_link, 0.1)
-    begin, command = at_rest(chain)
+    begin, _ = at_rest(chain)
     step = solve_tensions(chain, (0.4, 0.5), [WorldForce(-1, (-1.0, -0.1))], history=begin)
     assert step.status is Status.AT_LIMIT and not step.free_joints.all()
     assert step.residual < 1e-8 and step.smallest_eigenvalue > 0.0
