@@ -10,22 +10,28 @@ import math
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.elementary import angle_of
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
-from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
+from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, TURN
+from rollingjoint.kernels.spatial.arrays import HALVES, IN_ABOVE, IN_BELOW, Hinges
 
 
 @formula(formulas.fill_turns, Hinges)
 def fill_turns(chain, state, turn):
     """Fill turns and their rates (shared.friction.Rubbing.turn)."""
     table, angle, turn = borrow(chain.turns), borrow(state.angle), borrow(turn)
-    for i in range(angle.size):
-        sin, versine = math.sin(angle[i]), 2.0 * math.sin(0.5 * angle[i]) ** 2
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                turn[i, j, BELOW], turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
-                turn[i, j, ABOVE], turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
+    for j in range(chain.tendon_joints.size):
+        entry = 0.0
+        for i in range(chain.tendon_joints[j]):
+            half = 0.5 * abs(angle[i])
+            if table[i, j, HALVES] > 0.0:
+                slope = math.copysign(0.5, angle[i]) if angle[i] != 0.0 else 0.0
+                turn[i, j, TURN], entry = entry + half, half
+                turn[i, j, BELOW_RATE] = turn[i, j, ABOVE_RATE] = slope
+            else:
+                sin, versine = math.sin(angle[i]), 2.0 * math.sin(half) ** 2
+                below, turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
+                turn[i, j, TURN] = entry + below
+                entry, turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
 
 
 @part(inline=True)
@@ -41,7 +47,7 @@ def _turn_from_z(table, i, j, frame, sin, versine):
     side = math.sqrt(x * x + y * y)
     if side == 0.0:
         return 0.0, 0.0
-    return angle_of(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
+    return math.atan2(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
 
 
 @formula(formulas.fill_normals, Hinges)
