@@ -3,6 +3,7 @@
 Modules:
     case_options: the options that define an equilibrium, and that equilibrium.
     commands: the commands.
+    loop_command: the command `rj loop`.
 """
 
 from rollingjoint.cli.commands import main
