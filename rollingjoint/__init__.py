@@ -11,6 +11,7 @@ Modules:
     differentiable: equilibria of planar chains as torch functions.
     errors: the exceptions.
     family: the interface of a family of mechanisms.
+    friction: coefficients of friction, and what it remembers.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
@@ -28,6 +29,7 @@ Modules:
 """
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
+from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.load import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
@@ -38,6 +40,7 @@ from rollingjoint.spatial.chain import Bead, HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.statics import sensitivity
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
+from rollingjoint.statics.trace import trace
 from rollingjoint.tendon import BeadTendon, OnSurface, Tendon
 from rollingjoint.threads import set_threads
 
@@ -48,8 +51,10 @@ __all__ = [
     "Bead",
     "BeadTendon",
     "BodyWrench",
+    "CapstanFriction",
     "ConfigError",
     "Equilibrium",
+    "FrictionState",
     "Gravity",
     "HingeChain",
     "HingeEquilibrium",
@@ -77,6 +82,7 @@ __all__ = [
     "solve_lengths_batch",
     "solve_tensions",
     "solve_tensions_batch",
+    "trace",
     "two_segment",
     "uniform",
 ]

@@ -13,9 +13,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
 from rollingjoint.load import Gravity, Load
 from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.solution import FrictionStep, friction_laws, friction_step
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
@@ -33,8 +36,13 @@ class BatchModule(Protocol):
         arrays are contiguous.
         """
 
-    def solve_one(self, mechanism: Any, law: TendonLaw, table: Array, start: Array, /) -> Any:
-        """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,) [rad]."""
+    def solve_one(
+        self, mechanism: Any, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None, /
+    ) -> Any:
+        """The equilibrium of one mechanism; `before` makes it a step with friction.
+
+        law: (m,) each; table: (rows, columns); start: (n - 1,) [rad].
+        """
 
     def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
         """Empty outputs of a batch."""
@@ -42,7 +50,10 @@ class BatchModule(Protocol):
     def solve_range(self, arrays: Any, first: int, last: int, /) -> None:
         """Solve rows first to last - 1; Python's lock is released meanwhile."""
 
-    def pack(self, mechanism: Any, tables: Array, results: Any, /) -> Any:
+    def step_range(self, arrays: Any, friction: FrictionArrays, first: int, last: int, /) -> None:
+        """Solve rows first to last - 1 with friction, likewise."""
+
+    def pack(self, mechanism: Any, tables: Array, results: Any, friction: FrictionStep | None = None, /) -> Any:
         """The equilibria in the outputs; mechanism: one, or one per row."""
 
 
@@ -116,3 +127,20 @@ class Family:
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
         run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1])
         return self.batch.pack(mechanism, tables, results)
+
+    def step_batch(
+        self,
+        mechanism: Any,
+        chain: Any,
+        designs: NDArray[np.int64],
+        laws: TendonLaw,
+        tables: Array,
+        starts: Array,
+        before: FrictionState,
+    ) -> Any:
+        """The equilibria of a batch of steps with friction; arguments beside `before` as of `solve_batch`."""
+        results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
+        arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
+        friction = new_friction_arrays(friction_laws(mechanism, len(starts)), History(*before))
+        run_in_threads(partial(self.batch.step_range, arrays, friction), len(starts), starts.shape[1])
+        return self.batch.pack(mechanism, tables, results, friction_step(friction))

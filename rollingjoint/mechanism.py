@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, CapstanFriction, friction_coefficients
 
 Array = NDArray[np.float64]
 S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
@@ -25,10 +26,12 @@ class Mechanism(ABC, Generic[S]):
     Attributes:
         tendons: at least one; each has a stiffness and last_link(n_links).
         name: for tables and pictures.
+        friction: that of the tendons that have none of their own.
     """
 
     tendons: Any
     name: str
+    friction: CapstanFriction | None = None
 
     def __repr__(self) -> str:
         kind = type(self).__name__
@@ -63,6 +66,26 @@ class Mechanism(ABC, Generic[S]):
     def stiffnesses(self) -> Array:
         """Tendon stiffnesses, (m,) [N/mm]."""
         return read_only(np.array([tendon.stiffness for tendon in self.tendons]))
+
+    @cached_property
+    def has_friction(self) -> bool:
+        """Whether friction changes anything."""
+        chain = self.friction or NO_FRICTION
+        return chain.rolling > 0.0 or any(each.acts for each in self._frictions)
+
+    @cached_property
+    def friction_coefficients(self) -> Array:
+        """Columns of the kernels' FrictionLaw.tendons, (m, 5)."""
+        return read_only(np.array([friction_coefficients(each) for each in self._frictions]))
+
+    @cached_property
+    def rolling_coefficients(self) -> Array:
+        """Arm [mm] of the rolling resistance, and the turn over which it builds up [rad]."""
+        return read_only(np.array([(self.friction or NO_FRICTION).rolling, ROLLING_PRESLIDING]))
+
+    @property
+    def _frictions(self) -> list[CapstanFriction]:
+        return [tendon.friction or self.friction or NO_FRICTION for tendon in self.tendons]
 
     @cached_property
     def last_links(self) -> tuple[int, ...]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import Any, Self
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import SolverError
-from rollingjoint.mechanism import designs_of
+from rollingjoint.friction import FrictionState
+from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History
+from rollingjoint.mechanism import AnyMechanism, designs_of
 
 Array = NDArray[np.float64]
 
@@ -51,6 +53,79 @@ _MESSAGES = {
 _FAR = 1e15  # eigenvalue assigned to joints that are held
 
 
+def friction_laws(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) -> FrictionLaw:
+    """The coefficients of friction of every row of a batch."""
+    if isinstance(mechanism, Sequence):
+        tendons = np.array([each.friction_coefficients for each in mechanism])
+        return FrictionLaw(tendons, np.array([each.rolling_coefficients for each in mechanism]))
+    tendons, rolling = mechanism.friction_coefficients, mechanism.rolling_coefficients
+    return FrictionLaw(np.repeat(tendons[None], n_rows, axis=0), np.repeat(rolling[None], n_rows, axis=0))
+
+
+def virgin_state(
+    begin_histories: Callable[..., None],
+    mechanism: AnyMechanism | Sequence[AnyMechanism],
+    designs: tuple[Any, NDArray[np.int64]],
+    tensions: Array,
+    joint_angles: Array,
+) -> FrictionState:
+    """What friction remembers at equilibria in which nothing has ever slipped, (..., m) and (..., n - 1) [N, rad]."""
+    shape, n_joints, n_tendons = joint_angles.shape[:-1], joint_angles.shape[-1], tensions.shape[-1]
+    angles, tensions = joint_angles.reshape(-1, n_joints).copy(), tensions.reshape(-1, n_tendons).copy()
+    states, slips, grips = (np.zeros((len(angles), n_joints, n_tendons)) for _ in range(3))
+    history = History(states, slips, grips, angles, np.zeros_like(angles))
+    begin_histories(*designs, friction_laws(mechanism, len(angles)), tensions, angles, history)
+    return FrictionState(*(array.reshape(*shape, *array.shape[1:]) for array in history))
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionStep:
+    """What friction did in the step from a history to an equilibrium, or in many with a leading axis B.
+
+    Attributes:
+        gap_tensions: (n - 1, m) tension of every tendon in every gap, 0 beyond its end [N].
+        slip: (n - 1, m) slip of every tendon in links 0 to n - 2 during the step, towards the tip positive [mm].
+        work: what friction has taken up in the step [N·mm].
+        state: what it remembers.
+    """
+
+    gap_tensions: Array
+    slip: Array
+    work: float | Array
+    state: FrictionState
+
+    def row(self, index: int) -> FrictionStep:
+        """That of one row of a batch."""
+        work = np.asarray(self.work)[index].item()
+        return FrictionStep(self.gap_tensions[index], self.slip[index], work, self.state.row(index))
+
+
+def stacked(solutions: Sequence[Any]) -> Any:
+    """Equilibria of one mechanism as one with a leading axis; tables of fewer loads are padded with rows of zeros."""
+    first = solutions[0]
+    rows = max(len(one.loads) for one in solutions)
+    tables = [np.pad(one.loads, ((0, rows - len(one.loads)), (0, 0))) for one in solutions]
+    names = [each.name for each in fields(first) if each.name not in ("mechanism", "loads", "friction")]
+    arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names}
+    steps = [one.friction or _no_friction(one) for one in solutions]
+    friction = None
+    if any(one.friction is not None for one in solutions):
+        state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
+        gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
+        friction = FrictionStep(gap_tensions, slip, work, state)
+    return replace(first, loads=np.array(tables), friction=friction, **arrays)
+
+
+def _no_friction(one: Solution) -> FrictionStep:
+    return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
+
+
+def friction_step(arrays: FrictionArrays) -> FrictionStep:
+    """What friction did, from the outputs of a batch."""
+    slip = arrays.after.slips - arrays.before.slips
+    return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ABC):
     """One equilibrium, or many with a leading axis B on every array; each family adds to it.
@@ -65,6 +140,7 @@ class Solution(ABC):
         tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
         residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
         iterations: Newton steps. status: Status, or (B,) integers.
+        friction: what friction did; None for a solve without a history, or of a mechanism without friction.
     """
 
     mechanism: Any
@@ -78,6 +154,7 @@ class Solution(ABC):
     residual: float | Array
     iterations: int | NDArray[np.int64]
     status: Status | NDArray[np.int64]
+    friction: FrictionStep | None = field(default=None, kw_only=True)
 
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
@@ -97,8 +174,47 @@ class Solution(ABC):
 
     @property
     def torques_per_tension(self) -> Array:
-        """(n - 1, m) d residual / d tension [mm]: the rates of the lengths, where tendons have an energy."""
-        return self.tendon_rates
+        """(n - 1, m) d residual / d tension at the motor [mm]: without friction the rates of the lengths."""
+        return self.tendon_rates if self.friction is None else self._with_friction[1]
+
+    @property
+    def gap_tensions(self) -> Array:
+        """(n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]; `tensions` are those at the motor."""
+        if self.friction is not None:
+            return self.friction.gap_tensions
+        return np.where(self._crossed, self.tensions[..., None, :], 0.0)
+
+    @cached_property
+    def friction_state(self) -> FrictionState:
+        """What friction remembers. After a solve without history: as if nothing had ever slipped."""
+        if self.friction is not None:
+            return self.friction.state
+        return virgin_state(self._begin_histories, self.mechanism, self._designs, self.tensions, self.joint_angles)
+
+    @property
+    def friction_states(self) -> Array:
+        """(n - 1, m) friction state of every tendon in links 0 to n - 2: 1 slips to the motor, -1 to the tip."""
+        return np.zeros_like(self.tendon_rates) if self.friction is None else self.friction.state.states
+
+    @property
+    def sticking(self) -> NDArray[np.bool_]:
+        """(n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
+        return self._crossed & (np.abs(self.friction_states) < 1.0)
+
+    @property
+    def slip(self) -> Array:
+        """(n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
+        return np.zeros_like(self.tendon_rates) if self.friction is None else self.friction.slip
+
+    @property
+    def dissipated_work(self) -> float | Array:
+        """What friction has taken up in the step from the history to here [N·mm]; the sum over a path is its loss.
+
+        Slightly negative where holes give back what they stored before they slipped.
+        """
+        if self.friction is not None:
+            return self.friction.work
+        return 0.0 if np.ndim(self.status) == 0 else np.zeros(np.size(self.status))
 
     @abstractmethod
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
@@ -117,6 +233,8 @@ class Solution(ABC):
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = np.where(known[..., None, None], self.loads, 0.0)
         angles = self._rows(self.joint_angles)
+        if self.friction is not None:
+            return self._with_friction[0]
         H = np.empty((*angles.shape, angles.shape[1]))
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         self._fill_stiffness(*self._designs, *tendons, self._rows(loads, axes=2), angles, H)
@@ -165,6 +283,37 @@ class Solution(ABC):
     @abstractmethod
     def _fill_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
+
+    @staticmethod
+    def _fill_rubbed_stiffness(*arguments: Any) -> None:
+        """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
+        raise NotImplementedError
+
+    @staticmethod
+    def _begin_histories(*arguments: Any) -> None:
+        """The family's kernel: (chain, designs, law, tensions, angles, history)."""
+        raise NotImplementedError
+
+    @cached_property
+    def _crossed(self) -> NDArray[np.bool_]:
+        """(n - 1, m) whether a tendon crosses a joint."""
+        chain, _ = self._designs
+        return np.arange(self.joint_angles.shape[-1])[:, None] < chain.tendon_joints
+
+    @cached_property
+    def _with_friction(self) -> tuple[Array, Array]:
+        """(n - 1, n - 1) d residual / d joint angle, (n - 1, m) d residual / d tension, after a step with friction."""
+        assert self.friction is not None
+        known = np.asarray(self.status) != Status.INVALID_INPUT
+        loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
+        angles, state = self._rows(self.joint_angles), self.friction.state
+        states = self._rows(state.states, axes=2)
+        history = History(states, states.copy(), states.copy(), angles, self._rows(state.rolling))
+        A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        law = friction_laws(self.mechanism, len(angles))
+        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, history, A, torques)
+        return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.errors import MechanismError
+from rollingjoint.friction import CapstanFriction, checked_friction
 
 _T = TypeVar("_T")
 
@@ -38,6 +39,7 @@ class Tendon:
             leaves it at its child side. A single pair stands for the same pair on every link.
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
+        friction: in its holes; None: that of the mechanism. Rolling resistance belongs to the mechanism alone.
     Raises:
         MechanismError: a hole that is neither a point nor OnSurface; an end that is not an integer; a stiffness
             that is not positive.
@@ -46,6 +48,7 @@ class Tendon:
     holes: Sequence[tuple[Hole, Hole]]
     end: int = -1
     stiffness: float = DEFAULT_STIFFNESS
+    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -57,12 +60,14 @@ class Tendon:
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
         object.__setattr__(self, "holes", holes)
-        _check_end_and_stiffness(self)
+        _check_fields(self)
 
     @classmethod
-    def on_surfaces(cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS) -> Tendon:
+    def on_surfaces(
+        cls, s: float, end: int = -1, stiffness: float = DEFAULT_STIFFNESS, friction: CapstanFriction | None = None
+    ) -> Tendon:
         """A tendon through the surface point s of every surface it passes."""
-        return cls(((OnSurface(s), OnSurface(s)),), end, stiffness)
+        return cls(((OnSurface(s), OnSurface(s)),), end, stiffness, friction)
 
     def last_link(self, n_links: int) -> int:
         """Index of the link where the tendon ends, counted from 0."""
@@ -81,6 +86,7 @@ class BeadTendon:
         holes: (x, y) of every link from 0 to `end` in its frame [mm]. A single one stands for the same on every link.
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
+        friction: in its holes; None: that of the mechanism. Rolling resistance belongs to the mechanism alone.
     Raises:
         MechanismError: a hole that is not a point; an end that is not an integer; a stiffness that is not positive.
     """
@@ -88,6 +94,7 @@ class BeadTendon:
     holes: Sequence[tuple[float, float]]
     end: int = -1
     stiffness: float = DEFAULT_STIFFNESS
+    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         allowed = "at least one finite point (x, y) [mm]"
@@ -95,7 +102,7 @@ class BeadTendon:
         if holes.ndim != 2 or holes.shape[1] != 2 or not len(holes) or not np.all(np.isfinite(holes)):
             raise MechanismError("tendon holes", self.holes, allowed)
         object.__setattr__(self, "holes", tuple((float(x), float(y)) for x, y in holes))
-        _check_end_and_stiffness(self)
+        _check_fields(self)
 
     def last_link(self, n_links: int) -> int:
         """Index of the link where the tendon ends, counted from 0."""
@@ -106,9 +113,13 @@ class BeadTendon:
         return _one_per_link("number of tendon holes", self.holes, self.last_link(n_links) + 1)
 
 
-def _check_end_and_stiffness(tendon: Tendon | BeadTendon) -> None:
+def _check_fields(tendon: Tendon | BeadTendon) -> None:
     end = as_integer("tendon end", tendon.end, allowed="the number of a link", error=MechanismError)
     stiffness = as_positive("tendon stiffness", tendon.stiffness, "a positive number [N/mm]", MechanismError)
+    friction = checked_friction(tendon.friction, "tendon friction")
+    if friction is not None and friction.rolling > 0.0:
+        allowed = "0: links roll, tendons do not"
+        raise MechanismError("rolling of a tendon's friction", friction.rolling, allowed, "Give it to the mechanism.")
     object.__setattr__(tendon, "end", end)
     object.__setattr__(tendon, "stiffness", stiffness)
 

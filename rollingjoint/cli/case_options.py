@@ -10,8 +10,8 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.statics.batch import Start
 from rollingjoint.statics.families import family_of
+from rollingjoint.statics.history import Start
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 # Options that have no effect unless an equilibrium is solved

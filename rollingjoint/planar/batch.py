@@ -16,36 +16,72 @@ from numpy.typing import NDArray
 from rollingjoint._numba.jit import entry_address, machine_code
 from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
+from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
+from rollingjoint.kernels.planar.rubbed import step_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.solution import Status
+from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
 
 Array = NDArray[np.float64]
 
-__all__ = ["PENDING", "BatchArrays", "PinnedRange", "TendonLaw", "new_results", "pack", "solve_one", "solve_range"]
+__all__ = [
+    "PENDING",
+    "BatchArrays",
+    "PinnedRange",
+    "TendonLaw",
+    "new_results",
+    "pack",
+    "solve_one",
+    "solve_range",
+    "step_range",
+]
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
-def solve_one(mechanism: RollingChain, law: TendonLaw, table: Array, start: Array) -> Equilibrium:
-    """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,)."""
+def solve_one(
+    mechanism: RollingChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
+) -> Equilibrium:
+    """The equilibrium of one mechanism; `before` makes it a step with friction.
+
+    law: (m,) each; table: (rows, columns); start: (n - 1,).
+    """
     results = new_results(1, len(start), len(law.command))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    solve_range(BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), 0, 1)
+    batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
+    if before is None:
+        solve_range(batch, 0, 1)
+    else:
+        history = History(*(array[None] for array in before))
+        friction = new_friction_arrays(friction_laws(mechanism, 1), history)
+        step_range(batch, friction, 0, 1)
+        step = friction_step(friction).row(0)
     *arrays, residual, iterations, status = results
     numbers = residual.item(), iterations.item(), Status(status.item())
-    return pack(mechanism, table, Results._make([*[array[0] if len(array) else array for array in arrays], *numbers]))
+    first = Results._make([*[array[0] if len(array) else array for array in arrays], *numbers])
+    return pack(mechanism, table, first, step)
 
 
-def pack(mechanism: RollingChain | tuple[RollingChain, ...], table: Array, results: Results) -> Equilibrium:
+def pack(
+    mechanism: RollingChain | tuple[RollingChain, ...],
+    table: Array,
+    results: Results,
+    friction: FrictionStep | None = None,
+) -> Equilibrium:
     """The equilibria in the results of the kernels."""
     angles, poses, contacts, tensions, lengths, rates, elastic, forces, _, residual, iterations, status = results
     solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
-    return Equilibrium(mechanism, table, *solved, contacts[..., :2], contacts[..., 2:], forces)
+    return Equilibrium(mechanism, table, *solved, contacts[..., :2], contacts[..., 2:], forces, friction=friction)
+
+
+def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
+    """`solve_range` of steps with friction."""
+    _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, np.arange(first, last))
 
 
 @functools.cache

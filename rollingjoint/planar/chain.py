@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import InvalidInput, MechanismError
+from rollingjoint.friction import CapstanFriction, checked_friction
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 from rollingjoint.load import Load, checked_springs, load_table
@@ -49,6 +50,8 @@ class RollingChain(Mechanism["Equilibrium"]):
         tendons: at least one.
         name: for tables and pictures.
         springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
+        friction: of the tendons that have none of their own, and of the contacts. A solve takes it into account where
+            it is given a history.
     Raises:
         MechanismError: surfaces that cannot roll on each other, holes that cross or lie beyond a surface, wrong counts,
             springs on links that do not exist.
@@ -59,8 +62,10 @@ class RollingChain(Mechanism["Equilibrium"]):
     tendons: Sequence[Tendon]
     name: str = ""
     springs: Sequence[Load] = ()
+    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
+        checked_friction(self.friction)
         object.__setattr__(self, "links", members("links", self.links, Link, 2, ", the fixed base included"))
         object.__setattr__(self, "tendons", members("tendons", self.tendons, Tendon))
         for i, (proximal, distal) in enumerate(itertools.pairwise(self.links)):
@@ -107,14 +112,23 @@ class RollingChain(Mechanism["Equilibrium"]):
             joints[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
             buckets[i] = before + first
             before += len(table.cells)
-        holes, channels = np.zeros((n_joints, n_tendons, 4)), np.zeros(n_tendons)
+        holes, directions = np.zeros((2, n_joints, n_tendons, 4))
+        channels = np.zeros(n_tendons)
         crossed = np.zeros(n_tendons, np.int64)
         for j, points in enumerate(self.hole_points):
             crossed[j] = len(points) - 1
             holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
-            channels[j] = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
+            through = points[:, 1] - points[:, 0]
+            channels[j] = np.linalg.norm(through, axis=1).sum()
+            directions[: crossed[j], j] = _unit_pairs(through)
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
-        per_design = holes[None], channels[None], crossed, load_table(self.springs, self.n_links)[None]
+        per_design = (
+            holes[None],
+            channels[None],
+            directions[None],
+            crossed,
+            load_table(self.springs, self.n_links)[None],
+        )
         return Chain(joints[None], buckets[None], cells, coefficients, arcs, *per_design)
 
     @cached_property
@@ -230,6 +244,16 @@ def _locate(hole: Hole, surface: Surface) -> Array:
 def _on_curve(profile: Profile, s: float) -> Array:
     """The point of the profile's curve, (2,) [mm]; cached, since similar mechanisms share their profiles."""
     return profile.curve(s)
+
+
+def _unit_pairs(through: Array) -> Array:
+    """Unit vectors along the channels of successive links, (links - 1, 4), from the channels themselves (links, 2).
+
+    A channel without length counts as one along the link's y axis.
+    """
+    lengths = np.linalg.norm(through, axis=1, keepdims=True)
+    units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
+    return np.concatenate([units[:-1], units[1:]], axis=1)
 
 
 def _with_rows(part: Chain, count: int) -> Chain:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.batch import stiffness_of
 from rollingjoint.kernels.planar.forward import arc_lengths_of
+from rollingjoint.kernels.planar.rubbed import begin_histories, rubbed_stiffness_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Solution
 
@@ -73,6 +74,8 @@ class Equilibrium(Solution):
         return jacobian
 
     _fill_stiffness = staticmethod(stiffness_of)
+    _fill_rubbed_stiffness = staticmethod(rubbed_stiffness_of)
+    _begin_histories = staticmethod(begin_histories)
 
     @property
     def pressing_margins(self) -> Array:

@@ -3,7 +3,9 @@
 Modules:
     batch: checked inputs of many solves, and their solution.
     families: all families of mechanisms.
+    history: histories of steps with friction.
     least_squares: tendon lengths in the least-squares sense.
     sensitivity: derivatives of equilibria.
     solve: the solvers.
+    trace: paths, step after step.
 """

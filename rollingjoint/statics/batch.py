@@ -15,13 +15,10 @@ from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
-from rollingjoint.solution import Solution
 from rollingjoint.statics.families import KINDS, family_of, family_of_kind
+from rollingjoint.statics.history import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
-
-Start = ArrayLike | Solution | None
-"""Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +48,20 @@ class Batch:
         """The same values for every row, (B, ...)."""
         return np.repeat(values[None], len(self.inputs), axis=0)
 
-    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start) -> Any:
+    def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start, history: History) -> Any:
         """The equilibria."""
-        tables, phi = self._tables(loads), self._starts(starts)
-        return self.family.solve_batch(self.mechanism, self.arrays, self.designs, laws, tables, phi)
+        tables, phi = self._tables(loads), self._starts(start_of(starts, history))
+        inputs = self.mechanism, self.arrays, self.designs, laws, tables, phi
+        rub = [chain.has_friction for chain in self.chains]
+        if history is None or not any(rub):
+            return self.family.solve_batch(*inputs)
+        before = checked_history(self.mechanism, history, len(self.inputs))
+        if not all(rub):
+            allowed = "all with friction or all without, in a step from a history"
+            raise InvalidInput(
+                "mechanisms", self.chains, allowed, "Solve those without friction in a batch of their own."
+            )
+        return self.family.step_batch(*inputs, before)
 
     def _tables(self, loads: Sequence[Load] | Array) -> Array:
         """Load tables of all rows, (B, rows, columns)."""
@@ -70,10 +77,11 @@ class Batch:
             raise InvalidInput("links of the load table", links, f"integers from 0 to {n_links - 1}")
         return tables
 
-    def _starts(self, starts: Start) -> Array:
-        if starts is None:
+    def _starts(self, angles: ArrayLike | None) -> Array:
+        if angles is None:
             return self.per_row([chain.neutral_angles for chain in self.chains])
-        angles = starts.joint_angles if isinstance(starts, Solution) else starts
+        if np.ndim(angles) == 1 and np.shape(angles) == (self.chains[0].n_joints,):
+            angles = self.repeated(as_floats("starts", angles, "numbers"))
         phi = _rows("starts", angles, self.chains[0].n_joints)
         if len(phi) != len(self.inputs):
             raise InvalidInput("number of starts", len(phi), f"{len(self.inputs)}, one per row of the batch")

@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats, as_vector
 from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism
-from rollingjoint.statics.batch import Batch, Start, prescribed
+from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.families import family_of
+from rollingjoint.statics.history import History, Start, checked_history, start_of
 from rollingjoint.statics.least_squares import solve_least_squares
 
 Array = NDArray[np.float64]
 S = TypeVar("S")  # Equilibrium of a RollingChain, HingeEquilibrium of a HingeChain
 
-__all__ = ["Start", "solve_lengths", "solve_lengths_batch", "solve_tensions", "solve_tensions_batch"]
+__all__ = ["History", "Start", "solve_lengths", "solve_lengths_batch", "solve_tensions", "solve_tensions_batch"]
 
 
-def solve_tensions(mechanism: Mechanism[S], tensions: ArrayLike, loads: Sequence[Load] = (), start: Start = None) -> S:
+def solve_tensions(
+    mechanism: Mechanism[S],
+    tensions: ArrayLike,
+    loads: Sequence[Load] = (),
+    start: Start = None,
+    history: History = None,
+) -> S:
     """Equilibrium under given tendon tensions.
 
     Args:
@@ -31,6 +39,8 @@ def solve_tensions(mechanism: Mechanism[S], tensions: ArrayLike, loads: Sequence
         tensions: (m,) [N], not negative.
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
+        history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
+            result is the pose without friction, in which nothing has ever slipped. Default start: its joint angles.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status. NaN, huge or negative numbers give Status.INVALID_INPUT.
     Raises:
@@ -39,8 +49,8 @@ def solve_tensions(mechanism: Mechanism[S], tensions: ArrayLike, loads: Sequence
     """
     family = family_of(mechanism)
     tau = as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
-    table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
-    return family.batch.solve_one(mechanism, prescribed(tau), table, phi)
+    table = family.load_table(loads, mechanism.n_links)
+    return _solve_one(family, mechanism, prescribed(tau), table, start, history)
 
 
 def solve_lengths(
@@ -50,6 +60,7 @@ def solve_lengths(
     start: Start = None,
     method: str = "elastic",
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
+    history: History = None,
 ) -> S:
     """Equilibrium under given tendon lengths.
 
@@ -64,6 +75,8 @@ def solve_lengths(
             desired ones.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]. With "least_squares" an infinite
             maximum stands for 1000 N.
+        history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
+            result is the pose without friction, in which nothing has ever slipped. Default start: its joint angles.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status.
     Raises:
@@ -73,12 +86,15 @@ def solve_lengths(
     family = family_of(mechanism)
     command = as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
     low, high = _tension_limits_of(tension_limits, mechanism.n_tendons)
-    table, phi = family.load_table(loads, mechanism.n_links), _start_of(mechanism, start)
+    table = family.load_table(loads, mechanism.n_links)
     if method == "elastic":
         law = TendonLaw(command, mechanism.stiffnesses.copy(), low, high)
-        return family.batch.solve_one(mechanism, law, table, phi)
+        return _solve_one(family, mechanism, law, table, start, history)
     if method not in family.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
+    if history is not None and mechanism.has_friction:
+        raise InvalidInput("history", history, 'None with method "least_squares"', 'Use "elastic" with friction.')
+    phi = _start_of(mechanism, start_of(start, history))
     return solve_least_squares(family, mechanism, command, low, high, table, phi)
 
 
@@ -87,6 +103,7 @@ def solve_tensions_batch(
     tensions: ArrayLike,
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
+    history: History = None,
 ) -> S:
     """Equilibria under given tensions, row by row.
 
@@ -96,13 +113,14 @@ def solve_tensions_batch(
         loads: loads shared by all rows, or a table (B, rows, columns) with columns load.LOAD_COLUMNS, or
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
+        history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
         InvalidInput: wrong shapes or types, mechanisms with different numbers of links, tendons or crossed joints.
     """
     batch = Batch.of(mechanism, "tensions", tensions)
-    return batch.solve(prescribed(batch.inputs), loads, starts)
+    return batch.solve(prescribed(batch.inputs), loads, starts, history)
 
 
 def solve_lengths_batch(
@@ -111,6 +129,7 @@ def solve_lengths_batch(
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
+    history: History = None,
 ) -> S:
     """Equilibria under given lengths (elastic tendons), row by row.
 
@@ -121,6 +140,7 @@ def solve_lengths_batch(
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
         starts: joint angles (B, n - 1) [rad], or a batch to start from; default s = 0, or hinges at rest.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N].
+        history: for mechanisms with friction, the batch of equilibria before this step, or one for all rows.
     Returns:
         Equilibrium or HingeEquilibrium, a leading axis B on its arrays; each row is the single solve to the last bit.
     Raises:
@@ -130,14 +150,23 @@ def solve_lengths_batch(
     limits = _tension_limits_of(tension_limits, batch.inputs.shape[1])
     low, high = map(batch.repeated, limits)
     stiffnesses = batch.per_row([chain.stiffnesses for chain in batch.chains])
-    return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts)
+    return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
 
 
-def _start_of(mechanism: AnyMechanism, start: Start) -> Array:
+def _solve_one(
+    family: Family, mechanism: AnyMechanism, law: TendonLaw, table: Array, start: Start, history: History
+) -> Any:
+    """The equilibrium of one mechanism, with friction if it has any and there is a history."""
+    phi = _start_of(mechanism, start_of(start, history))
+    if history is None or not mechanism.has_friction:
+        return family.batch.solve_one(mechanism, law, table, phi)
+    return family.batch.solve_one(mechanism, law, table, phi, checked_history(mechanism, history, None))
+
+
+def _start_of(mechanism: AnyMechanism, angles: ArrayLike | None) -> Array:
     """Joint angles to start from, (n - 1,)."""
-    if start is None:
+    if angles is None:
         return mechanism.neutral_angles.copy()
-    angles = getattr(start, "joint_angles", start)
     return as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
 
 

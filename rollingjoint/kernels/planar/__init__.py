@@ -8,8 +8,11 @@ Modules:
     forward: kinematics without statics.
     joint: one rolling joint: its table, and the tendon gaps across it.
     loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and side by side.
+    rubbed: the solver of steps with friction, lane by lane.
     side_by_side: the solver of eight lanes side by side.
     solve: one equilibrium from one start.
+    turns: what friction needs: how far tendons turn at their holes, and what presses the links together.
 """
 
 from rollingjoint.kernels.planar import chain as chain
+from rollingjoint.kernels.planar import turns as turns

@@ -16,6 +16,7 @@ import numpy as np
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import FrictionArrays
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
@@ -44,6 +45,7 @@ class Chain(NamedTuple):
     arc_coefficients: Annotated[Floats, "cells", N_COEFFICIENTS]  # arc length, likewise
     holes: Annotated[Floats, "D", "J", "m", 4]  # x, y of the hole on the proximal link, x, y on the distal link
     channels: Annotated[Floats, "D", "m"]  # constant length inside the links
+    directions: Annotated[Floats, "D", "J", "m", 4]  # unit x, y along the channel below a gap, and of the one above it
     tendon_joints: Annotated[Integers, "m"]  # number of joints a tendon crosses
     standing: Annotated[Floats, "D", "standing", "columns"]  # load table of the springs that belong to the mechanism
 
@@ -89,6 +91,13 @@ class BatchArrays(NamedTuple):
     loads: Annotated[Floats, "B", "rows", "columns"]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
     results: Results
+
+
+class RubbedArrays(NamedTuple):
+    """Steps with friction to be solved as a batch."""
+
+    batch: BatchArrays
+    friction: FrictionArrays
 
 
 def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:
@@ -155,6 +164,7 @@ def design(chain, which):
         chain.arc_coefficients,
         chain.holes[which],
         chain.channels[which],
+        chain.directions[which],
         chain.tendon_joints,
         chain.standing[which],
     )

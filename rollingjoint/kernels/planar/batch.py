@@ -6,10 +6,7 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
-from rollingjoint.kernels.planar.arrays import (
-    design,
-    new_state,
-)
+from rollingjoint.kernels.planar.arrays import design, new_state
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import N_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.planar.solve import solve
@@ -35,7 +32,7 @@ def store(chain, state, outcome, results, lane):
     for i in range(state.angle.size):
         results.joint_angles[lane, i] = state.angle[i]
         if results.contacts.shape[0] > 0:
-            along, across, ex, ey = contact_forces(chain.tendon_joints, state, i)
+            along, across, ex, ey = contact_forces(chain.tendon_joints, state, state.tension, i)
             results.contact_forces[lane, i, 0], results.contact_forces[lane, i, 1] = along, across
             results.contacts[lane, i, 0], results.contacts[lane, i, 1] = state.contact[i, 0], state.contact[i, 1]
             results.contacts[lane, i, 2], results.contacts[lane, i, 3] = ex, ey

@@ -111,7 +111,7 @@ def fill_forces(block, tendon_joints):
     """Fill contact forces and tangents."""
     forces = block.forces
     for i in range(block.state.angle.size):
-        along, across, ex, ey = contact_forces(tendon_joints, block.state, i)
+        along, across, ex, ey = contact_forces(tendon_joints, block.state, block.state.tension, i)
         forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = along, across, ex, ey
 
 

@@ -34,6 +34,7 @@ from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
 
@@ -136,16 +137,29 @@ def fill_generators(chain, loads, state, prox, sweep):
         sweep.diagonal[i] = diagonal
 
 
+formula(formulas.direction, Chain)(symmetric_direction)
+formula(formulas.renew, Chain)(unchanged)
+
+
+@formula(formulas.first_tendon_column, Chain)
+def first_tendon_column(chain, columns):
+    """The tendons have the last columns of fill_generators."""
+    return columns - chain.tendon_joints.size
+
+
 @part(inline=True)
-def contact_forces(tendon_joints, state, i):
-    """Contact force on the distal link of joint i along tangent and normal; the unit tangent in the world, x and y."""
+def contact_forces(tendon_joints, state, tension, i):
+    """Contact force on the distal link of joint i along tangent and normal; the unit tangent in the world, x and y.
+
+    tension: of every tendon in the gap, (m,).
+    """
     cos, sin = state.pose[i, C], state.pose[i, S]
     fx, fy = -state.sums[i, FX], -state.sums[i, FY]
     for j in range(tendon_joints.size):
         if i < tendon_joints[j]:
             vx, vy = state.gap[i, j, 3], state.gap[i, j, 4]
-            fx = fx + state.tension[j] * (cos * vx - sin * vy)
-            fy = fy + state.tension[j] * (sin * vx + cos * vy)
+            fx = fx + tension[j] * (cos * vx - sin * vy)
+            fy = fy + tension[j] * (sin * vx + cos * vy)
     rx, ry = state.contact[i, 2], state.contact[i, 3]  # against the tangent: the angle falls as s grows
     per_length = -1.0 / math.sqrt(rx * rx + ry * ry)
     ex, ey = rx * per_length, ry * per_length

@@ -10,7 +10,7 @@ from rollingjoint._numba.simd import any_lane, fused, where
 from rollingjoint._numba.views import of_width, table_rows
 from rollingjoint.kernels.planar.arrays import BUCKETS, COS, CX, CY, GX, GY, N_COEFFICIENTS, PX, PY, SIN
 
-_CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)
+CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)
 
 
 @part(inline=True)
@@ -76,7 +76,7 @@ def gap_direction(holes, i, j, joint):
     vx = joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y - holes[i, j, 0]
     vy = joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y - holes[i, j, 1]
     length = math.sqrt(vx * vx + vy * vy)
-    closed = length <= _CLOSED_GAP
+    closed = length <= CLOSED_GAP
     per_length = 1.0 / where(closed, 1.0, length)
     vx, vy = vx * per_length, vy * per_length
     if any_lane(closed):

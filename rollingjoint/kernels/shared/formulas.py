@@ -29,6 +29,31 @@ def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -
     raise TypeError("fill_generators is compiled into kernels")
 
 
+def fill_turns(chain: Any, state: Any, turn: Any) -> None:
+    """Fill how far the tendons turn at the holes below and above every gap, and the rates (friction.Rubbing.turn)."""
+    raise TypeError("fill_turns is compiled into kernels")
+
+
+def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
+    """Fill what presses the links of every joint together: per tension of its gaps, and the share of the loads."""
+    raise TypeError("fill_normals is compiled into kernels")
+
+
+def first_tendon_column(chain: Any, columns: Any) -> Any:
+    """Where the columns of the tendons begin among those that fill_generators fills."""
+    raise TypeError("first_tendon_column is compiled into kernels")
+
+
+def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:
+    """Fill a step along which the line search descends: Newton's, changed where H is not positive definite."""
+    raise TypeError("direction is compiled into kernels")
+
+
+def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:
+    """(energy, magnitude) with everything that a line search holds constant taken at the present state."""
+    raise TypeError("renew is compiled into kernels")
+
+
 def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
     """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
 

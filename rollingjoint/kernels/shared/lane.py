@@ -17,7 +17,8 @@ def resolvable(value):
 
 
 @part
-def _all_resolvable(values):
+def all_resolvable(values):
+    """`resolvable` of every value."""
     for i in range(values.size):
         if not resolvable(values[i]):
             return False
@@ -30,10 +31,10 @@ def valid(law, loads, start, stiffnesses):
 
     stiffnesses: the columns of the load table that must not be negative.
     """
-    if not (_all_resolvable(law.command) and _all_resolvable(start)):
+    if not (all_resolvable(law.command) and all_resolvable(start)):
         return False
     for row in range(loads.shape[0]):
-        if not _all_resolvable(loads[row]):
+        if not all_resolvable(loads[row]):
             return False
         for column in stiffnesses:
             if loads[row, column] < 0.0:
@@ -53,11 +54,17 @@ def evaluate_unloaded(chain, columns, state):
 
 
 @part
-def stiffness_at(chain, tensions, elastic, loads, angles, state, H):
-    """Fill H at joint angles under tensions and their rates d tension / d length; overwrites the state."""
+def evaluate_at(chain, tensions, elastic, loads, angles, state):
+    """Fill the state at joint angles under tensions and their rates d tension / d length."""
     for i in range(angles.size):
         state.angle[i] = angles[i]
     evaluate(chain, TendonLaw(state.length, np.ones(state.length.size), tensions, tensions), loads, state)
     for j in range(elastic.size):
         state.elastic[j] = elastic[j]
+
+
+@part
+def stiffness_at(chain, tensions, elastic, loads, angles, state, H):
+    """Fill H at joint angles under tensions and their rates d tension / d length; overwrites the state."""
+    evaluate_at(chain, tensions, elastic, loads, angles, state)
     stiffness(chain, loads, state, H)

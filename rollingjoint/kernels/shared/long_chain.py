@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.shared.linear import descent_step
 
 DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
 
@@ -102,3 +103,16 @@ def long_step(sweep, free, residual, out):
         while factor(sweep, free, shift) <= 1e-10:
             shift *= 4.0
     substitute(sweep, free, residual, out)
+
+
+def symmetric_direction(chain, H, sweep, free, residual, L, step):
+    """The step of a chain without friction: `direction` where H is symmetric."""
+    if sweep.diagonal.size > 0:
+        long_step(sweep, free, residual, step)
+    else:
+        descent_step(H, free, residual, L, step)
+
+
+def unchanged(chain, state, energy, magnitude):
+    """`renew` where the line search holds nothing constant."""
+    return energy, magnitude

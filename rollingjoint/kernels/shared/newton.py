@@ -13,17 +13,16 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
-from rollingjoint.kernels.shared.formulas import evaluate, fill_generators, stiffness
+from rollingjoint.kernels.shared.formulas import direction, evaluate, fill_generators, renew, stiffness
 from rollingjoint.kernels.shared.linear import (
     cholesky,
     damped_step,
-    descent_step,
     eigen,
     largest,
     lu_step,
     smallest_real_part,
 )
-from rollingjoint.kernels.shared.long_chain import factor, long_step
+from rollingjoint.kernels.shared.long_chain import factor
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -58,10 +57,8 @@ def _proximal_residual(state, prox, anchor, out):
 def newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step):
     """Step on the free joints; joints at a limit that it would push outwards are held as well."""
     for _ in range(free.size + 1):
-        if sweep.diagonal.size > 0:
-            long_step(sweep, free, residual, step)
-        elif conservative:
-            descent_step(H, free, residual, L, step)
+        if conservative:
+            direction(chain, H, sweep, free, residual, L, step)
         elif damping > 0.0 or not lu_step(H, free, residual, step):
             damped_step(H, free, residual, damping, L, step)
         if not release_step(chain, state, free, step):
@@ -192,7 +189,7 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
     n = state.angle.size
     long = sweep.diagonal.size > 0
     energy, magnitude, scale = evaluate(chain, law, loads, state)
-    energy += _proximal_energy(state, prox, anchor)
+    energy, magnitude = renew(chain, state, energy + _proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
     for iteration in range(MAX_ITERATIONS):
@@ -220,6 +217,7 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
         moved, energy, magnitude, scale, worst = _line_search(
             chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work
         )
+        energy, magnitude = renew(chain, state, energy, magnitude)
         if moved:
             damping *= 0.1 if damping > 1e-8 else 0.0
         elif conservative or damping > 1.0:

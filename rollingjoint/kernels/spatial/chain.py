@@ -11,6 +11,7 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.spatial.arrays import (
     BODY_FORCE,
@@ -276,6 +277,16 @@ def _add_followers(state, m, H):
     for i in range(m):
         qx, qy, qz = cross(cx - pose[i, PX], cy - pose[i, PY], cz - pose[i, PZ], gx, gy, gz)
         H[i, m] -= axis[i, 0] * (tx + qx) + axis[i, 1] * (ty + qy) + axis[i, 2] * (tz + qz)
+
+
+formula(formulas.direction, Hinges)(symmetric_direction)
+formula(formulas.renew, Hinges)(unchanged)
+
+
+@formula(formulas.first_tendon_column, Hinges)
+def first_tendon_column(chain, columns):
+    """The tendons follow the three columns of the forces in fill_generators."""
+    return 3
 
 
 @formula(formulas.fill_generators, Hinges)

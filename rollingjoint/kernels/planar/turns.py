@@ -1,0 +1,54 @@
+"""What friction needs of a planar chain: how far tendons turn at their holes, and what presses the links together."""
+
+from __future__ import annotations
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import part
+from rollingjoint._numba.simd import where
+from rollingjoint.kernels.planar.arrays import COS, CX, CY, FX, FY, SIN, C, Chain, S
+from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.planar.joint import CLOSED_GAP
+from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.elementary import angle_of
+from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
+
+
+@part(inline=True)
+def evaluate_turns(holes, directions, tendon_joints, state, turn):
+    """Fill turns and their rates from the gaps; where a gap is closed, its direction does not change."""
+    gap, joint = state.gap, state.joint
+    for j in range(tendon_joints.size):
+        for i in range(tendon_joints[j]):
+            vx, vy, length = gap[i, j, 3], gap[i, j, 4], gap[i, j, 0]
+            jrx = -(holes[i, j, 1] + length * vy - joint[i, CY])
+            jry = holes[i, j, 0] + length * vx - joint[i, CX]
+            closed = length <= CLOSED_GAP
+            rate = where(closed, 0.0, (vx * jry - vy * jrx) / where(closed, 1.0, length))
+            dx, dy = directions[i, j, 0], directions[i, j, 1]
+            sine, cosine = dx * vy - dy * vx, dx * vx + dy * vy
+            turn[i, j, BELOW], turn[i, j, BELOW_RATE] = angle_of(abs(sine), cosine), where(sine < 0.0, -rate, rate)
+            ex, ey = directions[i, j, 2], directions[i, j, 3]
+            fx, fy = joint[i, COS] * ex - joint[i, SIN] * ey, joint[i, SIN] * ex + joint[i, COS] * ey
+            sine, cosine = vx * fy - vy * fx, vx * fx + vy * fy
+            turn[i, j, ABOVE] = angle_of(abs(sine), cosine)
+            turn[i, j, ABOVE_RATE] = where(sine < 0.0, rate - 1.0, 1.0 - rate)
+
+
+@formula(formulas.fill_turns, Chain)
+def fill_turns(chain, state, turn):
+    """Fill turns and their rates (shared.friction.Rubbing.turn)."""
+    chain = borrow(chain)
+    evaluate_turns(chain.holes, chain.directions, chain.tendon_joints, state, turn)
+
+
+@formula(formulas.fill_normals, Chain)
+def fill_normals(chain, state, rolling):
+    """Fill normal force per tension, and that of the loads."""
+    for i in range(state.angle.size):
+        _, _, ex, ey = contact_forces(chain.tendon_joints, state, state.tension, i)
+        rolling.of_loads[i] = state.sums[i, FX] * ey - state.sums[i, FY] * ex
+        cos, sin = state.pose[i, C], state.pose[i, S]
+        for j in range(state.tension.size):
+            vx, vy = state.gap[i, j, 3], state.gap[i, j, 4]
+            rolling.per_tension[i, j] = (sin * vx + cos * vy) * ex - (cos * vx - sin * vy) * ey

@@ -1,0 +1,232 @@
+"""Capstan friction with memory of the tendons in their holes: tensions of every gap, slip, and what both change.
+
+Link k of a tendon has one friction state z, -1 to 1, which its slip s drives: z = clip(z⁻ - (s - s⁻)/δ). The tension of
+gap i is T0 exp(-μ Σ z θ) - f Σ z over the links k <= i; θ is the turn of the tendon at both holes of a link. Everything
+here but the rolling resistance serves floats and SIMD lanes alike. Source: docs/theory.md, section 9.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats
+from rollingjoint._numba.simd import where
+from rollingjoint.kernels.shared.elementary import exponential
+from rollingjoint.kernels.shared.lane import resolvable
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+
+# Columns of FrictionLaw.tendons: μ, δ [mm], turn [rad] and force [N] that every link adds, stretch per newton between
+# the base and the end of the tendon [mm/N]
+MU, PRESLIDING, EXTRA_TURN, CONSTANT, COMPLIANCE, N_COEFFICIENTS = range(6)
+ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
+# Columns of Rubbing.turn: turn of a tendon at the hole below a gap and at the one above it, not negative, each followed
+# by its rate d turn / d joint angle
+BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
+
+_STILL = 1e-8  # a friction state below it is zero
+
+
+class FrictionLaw(NamedTuple):
+    """Coefficients of friction of every tendon, and of the rolling contacts."""
+
+    tendons: Annotated[Floats, "m", N_COEFFICIENTS]
+    rolling: Annotated[Floats, 2]
+
+
+class History(NamedTuple):
+    """What friction remembers from one step to the next."""
+
+    states: Annotated[Floats, "J", "m"]  # z of link k at [k]
+    slips: Annotated[Floats, "J", "m"]  # s: length from link k to the end of the tendon less its stretch [mm]
+    grips: Annotated[Floats, "J", "m"]  # force that the holes of a link hold at z = 1 [N]
+    angles: Annotated[Floats, "J"]
+    rolling: Annotated[Floats, "J"]  # state of the rolling resistance, -1 to 1
+
+
+class FrictionArrays(NamedTuple):
+    """Friction of B lanes: its coefficients, what it remembers, and outputs."""
+
+    law: Annotated[FrictionLaw, "B"]
+    before: Annotated[History, "B"]
+    after: Annotated[History, "B"]
+    tension: Annotated[Floats, "B", "J", "m"]  # of every gap
+    work: Annotated[Floats, "B"]  # that friction takes up in the step
+
+
+class Rubbing(NamedTuple):
+    """Friction evaluated at one configuration."""
+
+    turn: Annotated[Floats, "J", "m", 4]  # columns above
+    states: Annotated[Floats, "J", "m"]
+    slips: Annotated[Floats, "J", "m"]
+    grips: Annotated[Floats, "J", "m"]
+    tension: Annotated[Floats, "J", "m"]
+    lever: Annotated[Floats, "J", "m"]  # d residual / d tension
+    passed: Annotated[Floats, "J", "m"]  # d tension / d tension at the motor
+    carried: Annotated[Floats, "J", "m"]  # T0 exp(-μ Σ z θ)
+    give: Annotated[Floats, "J", "m"]  # d (μ Σ z θ) / d slip of the links up to this one that stick
+    flat: Annotated[Floats, "J", "m"]  # d (f Σ z) / d slip, likewise
+    bend: Annotated[Floats, "J", "m", 2]  # d (μ Σ z θ) / d angle at constant z: of the own gap, and of those beyond it
+    frozen: Annotated[Floats, "J", "m"]  # grips where the line search began
+    frozen_tension: Annotated[Floats, "m"]  # T0 there
+
+
+def new_friction_arrays(law: FrictionLaw, before: History) -> FrictionArrays:
+    """Friction of B lanes with empty outputs."""
+    after = History(*(np.empty_like(array) for array in before))
+    return FrictionArrays(law, before, after, np.empty_like(before.states), np.empty(len(before.angles)))
+
+
+@part(inline=True)
+def slide(before, way, presliding):
+    """The friction state after slipping so far."""
+    z = before - way / presliding
+    return where(z > 1.0, 1.0, where(z < -1.0, -1.0, z))
+
+
+@part(inline=True)
+def work_per_grip(before, after, way, presliding):
+    """-∫ z ds over the way from one friction state to the next: what friction takes up per newton of grip."""
+    stuck = (before - after) * presliding
+    return -before * stuck + 0.5 * stuck * stuck / presliding - after * (way - stuck)
+
+
+@part(inline=True)
+def evaluate_slips(coefficients, tendon_joints, state, now):
+    """Fill the slip coordinates from gaps and tensions at the motor."""
+    for j in range(tendon_joints.size):
+        count = tendon_joints[j]
+        beyond = 0.0 * state.angle[0]
+        for k in range(count - 1, -1, -1):
+            beyond = beyond + state.gap[k, j, 0]
+            now.slips[k, j] = beyond - coefficients[j, COMPLIANCE] * ((count - k) / count) * state.tension[j]
+
+
+@part(inline=True)
+def evaluate_holes(coefficients, before, tendon_joints, state, now):
+    """Fill friction states, tensions of the gaps and their rates; slips and turns are there."""
+    zero = 0.0 * state.angle[0]
+    for j in range(tendon_joints.size):
+        mu, constant, motor = coefficients[j, MU], coefficients[j, CONSTANT], state.tension[j]
+        count = tendon_joints[j]
+        per_presliding = 1.0 / coefficients[j, PRESLIDING]
+        share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
+        below = motor
+        for k in range(count):
+            turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
+            if k > 0:
+                turn = turn + now.turn[k - 1, j, ABOVE]
+            free = before.states[k, j] - (now.slips[k, j] - before.slips[k, j]) * per_presliding
+            z = where(free >= 1.0, 1.0, where(free <= -1.0, -1.0, free))
+            per_slip = where((free < 1.0) & (free > -1.0), per_presliding, 0.0)
+            share = share * exponential(-(mu * z * turn))
+            lost = lost + constant * z
+            give, flat = give + mu * turn * per_slip, flat + constant * per_slip
+            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * per_slip
+            yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            carried = motor * share
+            pulls = carried >= lost
+            tension = where(pulls, carried - lost, 0.0)
+            moving = abs(z) > _STILL
+            grip = (below - tension) / where(moving, z, 1.0)
+            now.grips[k, j] = where(moving, grip, below * mu * turn + constant)
+            now.states[k, j], now.tension[k, j], now.carried[k, j] = z, tension, carried
+            now.passed[k, j] = share - carried * yielding - sinking
+            now.give[k, j], now.flat[k, j] = give, flat
+            now.lever[k, j] = where(pulls, state.gap[k, j, 1], 0.0)
+            rate = mu * z
+            if k > 0:
+                now.bend[k - 1, j, 1] = now.bend[k - 1, j, 0] + rate * now.turn[k - 1, j, ABOVE_RATE]
+            now.bend[k, j, 0] = rate * now.turn[k, j, BELOW_RATE]
+            below = tension
+
+
+@part(inline=True)
+def tension_rate(state, now, i, m, j):
+    """d tension of gap i / d angle of joint m."""
+    rate = state.gap[m, j, 1]
+    value = state.elastic[j] * now.passed[i, j] * rate
+    if m < i:
+        return (
+            value + (now.carried[i, j] * now.give[m, j] + now.flat[m, j]) * rate - now.carried[i, j] * now.bend[m, j, 1]
+        )
+    value = value + (now.carried[i, j] * now.give[i, j] + now.flat[i, j]) * rate
+    if m == i:
+        value = value - now.carried[i, j] * now.bend[i, j, 0]
+    return value
+
+
+@part(inline=True)
+def friction_energy(coefficients, before, tendon_joints, state, now, grips, motor):
+    """Incremental potential of the holes at constant grips, and stretch at constant tensions at the motor; its size."""
+    zero = 0.0 * state.angle[0]
+    energy, magnitude = zero, zero
+    for j in range(tendon_joints.size):
+        count = tendon_joints[j]
+        for k in range(count):
+            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * (state.tension[j] - motor[j])
+            way = now.slips[k, j] + stretch - before.slips[k, j]
+            after = slide(before.states[k, j], way, coefficients[j, PRESLIDING])
+            term = grips[k, j] * work_per_grip(before.states[k, j], after, way, coefficients[j, PRESLIDING])
+            energy, magnitude = energy + term, magnitude + abs(term)
+    return energy, magnitude
+
+
+@part(inline=True)
+def friction_work(coefficients, before, tendon_joints, now):
+    """What the holes take up in a step, with the mean of the grips before and after it [N·mm]."""
+    work = 0.0 * now.slips[0, 0]
+    for j in range(tendon_joints.size):
+        for k in range(tendon_joints[j]):
+            way = now.slips[k, j] - before.slips[k, j]
+            per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
+            work = work + 0.5 * (before.grips[k, j] + now.grips[k, j]) * per_grip
+    return work
+
+
+@part(inline=True)
+def freeze(tendon_joints, state, now):
+    """Keep the present grips and tensions at the motor for the next line search."""
+    for j in range(tendon_joints.size):
+        now.frozen_tension[j] = state.tension[j]
+        for k in range(tendon_joints[j]):
+            now.frozen[k, j] = now.grips[k, j]
+
+
+@part
+def friction_of(law, lane):
+    """The coefficients of one lane."""
+    return FrictionLaw(law.tendons[lane], law.rolling[lane])
+
+
+@part
+def history_of(history, lane):
+    """What one lane remembers."""
+    return History(
+        history.states[lane], history.slips[lane], history.grips[lane], history.angles[lane], history.rolling[lane]
+    )
+
+
+@part
+def valid_friction(law, history):
+    """True when every number can be solved with: no NaN, nothing huge, no negative coefficient, states from -1 to 1."""
+    for j in range(law.tendons.shape[0]):
+        for column in range(N_COEFFICIENTS):
+            if not 0.0 <= law.tendons[j, column] <= LARGEST_INPUT:
+                return False
+        if not law.tendons[j, PRESLIDING] > 0.0:
+            return False
+    if not (0.0 <= law.rolling[ARM] <= LARGEST_INPUT and 0.0 < law.rolling[ROLLING_PRESLIDING] <= LARGEST_INPUT):
+        return False
+    for k in range(history.angles.size):
+        if not (resolvable(history.angles[k]) and abs(history.rolling[k]) <= 1.0):
+            return False
+        for j in range(law.tendons.shape[0]):
+            if not (resolvable(history.slips[k, j]) and resolvable(history.grips[k, j])):
+                return False
+            if not abs(history.states[k, j]) <= 1.0:
+                return False
+    return True

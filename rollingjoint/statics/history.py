@@ -1,0 +1,68 @@
+"""Histories of steps with friction: what a caller gives, checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import FrictionState
+from rollingjoint.mechanism import AnyMechanism, designs_of
+from rollingjoint.solution import Solution, virgin_state
+
+Start = ArrayLike | Solution | None
+"""Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
+
+History = Solution | FrictionState | None
+"""The equilibrium before a step with friction, what friction remembers of it, or None for no friction at all."""
+
+_ALLOWED = "an equilibrium or its friction_state"
+
+
+def start_of(start: Start, history: History) -> ArrayLike | None:
+    """The joint angles to start from: those of the history if there is no other start."""
+    if isinstance(start, Solution):
+        return start.joint_angles
+    if start is not None:
+        return start
+    return history.angles if isinstance(history, FrictionState) else getattr(history, "joint_angles", None)
+
+
+def checked_history(
+    mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: object, rows: int | None
+) -> FrictionState:
+    """What friction remembers, of one mechanism or of so many rows.
+
+    Raises:
+        InvalidInput: neither an equilibrium nor a FrictionState, or one of other numbers of rows, joints or tendons.
+    """
+    state = _state_of(mechanism, history)
+    one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
+    leading = () if rows is None else (rows,)
+    per_hole, per_joint = (*leading, one.n_joints, one.n_tendons), (*leading, one.n_joints)
+    arrays = [as_floats("history", array, "numbers") for array in state]
+    if rows is not None and np.ndim(state.angles) == 1:
+        arrays = [np.repeat(array[None], rows, axis=0) for array in arrays]
+    shapes = [array.shape for array in arrays]
+    if shapes != [per_hole, per_hole, per_hole, per_joint, per_joint]:
+        raise InvalidInput("shape of the history's states", shapes[0], f"{per_hole}, as of this mechanism")
+    return FrictionState(*arrays)
+
+
+def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: object) -> FrictionState:
+    """The state of a history; that of an equilibrium without friction in terms of the mechanism that takes the step."""
+    if isinstance(history, FrictionState):
+        return history
+    if not isinstance(history, Solution):
+        raise InvalidInput("history", history, _ALLOWED, "solve_tensions and solve_lengths return equilibria.")
+    if history.friction is not None:
+        return history.friction.state
+    one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
+    if (history.joint_angles.shape[-1], history.tensions.shape[-1]) != (one.n_joints, one.n_tendons):
+        allowed = f"that of a mechanism with {one.n_joints} joints and {one.n_tendons} tendons"
+        raise InvalidInput("history", history, allowed)
+    rows = history.joint_angles.shape[0] if history.joint_angles.ndim > 1 else 1
+    taking = mechanism if isinstance(mechanism, tuple) and len(mechanism) == rows else one
+    designs = designs_of(taking, rows)
+    return virgin_state(type(history)._begin_histories, taking, designs, history.tensions, history.joint_angles)
