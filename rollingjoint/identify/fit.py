@@ -144,8 +144,8 @@ def fit(model: Model) -> Fit:
     return found
 
 
-def minimise(model: Model, start: Array, free: NDArray[np.bool_]) -> Array:
-    """The best values, those that are not free held at the start, (p,)."""
+def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: float = 1e-12) -> Array:
+    """The best values, those that are not free held at the start, (p,), their cost right to the relative tolerance."""
     from scipy.optimize import least_squares
 
     def full(part: Array) -> Array:
@@ -163,9 +163,9 @@ def minimise(model: Model, start: Array, free: NDArray[np.bool_]) -> Array:
         lambda part: model.jacobian(full(part))[:, free],
         bounds=(low, high),
         x_scale="jac",
-        ftol=1e-12,
-        xtol=1e-10,
-        gtol=1e-12,
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
         max_nfev=100,
     )
     return _on_bounds(model, full(found.x), free)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from rollingjoint.errors import MechanismError
 from rollingjoint.identify.measurements import Measurements, Run
+from rollingjoint.identify.lengths import NearestLengths
 from rollingjoint.identify.parameters import Coefficient, values_in_run, varied
-from rollingjoint.identify.path import follow, rates_along
+from rollingjoint.identify.path import Reached, follow, has_closed_rates, rates_along
 from rollingjoint.identify.reading import reading, reading_rates
 
 Array = NDArray[np.float64]
 
+SMALLEST_MU = 1e-7  # where the derivative at no friction at all is taken
 _FAR = 1e3  # standard deviations that every reading is off where there is no equilibrium
 
 
@@ -85,9 +87,16 @@ class Model:
         return np.concatenate([self._predictions(run, values) for run in self.measurements.runs])
 
     def equilibria(self, run: Run, values: Array) -> list[Any]:
-        """The equilibria of a run."""
-        here = self._here(run, values)
-        return follow(self.measurements, run, varied(self.measurements.mechanism, here), here["offsets"])
+        """The equilibria of the steps of a run."""
+        return [equilibrium for equilibrium, read in self._path(run, self._here(run, values)) if read]
+
+    @cached_property
+    def _nearest(self) -> NearestLengths:
+        return NearestLengths()
+
+    def _path(self, run: Run, here: dict[str, Any]) -> list[Reached]:
+        mechanism = varied(self.measurements.mechanism, here)
+        return follow(self.measurements, run, mechanism, here["offsets"], self._nearest)
 
     def _here(self, run: Run, values: Array) -> dict[str, Any]:
         return values_in_run(self.coefficients, values, run.name, self.measurements.mechanism)
@@ -116,18 +125,26 @@ class Model:
 
     def _column(self, coefficient: Coefficient) -> int | None:
         """The column of the closed slopes that a coefficient has; None: only differences will do."""
-        m, fitted_lengths = self.measurements.mechanism.n_tendons, self.measurements.method == "least_squares"
+        m = self.measurements.mechanism.n_tendons
         if coefficient.name == "base_angle":
             return -1
-        if self.measurements.given == "lengths" and fitted_lengths:
+        if not self._closed:
             return None
-        return {"offsets": coefficient.tendon, "stiffness": m}.get(coefficient.name)
+        return {"offsets": coefficient.tendon, "stiffness": m, "mu": m + 1}.get(coefficient.name)
+
+    @property
+    def _closed(self) -> bool:
+        """Whether equilibria have derivatives in closed form, by the parameters that have any."""
+        searched = self.measurements.given == "lengths" and self.measurements.method == "least_squares"
+        return not searched and has_closed_rates(self.measurements.mechanism)
 
     def _closed_slopes(self, run: Run, values: Array) -> Array:
         """Derivatives that follow from the equilibria, (steps, M, columns)."""
-        here, equilibria = self._here(run, values), self.equilibria(run, values)
-        rates = rates_along(equilibria, here)
-        return np.array([reading_rates(*pair, here) for pair in zip(equilibria, rates, strict=True)])
+        here = self._here(run, values)
+        here["mu"] = max(here["mu"], SMALLEST_MU)
+        path = self._path(run, here)
+        pairs = zip(path, rates_along(path, here), strict=True)
+        return np.array([reading_rates(reached.equilibrium, rates, here) for reached, rates in pairs if reached.read])
 
     def _difference(self, run: Run, values: Array, place: int) -> Array:
         """Central differences of the predictions, (steps, M)."""

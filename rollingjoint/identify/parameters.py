@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING, CapstanFriction
 from rollingjoint.identify.measurements import Measurements
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import Link, RollingChain
@@ -47,6 +48,10 @@ class Kind:
 
 
 KINDS = {
+    "mu": Kind("coefficient of friction of the tendons", "", 0.0, 0.05, 0.0, LARGEST_MU, 1e-5),
+    "presliding": Kind(
+        "slip over which friction builds up", "mm", CapstanFriction(0.0).presliding, 0.05, SMALLEST_PRESLIDING, 1.0, 1e-4
+    ),
     "stiffness": Kind("factor on the stiffness of all tendons", "", 1.0, 1.0, 0.05, 20.0, 1e-4),
     "offsets": Kind("what each tendon's true length is above its reading", "mm", 0.0, 0.0, -20.0, 20.0, 1e-3, True),
     "base_angle": Kind(
@@ -89,6 +94,8 @@ class Coefficient:
 
     def nominal(self, mechanism: AnyMechanism) -> float:
         """The value of the mechanism as designed."""
+        if self.name in ("mu", "presliding") and mechanism.friction is not None:
+            return float(getattr(mechanism.friction, self.name))
         return self.kind.nominal
 
     @property
@@ -113,6 +120,9 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
             raise InvalidInput("parameters", word, f"{name}, or {name}{PER_RUN} for one value per run")
         if any(other.name == name for other in found):
             raise InvalidInput("parameters", word, "every name once")
+        if name in ("mu", "presliding") and any(tendon.friction for tendon in measurements.mechanism.tendons):
+            hint = "Give the mechanism a friction, and its tendons none."
+            raise InvalidInput("parameters", word, "a mechanism whose tendons have no friction of their own", hint)
         if KINDS[name].planar and not isinstance(measurements.mechanism, RollingChain):
             raise InvalidInput("parameters", word, "parameters of arms, without " + name, "Only planar chains have it.")
         tendons = range(measurements.mechanism.n_tendons) if KINDS[name].per_tendon else (None,)
@@ -141,6 +151,10 @@ def values_in_run(
 def varied(mechanism: AnyMechanism, values: Mapping[str, Any]) -> AnyMechanism:
     """The mechanism with these values; those of commands and frames are no part of it."""
     changes: dict[str, Any] = {}
+    friction = mechanism.friction or CapstanFriction(0.0)
+    rubbing = dataclasses.replace(friction, mu=values["mu"], presliding=values["presliding"])
+    if rubbing != friction:
+        changes["friction"] = rubbing
     if values["stiffness"] != 1.0:
         changes["tendons"] = [
             dataclasses.replace(tendon, stiffness=values["stiffness"] * tendon.stiffness)

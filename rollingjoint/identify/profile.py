@@ -16,7 +16,8 @@ from rollingjoint.identify.fit import Fit, minimise
 
 Array = NDArray[np.float64]
 
-_POINTS = 21
+_POINTS = 11
+_TOLERANCE = 1e-7  # of a sum of squares
 _ROOM = 1.3  # of the interval's half-widths that a curve shows
 
 
@@ -39,6 +40,20 @@ class Profile:
     bounded: tuple[bool, bool]
 
 
+def linear_profile(fit: Fit, place: int, confidence: float) -> Profile:
+    """The profile of one coefficient if the model were linear: much faster, and right where intervals are small."""
+    low, high = (float(bound) for bound in fit.model.bounds[:, place])
+    threshold, best = _threshold(fit, confidence), float(fit.values[place])
+    if not _known(fit, place):
+        return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
+    spread = math.sqrt(_inflation(fit, place) * float(fit.variances[place]))
+    ends = best - math.sqrt(threshold) * spread, best + math.sqrt(threshold) * spread
+    first, last = max(best - _ROOM * (best - ends[0]), low), min(best + _ROOM * (ends[1] - best), high)
+    values = np.linspace(first, last, _POINTS)
+    interval = max(ends[0], low), min(ends[1], high)
+    return Profile(values, ((values - best) / spread) ** 2, threshold, interval, (ends[0] > low, ends[1] < high))
+
+
 def profile(fit: Fit, place: int, confidence: float) -> Profile:
     """The profile of one coefficient.
 
@@ -48,9 +63,9 @@ def profile(fit: Fit, place: int, confidence: float) -> Profile:
     """
     low, high = (float(bound) for bound in fit.model.bounds[:, place])
     threshold = _threshold(fit, confidence)
-    if not fit.determined[place] or not math.isfinite(fit.inflations[place]):
+    if not _known(fit, place):
         return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
-    inflation = 1.0 if fit.model.measurements.absolute else float(fit.inflations[place])
+    inflation = _inflation(fit, place)
     width = math.sqrt(threshold * inflation * float(fit.variances[place]))
     deviance = _Deviance(fit, place, fit.scale * inflation)
     best = float(fit.values[place])
@@ -59,6 +74,16 @@ def profile(fit: Fit, place: int, confidence: float) -> Profile:
     first, last = max(best - _ROOM * (best - lower), low), min(best + _ROOM * (upper - best), high)
     values = np.union1d(np.linspace(first, last, _POINTS), [best])
     return Profile(values, np.array([deviance(v) for v in values]), threshold, (lower, upper), (left, right))
+
+
+def _known(fit: Fit, place: int) -> bool:
+    """Whether the data say anything about a coefficient, and more than one step of them."""
+    return bool(fit.determined[place]) and math.isfinite(_inflation(fit, place))
+
+
+def _inflation(fit: Fit, place: int) -> float:
+    """What the variance is multiplied by, since the readings of a step share their causes."""
+    return 1.0 if fit.model.measurements.absolute else float(fit.inflations[place])
 
 
 class _Deviance:
@@ -73,7 +98,7 @@ class _Deviance:
     def __call__(self, value: float) -> float:
         nearest = min(self._known, key=lambda values: abs(values[self._place] - value)).copy()
         nearest[self._place] = value
-        values = minimise(self._fit.model, nearest, self._free)
+        values = minimise(self._fit.model, nearest, self._free, _TOLERANCE)
         self._known.append(values)
         return float(np.sum(self._fit.model.residuals(values) ** 2) - self._fit.cost) / self._scale
 
@@ -92,7 +117,7 @@ def _end(deviance: Callable[[float], float], best: float, width: float, bound: f
         inside, step = outside, 1.6 * step
     if outside == inside:
         return bound, False
-    root = brentq(lambda v: deviance(v) - threshold, inside, outside, xtol=1e-4 * abs(width), rtol=1e-9)
+    root = brentq(lambda v: deviance(v) - threshold, inside, outside, xtol=1e-3 * abs(width), rtol=1e-9)
     return float(root), True
 
 
