@@ -12,6 +12,7 @@ Modules:
     model: what would be read at given parameters, and its derivatives.
     parameters: what can be identified.
     path: the equilibria of a run, and their derivatives.
+    pictures: profiles, residuals and poses as pictures.
     profile: profiles of a fit, and intervals.
     ranges: ranges for domain randomisation.
     reading: what would be read at an equilibrium.

@@ -1,6 +1,6 @@
 """Least-squares fits of a model, and what the data cannot tell.
 
-Source: A. C. Cameron and D. L. Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015, sec. VI (the jackknife).
+Source: A. C. Cameron and D. L. Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015, sec. VI: jackknife.
 """
 
 from __future__ import annotations

@@ -36,10 +36,8 @@ class NearestLengths:
 
     _known: dict[Hashable, tuple[Array, Array]] = field(default_factory=dict)
 
-    def solve(
-        self, mechanism: AnyMechanism, lengths: Array, loads: Sequence[Load], history: Any, key: Hashable
-    ) -> Any:
-        """The equilibrium whose lengths are nearest; Status.NOT_CONVERGED where there is none among positive tensions."""
+    def solve(self, mechanism: AnyMechanism, lengths: Array, loads: Sequence[Load], history: Any, key: Hashable) -> Any:
+        """The equilibrium whose lengths are nearest; Status.NOT_CONVERGED where positive tensions give none."""
 
         def at(logs: Array) -> tuple[Any, Array | None]:
             """The equilibrium and the gradient of half the sum of squares."""

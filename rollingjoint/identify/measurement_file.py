@@ -59,7 +59,9 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
         options["deviations"] = {key: number(f"{source}: deviations.{key}", value) for key, value in given.items()}
     options |= {key: text(f"{source}: {key}", top[key]) for key in ("about", "source") if key in top}
     with located(source):
-        return Measurements(mechanism, [_run(source, str(name), steps, mechanism) for name, steps in runs.items()], **options)
+        return Measurements(
+            mechanism, [_run(source, str(name), steps, mechanism) for name, steps in runs.items()], **options
+        )
 
 
 def _mechanism(where: str, value: object, folder: Path) -> AnyMechanism:
@@ -96,7 +98,9 @@ def _shape(where: str, step: Mapping[str, Any], mechanism: AnyMechanism) -> dict
         return {}
     dimension, n = family_of(mechanism).dimension, mechanism.n_links
     if there == ["tip"]:
-        return {"positions": np.vstack([np.full((n - 1, dimension), np.nan), _row(f"{where}.tip", step["tip"], dimension)])}
+        return {
+            "positions": np.vstack([np.full((n - 1, dimension), np.nan), _row(f"{where}.tip", step["tip"], dimension)])
+        }
     key = there[0]
     if key == "poses" and dimension == 3:
         raise ConfigError(f"{where}.poses", step[key], "positions or tip, for an arm")

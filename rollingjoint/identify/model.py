@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import MechanismError
-from rollingjoint.identify.measurements import Measurements, Run
 from rollingjoint.identify.lengths import NearestLengths
+from rollingjoint.identify.measurements import Measurements, Run
 from rollingjoint.identify.parameters import Coefficient, values_in_run, varied
 from rollingjoint.identify.path import Reached, follow, has_closed_rates, rates_along
 from rollingjoint.identify.reading import reading, reading_rates
@@ -88,7 +88,7 @@ class Model:
 
     def equilibria(self, run: Run, values: Array) -> list[Any]:
         """The equilibria of the steps of a run."""
-        return [equilibrium for equilibrium, read in self._path(run, self._here(run, values)) if read]
+        return [equilibrium for equilibrium, read in self._path(run, self.values_in(run, values)) if read]
 
     @cached_property
     def _nearest(self) -> NearestLengths:
@@ -98,11 +98,12 @@ class Model:
         mechanism = varied(self.measurements.mechanism, here)
         return follow(self.measurements, run, mechanism, here["offsets"], self._nearest)
 
-    def _here(self, run: Run, values: Array) -> dict[str, Any]:
+    def values_in(self, run: Run, values: Array) -> dict[str, Any]:
+        """The value of every kind of parameter in a run."""
         return values_in_run(self.coefficients, values, run.name, self.measurements.mechanism)
 
     def _predictions(self, run: Run, values: Array) -> Array:
-        here, found = self._here(run, values), np.full((len(run.steps), self.readings.shape[1]), np.nan)
+        here, found = self.values_in(run, values), np.full((len(run.steps), self.readings.shape[1]), np.nan)
         try:
             equilibria = self.equilibria(run, values)
         except MechanismError:  # surfaces that cannot roll on each other
@@ -140,7 +141,7 @@ class Model:
 
     def _closed_slopes(self, run: Run, values: Array) -> Array:
         """Derivatives that follow from the equilibria, (steps, M, columns)."""
-        here = self._here(run, values)
+        here = self.values_in(run, values)
         here["mu"] = max(here["mu"], SMALLEST_MU)
         path = self._path(run, here)
         pairs = zip(path, rates_along(path, here), strict=True)

@@ -50,7 +50,13 @@ class Kind:
 KINDS = {
     "mu": Kind("coefficient of friction of the tendons", "", 0.0, 0.05, 0.0, LARGEST_MU, 1e-5),
     "presliding": Kind(
-        "slip over which friction builds up", "mm", CapstanFriction(0.0).presliding, 0.05, SMALLEST_PRESLIDING, 1.0, 1e-4
+        "slip over which friction builds up",
+        "mm",
+        CapstanFriction(0.0).presliding,
+        0.05,
+        SMALLEST_PRESLIDING,
+        1.0,
+        1e-4,
     ),
     "stiffness": Kind("factor on the stiffness of all tendons", "", 1.0, 1.0, 0.05, 20.0, 1e-4),
     "offsets": Kind("what each tendon's true length is above its reading", "mm", 0.0, 0.0, -20.0, 20.0, 1e-3, True),
@@ -134,7 +140,7 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
 def values_in_run(
     coefficients: Sequence[Coefficient], values: Array, run: str, mechanism: AnyMechanism
 ) -> dict[str, Any]:
-    """Value of every kind in a run: a number, or (m,) where every tendon has its own; nominal where it is not sought."""
+    """Value of every kind in a run, a number or (m,), one per tendon; nominal where it is not sought."""
     found: dict[str, Any] = {
         name: np.full(mechanism.n_tendons, kind.nominal) if kind.per_tendon else Coefficient(name).nominal(mechanism)
         for name, kind in KINDS.items()
@@ -162,7 +168,9 @@ def varied(mechanism: AnyMechanism, values: Mapping[str, Any]) -> AnyMechanism:
         ]
     move = values["surface_shift"] / 2, values["surface_height"] / 2, values["surface_turn"] / 2
     if any(move):
-        changes["links"] = [Link(_moved(link.parent, move, -1), _moved(link.child, move, 1)) for link in mechanism.links]
+        changes["links"] = [
+            Link(_moved(link.parent, move, -1), _moved(link.child, move, 1)) for link in mechanism.links
+        ]
     return mechanism.replace(**changes) if changes else mechanism
 
 

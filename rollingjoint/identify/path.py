@@ -84,8 +84,8 @@ def rates_along(path: Sequence[Reached], here: Mapping[str, Any]) -> list[Rates]
     """Derivatives of every equilibrium of a path, of elastic tendons or under given tensions.
 
     By the implicit function theorem in every step: dphi = -A⁻¹ dr with the residual r and its Jacobian A of
-    docs/theory.md, sections 4 and 9; friction states and slips carry their derivatives to the next step. One-sided where
-    a hole is about to slip.
+    docs/theory.md, sections 4 and 9; friction states and slips carry their derivatives to the next step. One-sided
+    where a hole is about to slip.
     """
     found: list[Rates] = []
     carried: Array | None = None

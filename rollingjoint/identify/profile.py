@@ -103,7 +103,9 @@ class _Deviance:
         return float(np.sum(self._fit.model.residuals(values) ** 2) - self._fit.cost) / self._scale
 
 
-def _end(deviance: Callable[[float], float], best: float, width: float, bound: float, threshold: float) -> tuple[float, bool]:
+def _end(
+    deviance: Callable[[float], float], best: float, width: float, bound: float, threshold: float
+) -> tuple[float, bool]:
     """Where the deviance reaches the threshold on one side of the best value, and whether it does before the bound."""
     from scipy.optimize import brentq
 

@@ -70,8 +70,8 @@ def _heading(found: Findings) -> str:
     numbers = len(found.together.fit.residuals)
     method = f" ({measurements.method})" if measurements.given == "lengths" else ""
     return (
-        f"{measurements.mechanism.name}: {_count(runs, 'run')}, {_count(steps, 'step')}, given {measurements.given}{method};"
-        f" {numbers} numbers fitted ({', '.join(found.quantities)})"
+        f"{measurements.mechanism.name}: {_count(runs, 'run')}, {_count(steps, 'step')}, given"
+        f" {measurements.given}{method}; {numbers} numbers fitted ({', '.join(found.quantities)})"
     )
 
 
@@ -128,7 +128,8 @@ def _errors(found: Findings, quantity: str) -> str:
     if len(runs) > 1:
         runs.append(None)
     rows = [
-        [run or "all", *(found.errors(quantity, which, run).text(quantity) for which in found.deviations)] for run in runs
+        [run or "all", *(found.errors(quantity, which, run).text(quantity) for which in found.deviations)]
+        for run in runs
     ]
     title = f"errors of {quantity} [{QUANTITIES[quantity]}]: {kinds}"
     return f"{title}\n{text_table(['run', *(_COLUMNS[which] for which in found.deviations)], rows)}"
