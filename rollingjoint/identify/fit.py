@@ -120,7 +120,7 @@ class Fit:
     def _covariance(self) -> Array:
         """Covariance of the determined coefficients for residuals of variance 1."""
         J = self.jacobian[:, self.determined]
-        return np.linalg.inv(J.T @ J) if J.shape[1] else np.empty((0, 0))
+        return np.asarray(np.linalg.inv(J.T @ J)) if J.shape[1] else np.empty((0, 0))
 
     def _spread(self, numbers: Array) -> Array:
         """Numbers of the determined coefficients in the place of each, NaN elsewhere, (p,)."""

@@ -126,7 +126,7 @@ def _input(where: str, content: object) -> Input:
         raise ConfigError(where, content, "either tensions or lengths, such as {tensions: [3, 3]}")
     name, values = next(iter(given.items()))
     with located(where):
-        return Input(name, numbers(f"{where}.{name}", values))
+        return Input(name, tuple(numbers(f"{where}.{name}", values)))
 
 
 def _force(where: str, content: object, mechanism: AnyMechanism) -> WorldForce:
@@ -135,4 +135,5 @@ def _force(where: str, content: object, mechanism: AnyMechanism) -> WorldForce:
     if len(values) != dimension + 1:
         raise ConfigError(where, content, f"a link and {dimension} numbers [N], such as [-1{', 0.5' * dimension}]")
     link = as_integer(f"{where}[0]", values[0], -n, n - 1, error=ConfigError)
-    return WorldForce(link, tuple(numbers(where, values[1:])))
+    force: Any = tuple(numbers(where, values[1:]))
+    return WorldForce(link, force)

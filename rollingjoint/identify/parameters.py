@@ -15,7 +15,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING, CapstanFriction
 from rollingjoint.identify.measurements import Measurements
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import Link, RollingChain
+from rollingjoint.planar.chain import Link, RollingChain, planar
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
@@ -169,7 +169,7 @@ def varied(mechanism: AnyMechanism, values: Mapping[str, Any]) -> AnyMechanism:
     move = values["surface_shift"] / 2, values["surface_height"] / 2, values["surface_turn"] / 2
     if any(move):
         changes["links"] = [
-            Link(_moved(link.parent, move, -1), _moved(link.child, move, 1)) for link in mechanism.links
+            Link(_moved(link.parent, move, -1), _moved(link.child, move, 1)) for link in planar(mechanism).links
         ]
     return mechanism.replace(**changes) if changes else mechanism
 
