@@ -19,7 +19,7 @@ from rollingjoint.identify.reading import reading, reading_rates
 
 Array = NDArray[np.float64]
 
-SMALLEST_MU = 1e-7  # where the derivative at no friction at all is taken
+_SMALLEST_MU = 1e-7  # where the derivative at no friction at all is taken
 _FAR = 1e3  # standard deviations that every reading is off where there is no equilibrium
 
 
@@ -142,7 +142,8 @@ class Model:
     def _closed_slopes(self, run: Run, values: Array) -> Array:
         """Derivatives that follow from the equilibria, (steps, M, columns)."""
         here = self.values_in(run, values)
-        here["mu"] = max(here["mu"], SMALLEST_MU)
+        if any(each.name == "mu" for each in self.coefficients):
+            here["mu"] = max(here["mu"], _SMALLEST_MU)
         path = self._path(run, here)
         pairs = zip(path, rates_along(path, here), strict=True)
         return np.array([reading_rates(reached.equilibrium, rates, here) for reached, rates in pairs if reached.read])

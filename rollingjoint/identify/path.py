@@ -90,8 +90,12 @@ def rates_along(path: Sequence[Reached], here: Mapping[str, Any]) -> list[Rates]
     found: list[Rates] = []
     carried: Array | None = None
     for equilibrium, _ in path:
-        rates = _rates(equilibrium, here, carried)
-        carried = _carried(equilibrium, rates, carried)
+        if equilibrium.ok:
+            rates = _rates(equilibrium, here, carried)
+            carried = _carried(equilibrium, rates, carried)
+        else:  # nothing to differentiate
+            n_joints, n_tendons = equilibrium.tendon_rates.shape
+            rates = Rates(np.zeros((n_joints, n_tendons + 2)), np.zeros((n_tendons, n_tendons + 2)))
         found.append(rates)
     return found
 
