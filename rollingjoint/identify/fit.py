@@ -70,7 +70,7 @@ class Fit:
     @cached_property
     def tangled(self) -> list[list[int]]:
         """Groups of coefficients whose effects on the readings cancel: the data cannot tell them apart."""
-        heard = np.flatnonzero(~self.silent)
+        heard = np.flatnonzero(~self.silent & self.jacobian.any(axis=0))
         J = self.jacobian[:, heard] / np.linalg.norm(self.jacobian[:, heard], axis=0)
         _, sizes, directions = np.linalg.svd(J, full_matrices=len(J) < len(heard))
         sizes = np.pad(sizes, (0, len(directions) - len(sizes)))
@@ -80,7 +80,7 @@ class Fit:
     @cached_property
     def determined(self) -> NDArray[np.bool_]:
         """(p,) whether a coefficient has an effect of its own on the readings."""
-        alone = ~self.silent
+        alone = ~self.silent & self.jacobian.any(axis=0)
         alone[[place for group in self.tangled for place in group]] = False
         return alone
 

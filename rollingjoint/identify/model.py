@@ -14,7 +14,7 @@ from rollingjoint.errors import MechanismError
 from rollingjoint.identify.lengths import NearestLengths
 from rollingjoint.identify.measurements import Measurements, Run
 from rollingjoint.identify.parameters import Coefficient, values_in_run, varied
-from rollingjoint.identify.path import Reached, follow, has_closed_rates, rates_along
+from rollingjoint.identify.path import Reached, follow, rates_along
 from rollingjoint.identify.reading import reading, reading_rates
 
 Array = NDArray[np.float64]
@@ -137,7 +137,15 @@ class Model:
     def _closed(self) -> bool:
         """Whether equilibria have derivatives in closed form, by the parameters that have any."""
         searched = self.measurements.given == "lengths" and self.measurements.method == "least_squares"
-        return not searched and has_closed_rates(self.measurements.mechanism)
+        other = [name for name in ("constant", "rolling") if self._occurs(name)]  # rates_along lacks their terms
+        return not searched and not other
+
+    def _occurs(self, name: str) -> bool:
+        """Whether a coefficient of friction is sought or is not zero."""
+        mechanism = self.measurements.mechanism
+        frictions = [mechanism.friction, *(getattr(tendon, "friction", None) for tendon in mechanism.tendons)]
+        given = any(each is not None and getattr(each, name) for each in frictions)
+        return given or any(each.name == name for each in self.coefficients)
 
     def _closed_slopes(self, run: Run, values: Array) -> Array:
         """Derivatives that follow from the equilibria, (steps, M, columns)."""
@@ -149,7 +157,8 @@ class Model:
         return np.array([reading_rates(reached.equilibrium, rates, here) for reached, rates in pairs if reached.read])
 
     def _difference(self, run: Run, values: Array, place: int) -> Array:
-        """Central differences of the predictions, (steps, M)."""
-        step = np.zeros_like(values)
-        step[place] = self.coefficients[place].kind.step
-        return (self._predictions(run, values + step) - self._predictions(run, values - step)) / (2 * step[place])
+        """Differences of the predictions, (steps, M): central ones, or one-sided at the end of the range."""
+        low, high = self.coefficients[place].bounds
+        ends = np.clip(values[place] + np.array([-1.0, 1.0]) * self.coefficients[place].kind.step, low, high)
+        below, above = (np.where(np.arange(len(values)) == place, end, values) for end in ends)
+        return (self._predictions(run, above) - self._predictions(run, below)) / np.ptp(ends)

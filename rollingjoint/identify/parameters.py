@@ -58,6 +58,8 @@ KINDS = {
         1.0,
         1e-4,
     ),
+    "constant": Kind("friction force that every link adds", "N", 0.0, 0.02, 0.0, 10.0, 1e-4),
+    "rolling": Kind("arm of the rolling resistance", "mm", 0.0, 0.05, 0.0, 2.0, 1e-4, planar=True),
     "stiffness": Kind("factor on the stiffness of all tendons", "", 1.0, 1.0, 0.05, 20.0, 1e-4),
     "offsets": Kind("what each tendon's true length is above its reading", "mm", 0.0, 0.0, -20.0, 20.0, 1e-3, True),
     "base_angle": Kind(
@@ -74,6 +76,9 @@ KINDS = {
     ),
 }
 """All kinds, by name."""
+
+FRICTION = ("mu", "presliding", "constant", "rolling")
+"""The kinds that are fields of CapstanFriction."""
 
 PER_RUN = ":run"
 """Added to a name: every run has a value of its own."""
@@ -100,7 +105,7 @@ class Coefficient:
 
     def nominal(self, mechanism: AnyMechanism) -> float:
         """The value of the mechanism as designed."""
-        if self.name in ("mu", "presliding") and mechanism.friction is not None:
+        if self.name in FRICTION and mechanism.friction is not None:
             return float(getattr(mechanism.friction, self.name))
         return self.kind.nominal
 
@@ -126,7 +131,7 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
             raise InvalidInput("parameters", word, f"{name}, or {name}{PER_RUN} for one value per run")
         if any(other.name == name for other in found):
             raise InvalidInput("parameters", word, "every name once")
-        if name in ("mu", "presliding") and any(tendon.friction for tendon in measurements.mechanism.tendons):
+        if name in FRICTION and any(tendon.friction for tendon in measurements.mechanism.tendons):
             hint = "Give the mechanism a friction, and its tendons none."
             raise InvalidInput("parameters", word, "a mechanism whose tendons have no friction of their own", hint)
         if KINDS[name].planar and not isinstance(measurements.mechanism, RollingChain):
@@ -158,7 +163,7 @@ def varied(mechanism: AnyMechanism, values: Mapping[str, Any]) -> AnyMechanism:
     """The mechanism with these values; those of commands and frames are no part of it."""
     changes: dict[str, Any] = {}
     friction = mechanism.friction or CapstanFriction(0.0)
-    rubbing = dataclasses.replace(friction, mu=values["mu"], presliding=values["presliding"])
+    rubbing = dataclasses.replace(friction, **{name: values[name] for name in FRICTION})
     if rubbing != friction:
         changes["friction"] = rubbing
     if values["stiffness"] != 1.0:

@@ -74,12 +74,6 @@ class _Solve(NamedTuple):
         return solve_lengths(self.mechanism, lengths, self.step.forces, tension_limits=limits, history=history)
 
 
-def has_closed_rates(mechanism: AnyMechanism) -> bool:
-    """Whether rates_along has all terms: those of mu and compliance, but not of other kinds of friction."""
-    frictions = [each for each in (mechanism.friction, *(tendon.friction for tendon in mechanism.tendons)) if each]
-    return not any(each.constant or each.rolling for each in frictions)
-
-
 def rates_along(path: Sequence[Reached], here: Mapping[str, Any]) -> list[Rates]:
     """Derivatives of every equilibrium of a path, of elastic tendons or under given tensions.
 
