@@ -6,6 +6,8 @@ what this prints. --quick leaves out the tables of other explanations.
 """
 
 import argparse
+import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -14,7 +16,9 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot
 
-from rollingjoint.identify import Identification, Measurements, identify, load_measurements
+import rollingjoint as rj
+from rollingjoint.identify import Identification, Input, Measurements, Run, Step, identify, load_measurements
+from rollingjoint.identify.fit import Fit
 from rollingjoint.identify.pictures import save_pictures
 from rollingjoint.plotting import PALETTE, save_figure
 from rollingjoint.tables import text_table
@@ -53,6 +57,8 @@ def main(argv: list[str] | None = None) -> None:
     for (poses, given), tried in found.items():
         print(f"== {poses} poses, {given} given: mean error of the last link in A and B [mm]")
         print(table(tried, PAPER[given]), end="\n\n")
+    for poses, measurements in runs.items():
+        print(f"== {poses} poses: what rests on assumptions\n{assumptions(measurements)}\n")
     print(f"wrote {save_figure(draw(found), args.out / 'fidelity.png', dpi=100)}")
 
 
@@ -77,6 +83,55 @@ def table(tried: dict[str, Identification], paper: float) -> str:
     return text_table(head, rows, left=2) + f"\nthe paper, on other measurements: {paper:.2f}"
 
 
+def assumptions(measurements: Measurements) -> str:
+    """What another way to the poses, another criterion and another reading of the lengths would give."""
+    rows = []
+    for way, change in (("from equal tensions", lambda step: step), ("from beyond", from_beyond)):
+        found = identify(changed(measurements, change), ["mu"], intervals="linear")
+        for run, alone in found.alone.items():
+            nearly = nearly_best(alone.fit)
+            rows.append([run, way, f"{alone.values[0]:.3f}", f"{rms(found, 'alone', run):.3f}", nearly])
+    head = ["run", "approached", "mu alone", "rms [mm]", "mu within 5 % of the best rms"]
+    through = changed(measurements, through_poses).input_given("lengths", "least_squares")
+    apart = [np.subtract(a.lengths, b.lengths) for a, b in zip(steps_of(through), steps_of(measurements), strict=True)]
+    errors = last_links(identify(through, ["offsets"], intervals="linear"), "nominal")
+    return (
+        f"{text_table(head, rows, left=2)}\n"
+        f"tendons drawn through the poses are {np.min(apart):.2f} to {np.max(apart):.2f} mm longer than the lengths;\n"
+        f"with their lengths, nominal last links are {pair(errors)} mm off"
+    )
+
+
+def steps_of(measurements: Measurements) -> list[Step]:
+    return [step for run in measurements.runs for step in run.steps]
+
+
+def changed(measurements: Measurements, change: Callable[[Step], Step]) -> Measurements:
+    """The measurements with other steps."""
+    runs = [Run(run.name, [change(step) for step in run.steps]) for run in measurements.runs]
+    return dataclasses.replace(measurements, runs=runs)
+
+
+def from_beyond(step: Step) -> Step:
+    """The step approached from the square of its ratio of tensions."""
+    tensions = np.array(step.tensions)
+    return dataclasses.replace(step, approach=[Input("tensions", tuple(tensions**2 / tensions.min()))])
+
+
+def through_poses(step: Step) -> Step:
+    """The step with the lengths of the model's tendons drawn through the measured poses."""
+    lines = rj.five_link().tendon_polyline(np.column_stack([step.positions, step.angles]))
+    return dataclasses.replace(step, lengths=[np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines])
+
+
+def nearly_best(fit: Fit) -> str:
+    """The range of mu whose root mean square error is within 5 % of the best."""
+    tried = np.linspace(0.0, 0.12, 121)
+    costs = np.array([np.sum(fit.model.residuals(np.array([mu])) ** 2) for mu in tried])
+    inside = tried[np.sqrt(costs) < 1.05 * np.sqrt(fit.cost)]
+    return f"{inside.min():.3f} to {inside.max():.3f}"
+
+
 def values(found: Identification) -> str:
     return ", ".join(f"{value:.3f}" for value in found.values.values())
 
@@ -85,9 +140,9 @@ def pair(numbers: list[float]) -> str:
     return ", ".join(f"{number:.2f}" for number in numbers)
 
 
-def rms(found: Identification, which: str) -> float:
+def rms(found: Identification, which: str, run: str | None = None) -> float:
     """Root mean square error of all links [mm]."""
-    table = found.deviations[which][:, found.measurements.columns("position")]
+    table = found.deviations[which][found.rows(run), found.measurements.columns("position")]
     return float(np.sqrt(2 * np.nanmean(table**2)))
 
 
@@ -104,7 +159,14 @@ def draw(found: dict[tuple[str, str], dict[str, Identification]]) -> pyplot.Figu
         ax.bar(place - 0.2, fitted, 0.38, color=PALETTE[0], label="both runs fitted (none: nothing fitted)")
         ax.bar(place + 0.2, predicted, 0.38, color=PALETTE[1], label="each run from the other")
         ax.axhline(PAPER[given], color="black", linestyle=":", label="the paper, other measurements")
-        ax.set_xticks(place, [label.replace(",", ",\n") for label in labels], fontsize=7, rotation=45)
+        ax.set_xticks(
+            place,
+            [label.replace(",", ",\n") for label in labels],
+            fontsize=7,
+            rotation=35,
+            ha="right",
+            rotation_mode="anchor",
+        )
         ax.set_title(f"{poses} poses, {given} given", fontsize=10)
     for ax in axes[:, 0]:
         ax.set_ylabel("mean error of the last link [mm]")

@@ -69,7 +69,14 @@ KINDS = {
         "excess height of every link, half of it on each surface", "mm", 0.0, 0.0, -2.0, 2.0, 1e-3, planar=True
     ),
     "surface_shift": Kind(
-        "shift of every child surface along x, half of it on each surface", "mm", 0.0, 0.0, -2.0, 2.0, 1e-3, planar=True
+        "sideways shift of every child surface, half of it on each surface",
+        "mm",
+        0.0,
+        0.0,
+        -2.0,
+        2.0,
+        1e-3,
+        planar=True,
     ),
     "surface_turn": Kind(
         "turn of every child surface, half of it on each surface", "rad", 0.0, 0.0, -0.2, 0.2, 1e-4, planar=True

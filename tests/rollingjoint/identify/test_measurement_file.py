@@ -1,5 +1,6 @@
 """Measurement files: what they hold, and one line for everything that is wrong in them."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,14 @@ import pytest
 import yaml
 
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.identify import Input, load_measurements, measurements_from_dict
+from rollingjoint.identify import KINDS, Input, load_measurements, measurements_from_dict
+from rollingjoint.identify.measurement_file import KEYS
 from rollingjoint.load import WorldForce
+from tests.pages import rows
 
-DATA = Path(__file__).parents[3] / "examples" / "data"
+ROOT = Path(__file__).parents[3]
+DATA = ROOT / "examples" / "data"
+PAGE = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
 
 ONE = """
 mechanism: five_link
@@ -75,7 +80,7 @@ def test_what_is_wrong_is_said_in_one_line(old, new, message, tmp_path):
 
 
 def test_the_mechanism_may_stand_beside_the_file_or_in_it(tmp_path):
-    chain = (Path(__file__).parents[3] / "configs" / "mechanism" / "five_link.yaml").read_text("utf-8")
+    chain = (ROOT / "configs" / "mechanism" / "five_link.yaml").read_text("utf-8")
     (tmp_path / "chain.yaml").write_text(chain, "utf-8")
     path = tmp_path / "runs.yaml"
     path.write_text(ONE.replace("five_link", "chain.yaml"), "utf-8")
@@ -91,3 +96,14 @@ def test_poses_are_those_of_planar_chains():
     content["runs"]["A"][0].pop("poses")
     with pytest.raises(InvalidInput, match="at least one quantity"):
         measurements_from_dict(content)
+
+
+def test_the_page_shows_a_valid_file_and_every_key_and_parameter():
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    first, second = measurements_from_dict(yaml.safe_load(block)).runs[0].steps
+    assert len(first.approach) == 2 and np.isfinite(second.angles).sum() == 2
+    keys = {name for row in rows(PAGE, "## Measurement files")[1:] for name in re.findall(r"\w+", row[0])}
+    assert keys == set(KEYS)
+    table = [row for row in rows(PAGE, "## Identify")[1:]]
+    assert [(row[0], row[3]) for row in table] == [(name, kind.meaning) for name, kind in KINDS.items()]
+    assert [row[2] for row in table] == [f"{kind.low:g} to {kind.high:g}" for kind in KINDS.values()]
