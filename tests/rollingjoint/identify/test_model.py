@@ -21,11 +21,6 @@ def differences(model, values, step=1e-6):
     return -np.stack([(column * model.weights)[model.weights > 0] for column in columns], axis=-1)
 
 
-def two_segment_path(given, inputs, friction, **read):
-    chain = rj.two_segment()
-    return chain, run_of(chain.replace(friction=friction), inputs, given, **read)
-
-
 @pytest.mark.parametrize("compliance", [0.0, 0.05])
 @pytest.mark.parametrize(("given", "inputs"), [("tensions", TENSIONS), ("lengths", LENGTHS)])
 def test_derivatives_along_a_path_with_stick_and_slip_are_central_differences(given, inputs, compliance):
@@ -72,17 +67,19 @@ def test_what_has_no_closed_derivative_is_differentiated_numerically(name):
     assert np.abs(model.jacobian(values) - wanted).max() < 1e-4 * np.abs(wanted).max() > 0
 
 
-def test_an_arm_has_the_same_derivatives():
-    arm = rj.small_arm()
-    inputs = arm.neutral_lengths + np.array([[-2.0, 0, 1, 0], [-1.0, -2, 0, 1]])
-    steps = []
-    for lengths in inputs:
-        found = rj.solve_lengths(arm, lengths)
-        steps.append(Step(lengths=lengths, tensions=found.tensions, positions=found.poses[:, :3, 3]))
+@pytest.mark.parametrize(("friction", "names"), [(None, CLOSED[1:3]), (rj.CapstanFriction(0.1, 0.3), CLOSED[:3])])
+def test_an_arm_has_the_same_derivatives(friction, names):
+    arm = rj.small_arm().replace(friction=friction)
+    inputs = arm.neutral_lengths + np.array([[-2.0, 0, 1, 0], [-1.0, -2, 0, 1], [-1.2, -1.5, 0, 1], [-2, 0, 1, 0]])
+    path = rj.trace(arm, inputs)
+    steps = [
+        Step(lengths=lengths, tensions=tensions, positions=poses[:, :3, 3])
+        for lengths, tensions, poses in zip(inputs, path.tensions, path.poses, strict=True)
+    ]
     measurements = Measurements(arm, [Run("A", steps)], {"position": 1.0, "tension": 1.0}, "lengths")
-    model = Model(measurements, coefficients_of(["offsets", "stiffness"], measurements))
+    model = Model(measurements, coefficients_of(names, measurements))
     assert np.abs(model.residuals(model.nominal)).max() < 1e-9
-    values = np.array([0.1, -0.1, 0.2, 0.0, 1.2])
+    values = np.array([0.12, 0.1, -0.1, 0.2, 0.0, 1.2][-len(model.coefficients) :])
     wanted = differences(model, values)
     assert np.abs(model.jacobian(values) - wanted).max() < 2e-6 * np.abs(wanted).max()
 
