@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rollingjoint.identify.findings import Findings
@@ -16,7 +18,7 @@ def ranges(found: Findings) -> Ranges:
     """Settings `friction` and `randomization` of the tracking environment, as rj_gym.TrackingConfig takes them.
 
     Each range holds the intervals of the fit to all runs and of those to every run alone, so that it covers runs that
-    differ. Parameters that the data do not determine are left out.
+    differ; presliding is the best value. Parameters that the data do not determine are left out.
     """
     names = list(dict.fromkeys(each.name for each in found.coefficients))
     spans = {name: span for name in names if (span := _span(found, name))}
@@ -25,7 +27,8 @@ def ranges(found: Findings) -> Ranges:
     if "mu" in spans:
         friction["mu"] = [_rounded(end) for end in spans["mu"]]
     if "presliding" in spans:
-        friction["presliding"] = _rounded(float(np.mean(spans["presliding"])))
+        best = zip(found.coefficients, found.together.values, strict=True)
+        friction["presliding"] = _rounded(np.mean([value for each, value in best if each.name == "presliding"]))
     randomization: dict[str, float | list[float]] = {}
     if "stiffness" in spans:
         randomization["stiffness_spread"] = _rounded(min(largest["stiffness"], _STIFFNESS_SPREAD))
@@ -51,6 +54,6 @@ def _span(found: Findings, name: str) -> tuple[float, float] | None:
     return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
 
 
-def _rounded(number: float) -> float:
+def _rounded(number: float | np.floating[Any]) -> float:
     """The number to three digits, without a negative zero."""
     return float(f"{number:.3g}") + 0.0

@@ -52,3 +52,11 @@ def test_wrong_input_is_one_line(command, message, capsys):
     assert rj(command) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
+
+
+def test_inputs_without_an_equilibrium_exit_with_3(tmp_path, capsys):
+    file = tmp_path / "slack.yaml"
+    file.write_text("mechanism: five_link\nruns: {A: [{tensions: [0, 0], tip: [0, 80]}]}\n", "utf-8")
+    assert rj(f"identify {file} --parameters base_angle") == 3
+    error = capsys.readouterr().err
+    assert "no equilibrium at some steps" in error and error.count("\n") == 1

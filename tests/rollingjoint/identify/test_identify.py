@@ -46,6 +46,29 @@ def test_offsets_are_found_again_from_lengths_read_under_tensions():
     assert found.values == pytest.approx([0.4, -0.7], abs=1e-9)
 
 
+def presliding_run(size):
+    """Moves of so many mm of a mechanism with mu = 0.1 and a presliding of 0.3 mm, fitted for both."""
+    true = CHAIN.replace(friction=rj.CapstanFriction(0.1, presliding=0.3))
+    moves = np.array([[0.0, 0.0], [-1.0, 1.0], [-2.0, 2.0], [-1.5, 1.6], [-1.0, 1.5], [0.0, 0.0]])
+    lengths = np.array([90.0, 99.5]) + size * moves
+    nominal = CHAIN.replace(friction=rj.CapstanFriction(0.05))
+    measurements = Measurements(nominal, [run_of(true, lengths, "lengths")], given="lengths")
+    return identify(measurements, ["mu", "presliding"], intervals="linear")
+
+
+def test_presliding_is_found_again_from_moves_that_slip_and_turn_back():
+    found = presliding_run(1.0)
+    assert found.values == pytest.approx({"mu": 0.1, "presliding": 0.3}, abs=1e-4)
+    assert found.ranges["friction"]["presliding"] == 0.3
+
+
+def test_small_moves_tell_only_the_ratio_of_mu_and_presliding():
+    found = presliding_run(0.05)
+    assert found.values["mu"] / found.values["presliding"] == pytest.approx(1 / 3, rel=1e-3)
+    assert any("cannot tell mu and presliding apart" in line for line in found.warnings)
+    assert found.ranges == {}
+
+
 def test_errors_of_surfaces_are_found_again():
     names = ["surface_height", "surface_turn"]
     nominal = Model(Measurements(CHAIN, [run_of(CHAIN, TENSIONS, "tensions")]), ())
