@@ -19,10 +19,10 @@ from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.rubbed import step_lanes
+from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
@@ -34,6 +34,7 @@ __all__ = [
     "BatchArrays",
     "PinnedRange",
     "TendonLaw",
+    "begin_range",
     "new_results",
     "pack",
     "solve_one",
@@ -82,6 +83,14 @@ def pack(
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """`solve_range` of steps with friction."""
     _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, np.arange(first, last))
+
+
+def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
+    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
+    law = FrictionLaw(*(array[first:last] for array in friction.law))
+    history = History(*(array[first:last] for array in friction.before))
+    where = batch.laws.low[first:last], batch.starts[first:last]
+    begin_histories(batch.chain, batch.designs[first:last], law, *where, history)
 
 
 @functools.cache
