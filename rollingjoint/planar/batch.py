@@ -21,6 +21,7 @@ from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
+from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
@@ -82,7 +83,10 @@ def pack(
 
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """`solve_range` of steps with friction."""
-    _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, np.arange(first, last))
+    everything = batch.starts.shape[1] > MOST_JOINTS
+    if everything or _on_batch(step_side_by_side, FrictionArrays, int, int)(*batch, friction, first, last):
+        left = _left(batch, first, last, everything)
+        _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, left)
 
 
 def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
@@ -135,6 +139,10 @@ class PinnedRange:
 
 def _solve_the_rest(batch: BatchArrays, first: int, last: int, everything: bool) -> None:
     """Solve the rows that are left to the solver for all cases."""
+    _on_batch(solve_lanes, Annotated[Integers, "left"])(*batch, _left(batch, first, last, everything))
+
+
+def _left(batch: BatchArrays, first: int, last: int, everything: bool) -> NDArray[np.int64]:
+    """The rows that are left to the solver for all cases."""
     rows = np.arange(first, last)
-    left = rows if everything else rows[batch.results.status[first:last] == PENDING]
-    _on_batch(solve_lanes, Annotated[Integers, "left"])(*batch, left)
+    return rows if everything else rows[batch.results.status[first:last] == PENDING]

@@ -98,9 +98,8 @@ def fill_inputs(laws, standing, loads, starts, block, lane, source):
 
 
 @part(inline=True)
-def begin_lane(block, lane):
-    """Let a lane run: its first evaluation counts as a step that is accepted."""
-    search = numbers(block.search)
+def begin_lane(search, lane):
+    """Let a lane run: its first evaluation counts as a step that is accepted. search: the numbers of Block.search."""
     search[ENERGY, lane], search[MAGNITUDE, lane], search[WORST, lane] = np.inf, 0.0, 0.0
     search[PART, lane], search[STEPS, lane], search[PASSES, lane] = 1.0, -1.0, 0.0
     search[PHASE, lane] = RUNNING

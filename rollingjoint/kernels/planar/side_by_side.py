@@ -15,6 +15,7 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.pins import carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH, any_lane, columns, where
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width, table_rows
+from rollingjoint.kernels.planar import block_formulas
 from rollingjoint.kernels.planar.arrays import (
     COS,
     CX,
@@ -54,6 +55,7 @@ from rollingjoint.kernels.planar.block import (
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate, table_row
 from rollingjoint.kernels.planar.loads import evaluate_dead_loads, fill_dead_stiffness, n_rows
+from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
@@ -67,8 +69,8 @@ from rollingjoint.kernels.shared.tolerances import (
 
 MOST_JOINTS = 15  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
 PENDING = -1  # status of a lane that is left to the solver for all cases
-_MAX_PASSES = 40.0
-_SHORTEST = 1.0 / 64.0  # of a Newton step
+MAX_PASSES = 40.0
+SHORTEST = 1.0 / 64.0  # of a Newton step
 
 
 @part(inline=True)
@@ -91,7 +93,7 @@ def _evaluate_joints(chain, designs, state, rows):
 
 
 @part(inline=True)
-def _evaluate(chain, designs, block):
+def evaluate_lanes(chain, designs, block):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state = block.state
     _evaluate_joints(chain, designs, state, as_rows(block.rows))
@@ -102,7 +104,7 @@ def _evaluate(chain, designs, block):
 
 
 @part(inline=True)
-def _hold_ends(block):
+def hold_ends(block):
     """Mark joints that a load presses against the end of a surface; returns (largest |r| of the others, any marked)."""
     angle, residual, limits, free = block.state.angle, block.state.residual, block.limits, block.vectors[5]
     zero = 0.0 * angle[0]
@@ -175,14 +177,14 @@ def _fill_responses(block):
         _newton_step(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
 
 
-@part(inline=True)
-def _advance(chain, designs, block):
+@formula(block_formulas.advance, Block)
+def advance(block, chain, designs):
     """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
     limits, search, angle, residual = block.limits, block.search, block.state.angle, block.state.residual
     solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
-    energy, magnitude, scale = _evaluate(chain, designs, block)
-    worst, held = _hold_ends(block)
+    energy, magnitude, scale = evaluate_lanes(chain, designs, block)
+    worst, held = hold_ends(block)
     zero = 0.0 * worst
     slope = zero
     for i in range(angle.size):
@@ -207,7 +209,7 @@ def _advance(chain, designs, block):
     passes = search[PASSES] + 1.0
     search[PASSES] = passes
 
-    goes_on = running & (stable | ~accepted) & (tried >= _SHORTEST) & (passes < _MAX_PASSES)
+    goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
     _newton_step(block.L, per_pivot, residual, free, solution)
     longest = zero
     for i in range(angle.size):
@@ -226,32 +228,63 @@ def _advance(chain, designs, block):
     return any_lane(running & (at_rest | ~goes_on))
 
 
+@formula(block_formulas.fill_row, Block)
+def fill_row(block, batch, friction, lane, row, design):
+    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    if design >= 0:
+        fill_design(batch.chain, block, lane, design)
+    return fill_inputs(
+        batch.laws, batch.chain.standing[batch.designs[row]], batch.loads, batch.starts, block, lane, row
+    )
+
+
+@formula(block_formulas.fill_outputs, Block)
+def fill_outputs(block, batch):
+    """Fill what is stored of lanes that have arrived."""
+    if batch.results.contacts.shape[0] > 0:
+        fill_forces(block, batch.chain.tendon_joints)
+    if batch.results.responses.shape[0] > 0:
+        _fill_responses(block)
+
+
+@formula(block_formulas.store_row, Block)
+def store_row(block, batch, friction, lane, row):
+    """Copy a lane that has arrived into its row."""
+    store_lane(block, lane, batch.results, row)
+
+
 @kernel(nogil=True)
 def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
-    return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
+    return _solve_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), first, last)
 
 
 @kernel(nogil=True)
 def solve_pinned(pins, first, last):
     """solve_side_by_side on a pinned BatchArrays."""
-    chain, designs, laws, loads, starts, results = unpin(pins, BatchArrays)
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
+    batch = unpin(pins, BatchArrays)
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
-    return _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last)
+    return _solve_in(memory, sizes, batch, first, last)
 
 
 @part(inline=True)
-def _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first, last):
+def _solve_in(memory, sizes, batch, first, last):
     space = aligned_simd(borrow(memory))
-    chain, laws, results = borrow(chain), borrow(laws), borrow(results)
-    designs, loads, starts = borrow(designs), borrow(loads), borrow(starts)
-    size = size_of(Block, sizes)
-    block = carve_tuple(space, 0, Block, sizes)
-    search = numbers(block.search)
+    block, size = carve_tuple(space, 0, Block, sizes), size_of(Block, sizes)
     rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
+    return solve_rows(block, block.search, borrow(batch), None, rows, chosen, first, last)
+
+
+@part(inline=True)
+def solve_rows(block, search, batch, friction, rows, chosen, first, last):
+    """Solve rows first to last - 1 in the lanes of a block, by the formulas of its class; how many are PENDING.
+
+    rows, chosen: memory of an integer per lane, the row that it solves and the design that it holds.
+    """
+    search, status = numbers(search), batch.results.status
     following, running, pending = first, 0, 0
     for lane in range(WIDTH):
         chosen[lane], search[PHASE, lane] = -1, IDLE
@@ -261,9 +294,9 @@ def _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first
             if phase == RUNNING:
                 continue
             if phase == ARRIVED:
-                store_lane(block, lane, results, rows[lane])
+                block_formulas.store_row(block, batch, friction, lane, rows[lane])
             elif phase == LEFT:
-                results.status[rows[lane]] = PENDING
+                status[rows[lane]] = PENDING
                 pending += 1
             if phase != IDLE:
                 running -= 1
@@ -271,21 +304,17 @@ def _solve_in(memory, sizes, chain, designs, laws, loads, starts, results, first
             while following < last and search[PHASE, lane] == IDLE:
                 row = following
                 following += 1
-                if chosen[lane] != designs[row]:
-                    chosen[lane] = designs[row]
-                    fill_design(chain, block, lane, designs[row])
-                if fill_inputs(laws, chain.standing[designs[row]], loads, starts, block, lane, row):
+                other = batch.designs[row] if chosen[lane] != batch.designs[row] else -1
+                chosen[lane] = batch.designs[row]
+                if block_formulas.fill_row(block, batch, friction, lane, row, other):
                     rows[lane] = row
                     running += 1
-                    begin_lane(block, lane)
+                    begin_lane(search, lane)
                 else:
-                    results.status[row] = PENDING
+                    status[row] = PENDING
                     pending += 1
         if running == 0:
             return pending
-        while not _advance(chain, chosen, block):
+        while not block_formulas.advance(block, batch.chain, chosen):
             pass
-        if results.contacts.shape[0] > 0:
-            fill_forces(block, chain.tendon_joints)
-        if results.responses.shape[0] > 0:
-            _fill_responses(block)
+        block_formulas.fill_outputs(block, batch)

@@ -13,8 +13,8 @@ import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.simd import where
-from rollingjoint.kernels.shared.elementary import exponential
+from rollingjoint._numba.simd import any_lane, where
+from rollingjoint.kernels.shared.elementary import decay
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
@@ -25,6 +25,7 @@ ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
 # Columns of Rubbing.turn: turn of a tendon at the hole below a gap and at the one above it, not negative, each followed
 # by its rate d turn / d joint angle
 BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
+
 
 _STILL = 1e-8  # a friction state below it is zero
 
@@ -90,8 +91,9 @@ def slide(before, way, presliding):
 @part(inline=True)
 def work_per_grip(before, after, way, presliding):
     """-∫ z ds over the way from one friction state to the next: what friction takes up per newton of grip."""
-    stuck = (before - after) * presliding
-    return -before * stuck + 0.5 * stuck * stuck / presliding - after * (way - stuck)
+    change = before - after
+    stuck = change * presliding
+    return (0.5 * change - before) * stuck - after * (way - stuck)
 
 
 @part(inline=True)
@@ -114,7 +116,7 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
         count = tendon_joints[j]
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
         share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
-        below = motor
+        carried, tension = motor, motor
         for k in range(count):
             turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
             if k > 0:
@@ -122,17 +124,19 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             free = before.states[k, j] - (now.slips[k, j] - before.slips[k, j]) * per_presliding
             z = where(free >= 1.0, 1.0, where(free <= -1.0, -1.0, free))
             per_slip = where((free < 1.0) & (free > -1.0), per_presliding, 0.0)
-            share = share * exponential(-(mu * z * turn))
+            passing, mean = decay(mu * z * turn)
+            share = share * passing
             lost = lost + constant * z
             give, flat = give + mu * turn * per_slip, flat + constant * per_slip
             stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * per_slip
             yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            grip, below = carried * mu * turn * mean + constant, tension
             carried = motor * share
             pulls = carried >= lost
             tension = where(pulls, carried - lost, 0.0)
-            moving = abs(z) > _STILL
-            grip = (below - tension) / where(moving, z, 1.0)
-            now.grips[k, j] = where(moving, grip, below * mu * turn + constant)
+            if any_lane(carried < lost):  # what is left below is all that the holes can take
+                grip = where(pulls, grip, below / where(abs(z) > _STILL, z, 1.0))
+            now.grips[k, j] = grip
             now.states[k, j], now.tension[k, j], now.carried[k, j] = z, tension, carried
             now.passed[k, j] = share - carried * yielding - sinking
             now.give[k, j], now.flat[k, j] = give, flat
@@ -141,7 +145,6 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             if k > 0:
                 now.bend[k - 1, j, 1] = now.bend[k - 1, j, 0] + rate * now.turn[k - 1, j, ABOVE_RATE]
             now.bend[k, j, 0] = rate * now.turn[k, j, BELOW_RATE]
-            below = tension
 
 
 @part(inline=True)
@@ -173,6 +176,23 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
             term = grips[k, j] * work_per_grip(before.states[k, j], after, way, coefficients[j, PRESLIDING])
             energy, magnitude = energy + term, magnitude + abs(term)
     return energy, magnitude
+
+
+@part
+def evaluated_energy(coefficients, before, tendon_joints, now):
+    """Incremental potential at an evaluated state at the frozen grips, its size, and the potential at the present ones.
+
+    Without stretch in the channels.
+    """
+    zero = 0.0 * now.slips[0, 0]
+    energy, magnitude, present = zero, zero, zero
+    for j in range(tendon_joints.size):
+        for k in range(tendon_joints[j]):
+            way = now.slips[k, j] - before.slips[k, j]
+            per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
+            term = now.frozen[k, j] * per_grip
+            energy, magnitude, present = energy + term, magnitude + abs(term), present + now.grips[k, j] * per_grip
+    return energy, magnitude, present
 
 
 @part(inline=True)

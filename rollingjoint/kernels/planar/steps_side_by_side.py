@@ -1,0 +1,360 @@
+"""Steps with friction, eight lanes side by side: side_by_side.py with the terms of friction.
+
+The Jacobian is not symmetric: it is factored without exchange of rows, and must have positive pivots on the way and a
+positive definite symmetric part at the end. The line search goes by the incremental potential with the grips of the
+holes as they were where it began (shared/rubbed_chain.py). Rolling resistance is left to the solver for all cases.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.layout import Floats
+from rollingjoint._numba.pins import carve_tuple, size_of, unpin
+from rollingjoint._numba.simd import WIDTH, any_lane, where
+from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
+from rollingjoint.kernels.planar import block_formulas
+from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays, RubbedArrays
+from rollingjoint.kernels.planar.block import (
+    ARRIVED,
+    ENERGY,
+    HELD,
+    LEFT,
+    MAGNITUDE,
+    PART,
+    PASSES,
+    PHASE,
+    RUNNING,
+    STEPS,
+    WORST,
+    Block,
+    block_sizes,
+    fill_design,
+    fill_inputs,
+    store_lane,
+)
+from rollingjoint.kernels.planar.chain import contact_forces
+from rollingjoint.kernels.planar.loads import fill_dead_stiffness, n_rows
+from rollingjoint.kernels.planar.side_by_side import MAX_PASSES, SHORTEST, evaluate_lanes, hold_ends, solve_rows
+from rollingjoint.kernels.planar.turns import evaluate_turns
+from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.friction import (
+    ARM,
+    COMPLIANCE,
+    N_COEFFICIENTS,
+    FrictionLaw,
+    History,
+    Rubbing,
+    evaluate_holes,
+    evaluate_slips,
+    evaluated_energy,
+    friction_of,
+    friction_work,
+    history_of,
+    valid_friction,
+)
+from rollingjoint.kernels.shared.tolerances import (
+    MAX_STEP,
+    NEGLIGIBLE,
+    RELATIVE_GOAL,
+    RESIDUAL_FLOOR,
+    RESIDUAL_GOAL,
+    ROUNDING,
+    SMALLEST_PIVOT,
+)
+
+
+class RubbedBlock(NamedTuple):
+    """A Block with friction, borrowed arrays of SIMD lanes."""
+
+    block: Block
+    law: FrictionLaw
+    before: History
+    now: Rubbing
+    directions: Annotated[Floats, "J", "m", 4]
+    symmetric: Annotated[Floats, "J", "J"]  # factor of the symmetric part of the Jacobian
+    work: Annotated[Floats, 1]
+
+
+@part(inline=True)
+def _fill_directions(chain, rubbed, lane, design):
+    """Copy the directions of the channels of a lane's design."""
+    directions = numbers(rubbed.directions)
+    for i in range(directions.shape[0]):
+        for j in range(directions.shape[1]):
+            for k in range(4):
+                directions[i, j, k, lane] = chain.directions[design, i, j, k]
+
+
+@part(inline=True)
+def _fill_friction(friction, rubbed, lane, source):
+    """Copy the friction of one lane into the block; False where it needs the solver for all cases."""
+    law, before = friction_of(friction.law, source), history_of(friction.before, source)
+    tendons = numbers(rubbed.law.tendons)
+    states, slips, grips = numbers(rubbed.before.states), numbers(rubbed.before.slips), numbers(rubbed.before.grips)
+    frozen, usual = numbers(rubbed.now.frozen), law.rolling[ARM] == 0.0
+    for j in range(tendons.shape[0]):
+        usual = usual and law.tendons[j, COMPLIANCE] == 0.0
+        for column in range(N_COEFFICIENTS):
+            tendons[j, column, lane] = law.tendons[j, column]
+        for i in range(states.shape[0]):
+            states[i, j, lane], slips[i, j, lane] = before.states[i, j], before.slips[i, j]
+            grips[i, j, lane], frozen[i, j, lane] = before.grips[i, j], 0.0
+    return usual and valid_friction(law, before)
+
+
+@part
+def _add_friction(tendon_joints, rubbed):
+    """Evaluate the friction of the state, and add it to the residual."""
+    state, now, coefficients = rubbed.block.state, rubbed.now, rubbed.law.tendons
+    evaluate_turns(rubbed.block.holes, rubbed.directions, tendon_joints, state, now.turn)
+    evaluate_slips(coefficients, tendon_joints, state, now)
+    evaluate_holes(coefficients, rubbed.before, tendon_joints, state, now)
+    for j in range(tendon_joints.size):
+        for i in range(tendon_joints[j]):
+            torque = now.tension[i, j] * now.lever[i, j] - state.tension[j] * state.gap[i, j, 1]
+            state.residual[i] = state.residual[i] + torque
+
+
+@part(inline=True)
+def _freeze(tendon_joints, rubbed, accepted):
+    """Keep the grips of the lanes that begin another line search."""
+    now = rubbed.now
+    for j in range(tendon_joints.size):
+        for k in range(tendon_joints[j]):
+            now.frozen[k, j] = where(accepted, now.grips[k, j], now.frozen[k, j])
+
+
+@part
+def _fill_jacobian(tendon_joints, rubbed, A, upper):
+    """Fill A = dr/dphi, of a joint that is held with a row and a column of the identity; upper: memory, (J,)."""
+    block, now = rubbed.block, rubbed.now
+    state, free = block.state, block.vectors[5]
+    sums, contact, gap = state.sums, state.contact, state.gap
+    n_joints = free.size
+    for i in range(n_joints):
+        lever = fill_dead_stiffness(block.loads, state, i, A)
+        for m in range(i):
+            A[m, i] = A[i, m]
+        A[i, i] = lever + (contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX])
+    for j in range(tendon_joints.size):
+        for m in range(tendon_joints[j]):
+            rate = gap[m, j, 1]
+            own = now.give[m, j] * rate - now.bend[m, j, 1]
+            for i in range(m):
+                A[i, m] = A[i, m] + upper[i] * rate
+            lever, carried = now.lever[m, j], now.carried[m, j]
+            stretch = state.elastic[j] * now.passed[m, j]
+            upper[m] = lever * (stretch + carried * now.give[m, j] + now.flat[m, j])
+            own_rate = upper[m] * rate - lever * carried * now.bend[m, j, 0]
+            A[m, m] = A[m, m] + own_rate + now.tension[m, j] * gap[m, j, 2]
+            for i in range(m + 1, tendon_joints[j]):
+                value = state.elastic[j] * now.passed[i, j] * rate + now.carried[i, j] * own + now.flat[m, j] * rate
+                A[i, m] = A[i, m] + now.lever[i, j] * value
+    for i in range(n_joints):
+        for m in range(n_joints):
+            both = (free[i] > 0.0) & (free[m] > 0.0)
+            A[i, m] = where(both, A[i, m], 1.0 if i == m else 0.0)
+
+
+@part
+def _smallest_pivot(A, S):
+    """Smallest pivot of the symmetric part of A; S: memory for its factor S D Sᵀ."""
+    smallest = 0.0 * A[0, 0] + np.inf
+    for i in range(A.shape[0]):
+        pivot = A[i, i]
+        for m in range(i):
+            value = 0.5 * (A[i, m] + A[m, i])
+            for k in range(m):
+                value = value - S[i, k] * S[m, k]
+            S[i, m] = value
+        for m in range(i):
+            scaled = S[i, m] / S[m, m]
+            pivot = pivot - S[i, m] * scaled
+            S[i, m] = scaled
+        S[i, i] = pivot
+        smallest = where(pivot < smallest, pivot, smallest)
+    return smallest
+
+
+@part
+def _factor(A, free, per_pivot):
+    """Factor A = L R in place, the diagonal of L ones; returns the smallest pivot of the free joints."""
+    n_joints = per_pivot.size
+    smallest = 0.0 * A[0, 0] + np.inf
+    for i in range(n_joints):
+        for k in range(i):
+            scaled = A[i, k] * per_pivot[k]
+            A[i, k] = scaled
+            for m in range(k + 1, n_joints):
+                A[i, m] = A[i, m] - scaled * A[k, m]
+        pivot = A[i, i]
+        smallest = where((free[i] > 0.0) & (pivot < smallest), pivot, smallest)
+        per_pivot[i] = 1.0 / pivot
+    return smallest
+
+
+@part(inline=True)
+def _substitute(A, per_pivot, residual, free, step):
+    """Solve L R step = -residual on the free joints; zero elsewhere. May be done in place."""
+    n_joints = step.size
+    for i in range(n_joints):
+        value = -residual[i] * free[i]
+        for m in range(i):
+            value = value - A[i, m] * step[m]
+        step[i] = value
+    for i in range(n_joints - 1, -1, -1):
+        value = step[i]
+        for m in range(i + 1, n_joints):
+            value = value - A[i, m] * step[m]
+        step[i] = value * per_pivot[i]
+
+
+@formula(block_formulas.advance, RubbedBlock)
+def advance(rubbed, chain, designs):
+    """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
+    block, now, coefficients, tendon_joints = rubbed.block, rubbed.now, rubbed.law.tendons, chain.tendon_joints
+    limits, search, state, angle, residual = (
+        block.limits,
+        block.search,
+        block.state,
+        block.state.angle,
+        block.state.residual,
+    )
+    solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
+    base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
+    potential, magnitude, scale = evaluate_lanes(chain, designs, block)
+    _add_friction(tendon_joints, rubbed)
+    term, size, present = evaluated_energy(coefficients, rubbed.before, tendon_joints, now)
+    energy, magnitude = potential + term, magnitude + size
+    worst, held = hold_ends(block)
+    zero = 0.0 * worst
+    slope = zero
+    for i in range(angle.size):
+        slope = slope + base_residual[i] * (angle[i] - base_angle[i])
+
+    running = search[PHASE] == RUNNING
+    noise, fall = ROUNDING * (search[MAGNITUDE] + magnitude), search[ENERGY] - energy
+    descent = (fall > noise) & (fall >= -1e-4 * slope)
+    accepted = running & (descent | ((fall >= -noise) & (worst < search[WORST])))
+    goal = RELATIVE_GOAL * scale
+    goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
+    at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
+    _freeze(tendon_joints, rubbed, accepted)
+    _fill_jacobian(tendon_joints, rubbed, block.L, solution)
+    largest = zero
+    for i in range(angle.size):
+        size = where(free[i] > 0.0, abs(block.L[i, i]), 0.0)
+        largest = where(size > largest, size, largest)
+    firm = at_rest
+    if any_lane(at_rest):
+        firm = at_rest & (_smallest_pivot(block.L, rubbed.symmetric) > SMALLEST_PIVOT * largest)
+    smallest = _factor(block.L, free, per_pivot)
+    stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
+    search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
+    search[ENERGY] = where(accepted, potential + present, search[ENERGY])
+    search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
+    search[WORST] = where(accepted, worst, search[WORST])
+    search[HELD] = where(accepted, held, search[HELD])
+    tried = where(accepted, 1.0, 0.5 * search[PART])
+    search[PART] = tried
+    passes = search[PASSES] + 1.0
+    search[PASSES] = passes
+
+    _substitute(block.L, per_pivot, residual, free, solution)
+    longest, downhill = zero, zero
+    for i in range(angle.size):
+        longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
+        downhill = downhill - residual[i] * solution[i]
+    stable = stable & (at_rest | (downhill > 0.0))
+    goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
+    shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
+    for i in range(angle.size):
+        direction = where(accepted, solution[i] * shortened, step[i])
+        origin = where(accepted, angle[i], base_angle[i])
+        step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
+        trial = origin + tried * direction
+        trial = where(trial > limits[i, 0], trial, limits[i, 0])
+        trial = where(trial < limits[i, 1], trial, limits[i, 1])
+        angle[i] = where(running & ~at_rest, trial, angle[i])
+    left = where(goes_on, RUNNING, LEFT)
+    arrived = where(stable & firm, ARRIVED, LEFT)
+    search[PHASE] = where(running, where(at_rest, arrived, left), search[PHASE])
+    return any_lane(running & (at_rest | ~goes_on))
+
+
+@formula(block_formulas.fill_row, RubbedBlock)
+def fill_row(rubbed, batch, friction, lane, row, design):
+    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    if design >= 0:
+        fill_design(batch.chain, rubbed.block, lane, design)
+        _fill_directions(batch.chain, rubbed, lane, design)
+    standing = batch.chain.standing[batch.designs[row]]
+    usual = fill_inputs(batch.laws, standing, batch.loads, batch.starts, rubbed.block, lane, row)
+    return usual and _fill_friction(friction, rubbed, lane, row)
+
+
+@formula(block_formulas.fill_outputs, RubbedBlock)
+def fill_outputs(rubbed, batch):
+    """Fill what is stored of lanes that have arrived."""
+    block, now, tendon_joints = rubbed.block, rubbed.now, batch.chain.tendon_joints
+    if batch.results.contacts.shape[0] > 0:
+        forces = block.forces
+        for i in range(block.state.angle.size):
+            along, across, ex, ey = contact_forces(tendon_joints, block.state, now.tension[i], i)
+            forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = along, across, ex, ey
+    if batch.results.responses.shape[0] > 0:
+        elastic, responses = block.state.elastic, block.responses
+        for j in range(elastic.size):
+            for i in range(block.state.angle.size):
+                crossing = i < tendon_joints[j]
+                responses[j, i] = -(elastic[j] * now.lever[i, j] * now.passed[i, j]) if crossing else 0.0 * elastic[j]
+            _substitute(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
+    work = friction_work(rubbed.law.tendons, rubbed.before, tendon_joints, now)
+    rubbed.work[0] = work
+
+
+@formula(block_formulas.store_row, RubbedBlock)
+def store_row(rubbed, batch, friction, lane, row):
+    """Copy a lane that has arrived into its row."""
+    store_lane(rubbed.block, lane, batch.results, row)
+    now, after, angle = rubbed.now, friction.after, numbers(rubbed.block.state.angle)
+    states, slips, grips, tension = numbers(now.states), numbers(now.slips), numbers(now.grips), numbers(now.tension)
+    for i in range(states.shape[0]):
+        after.angles[row, i], after.rolling[row, i] = angle[i, lane], friction.before.rolling[row, i]
+        for j in range(states.shape[1]):
+            after.states[row, i, j], after.slips[row, i, j] = states[i, j, lane], slips[i, j, lane]
+            after.grips[row, i, j], friction.tension[row, i, j] = grips[i, j, lane], tension[i, j, lane]
+    friction.work[row] = numbers(rubbed.work)[0, lane]
+
+
+@kernel(nogil=True)
+def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
+    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    return _step_in(BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
+
+
+@kernel(nogil=True)
+def step_pinned(pins, first, last):
+    """step_side_by_side on pinned RubbedArrays."""
+    arrays = unpin(pins, RubbedArrays)
+    return _step_in(arrays.batch, arrays.friction, first, last)
+
+
+@part(inline=True)
+def _step_in(batch, friction, first, last):
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
+    memory = np.zeros((size_of(RubbedBlock, sizes) + 3) * WIDTH)
+    return _step_with(memory, sizes, batch, friction, first, last)
+
+
+@part(inline=True)
+def _step_with(memory, sizes, batch, friction, first, last):
+    space = aligned_simd(borrow(memory))
+    rubbed, size = carve_tuple(space, 0, RubbedBlock, sizes), size_of(RubbedBlock, sizes)
+    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
+    return solve_rows(rubbed, rubbed.block.search, borrow(batch), borrow(friction), rows, chosen, first, last)
