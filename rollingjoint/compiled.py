@@ -25,7 +25,8 @@ Solvers:
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
     FrictionArrays: friction of rows and what it remembers, for `step_range` and `begin_range` of a family's batch
-        module. A caller copies `after` to `before` where a step stands. MU and PRESLIDING: columns of N_COEFFICIENTS.
+        module. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
+        N_COEFFICIENTS columns.
     new_friction_arrays: those of a FrictionLaw and a History.
     run_in_threads: work on ranges of rows, on the threads of this process.
 
@@ -39,6 +40,7 @@ from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_unifo
 from rollingjoint._numba.views import carve
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import (
+    CONSTANT,
     MU,
     N_COEFFICIENTS,
     PRESLIDING,
@@ -51,6 +53,7 @@ from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
 from rollingjoint.threads import run_in_threads
 
 __all__ = [
+    "CONSTANT",
     "MU",
     "N_COEFFICIENTS",
     "PENDING",

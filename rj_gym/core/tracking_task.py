@@ -14,6 +14,7 @@ from rj_gym.core.draws import Block
 from rj_gym.core.kernels import ERROR, TARGET, TENSIONS, TIP, friction_columns
 from rj_gym.core.observation import POSITION_BOUND
 from rj_gym.core.task import Task
+from rollingjoint.compiled import CONSTANT, MU
 from rollingjoint.io.mechanism_file import load_mechanism
 
 Array = NDArray[np.float64]
@@ -89,6 +90,14 @@ class TrackingTask(Task):
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
         return info.reward_info(readings)
+
+    @property
+    def friction_acts(self) -> bool:
+        """Whether poses of some episode depend on the way to them."""
+        drawn, (arm, _) = self.config.friction, self.mechanism.rolling_coefficients
+        coefficients = self.mechanism.friction_coefficients
+        highest = coefficients[:, MU].max() if drawn is None else drawn.mu[1]
+        return bool(highest > 0.0 or arm > 0.0 or np.any(coefficients[:, CONSTANT] > 0.0))
 
     @property
     def friction_columns(self) -> int:
