@@ -26,6 +26,7 @@ SECTIONS = (
     "solver",
     "batch",
     "long_chain",
+    "friction",
     "arm",
     "scalar_env",
     "vector_env",

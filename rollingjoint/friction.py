@@ -5,12 +5,13 @@ Source: docs/theory.md, section 9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.checked_yaml import located, mapping, number
 from rollingjoint.checks import as_number
 from rollingjoint.errors import MechanismError
 
@@ -73,6 +74,19 @@ class CapstanFriction:
 NO_FRICTION = CapstanFriction(0.0)
 
 
+def friction_from_dict(where: str, value: object) -> CapstanFriction:
+    """The friction that a mapping in a mechanism file describes; ConfigError with the place for a wrong one."""
+    given = mapping(where, value, tuple(_RANGES), required=("mu",))
+    numbers = {key: number(f"{where}.{key}", each) for key, each in given.items()}
+    with located(where):
+        return CapstanFriction(**numbers)
+
+
+def friction_to_dict(friction: CapstanFriction | None) -> dict[str, dict[str, float]]:
+    """The key of a mechanism file that makes the same friction exactly; none for None."""
+    return {} if friction is None else {"friction": asdict(friction)}
+
+
 def checked_friction(friction: object, what: str = "friction") -> CapstanFriction | None:
     """The friction; MechanismError unless it is a CapstanFriction or None."""
     if friction is not None and not isinstance(friction, CapstanFriction):
@@ -87,8 +101,7 @@ def friction_coefficients(friction: CapstanFriction) -> tuple[float, ...]:
     return friction.mu, friction.presliding, friction.extra_turn, friction.constant, friction.compliance
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionState:
+class FrictionState(NamedTuple):
     """What friction remembers of a step, or of many with a leading axis B; the history of the next one.
 
     Attributes:
@@ -105,9 +118,6 @@ class FrictionState:
     angles: Array
     rolling: Array
 
-    def __iter__(self) -> Iterator[Array]:
-        return (getattr(self, each.name) for each in fields(self))
-
     def row(self, index: int) -> FrictionState:
         """That of one row of a batch."""
-        return FrictionState(*(array[index] for array in self))
+        return FrictionState(*[array[index] for array in self])

@@ -58,8 +58,10 @@ def friction_laws(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int)
     if isinstance(mechanism, Sequence):
         tendons = np.array([each.friction_coefficients for each in mechanism])
         return FrictionLaw(tendons, np.array([each.rolling_coefficients for each in mechanism]))
-    tendons, rolling = mechanism.friction_coefficients, mechanism.rolling_coefficients
-    return FrictionLaw(np.repeat(tendons[None], n_rows, axis=0), np.repeat(rolling[None], n_rows, axis=0))
+    tendons, rolling = mechanism.friction_coefficients[None], mechanism.rolling_coefficients[None]
+    if n_rows == 1:
+        return FrictionLaw(tendons, rolling)
+    return FrictionLaw(np.repeat(tendons, n_rows, axis=0), np.repeat(rolling, n_rows, axis=0))
 
 
 def virgin_state(
@@ -96,7 +98,7 @@ class FrictionStep:
 
     def row(self, index: int) -> FrictionStep:
         """That of one row of a batch."""
-        work = np.asarray(self.work)[index].item()
+        work = self.work[index].item()  # type: ignore[index]
         return FrictionStep(self.gap_tensions[index], self.slip[index], work, self.state.row(index))
 
 
@@ -285,14 +287,14 @@ class Solution(ABC):
         """The family's kernel: (chain, designs, tensions, elastic, loads, angles, H)."""
 
     @staticmethod
+    @abstractmethod
     def _fill_rubbed_stiffness(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
-        raise NotImplementedError
 
     @staticmethod
+    @abstractmethod
     def _begin_histories(*arguments: Any) -> None:
         """The family's kernel: (chain, designs, law, tensions, angles, history)."""
-        raise NotImplementedError
 
     @cached_property
     def _crossed(self) -> NDArray[np.bool_]:

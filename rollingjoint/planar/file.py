@@ -18,6 +18,7 @@ from rollingjoint.checked_yaml import (
     whole_number,
 )
 from rollingjoint.errors import ConfigError
+from rollingjoint.friction import friction_from_dict, friction_to_dict
 from rollingjoint.load import SPRINGS, Load
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Profile, Surface
@@ -25,9 +26,10 @@ from rollingjoint.tendon import DEFAULT_STIFFNESS, Hole, OnSurface, Tendon
 
 HEADER = "# A rolling-contact mechanism, base link first. Units: mm, rad, N/mm; curvature in 1/mm.\n"
 PARTS = "links"
-KEYS: tuple[str, ...] = ("name", "defaults", PARTS, "tendons", "springs")
+KEYS: tuple[str, ...] = ("name", "defaults", PARTS, "tendons", "springs", "friction")
 _SURFACE_KEYS: tuple[str, ...] = ("curvature", "start", "angle", "limits")
-_TENDON_KEYS: tuple[str, ...] = ("on_surface", "holes", "end", "stiffness")
+_TENDON_KEYS: tuple[str, ...] = ("on_surface", "holes", "end", "stiffness", "friction")
+_SHARED_KEYS: tuple[str, ...] = ("end", "stiffness", "friction")
 _TABLES = {
     "piecewise_constant": ("breaks", "values"),
     "piecewise_polynomial": ("breaks", "coefficients"),
@@ -42,19 +44,21 @@ def from_dict(content: object, source: str, name: str) -> RollingChain:
     top = mapping(source, content, KEYS, required=("links", "tendons"))
     defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("parent", "child", "tendon"))
     links = [_link(place, item, defaults, source) for place, item in numbered(f"{source}: links", top["links"])]
-    tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
+    tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), _SHARED_KEYS)
     tendons = [_tendon(place, item, tendon_default) for place, item in numbered(f"{source}: tendons", top["tendons"])]
     listed = numbered(f"{source}: springs", top["springs"]) if "springs" in top else ()
     springs = [_spring(place, item) for place, item in listed]
+    friction = friction_from_dict(f"{source}: friction", top["friction"]) if "friction" in top else None
     with located(source):
-        return RollingChain(links, tendons, text(f"{source}: name", top.get("name", name)), springs)
+        return RollingChain(links, tendons, text(f"{source}: name", top.get("name", name)), springs, friction)
 
 
 def to_dict(chain: RollingChain) -> dict[str, Any]:
     """The content that makes the same chain exactly."""
     links = [{side: _surface_dict(getattr(link, side)) for side in ("parent", "child")} for link in chain.links]
     tendons, springs = [_tendon_dict(t) for t in chain.tendons], [_spring_dict(each) for each in chain.springs]
-    return {"name": chain.name, "links": links, "tendons": tendons, **({"springs": springs} if springs else {})}
+    more = ({"springs": springs} if springs else {}) | friction_to_dict(chain.friction)
+    return {"name": chain.name, "links": links, "tendons": tendons, **more}
 
 
 def _link(where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
@@ -109,11 +113,12 @@ def _tendon(where: str, item: object, default: Mapping[str, Any]) -> Tendon:
     merged = {**default, **item}
     end = whole_number(f"{where}.end", merged.get("end", -1))
     stiffness = number(f"{where}.stiffness", merged.get("stiffness", DEFAULT_STIFFNESS))
+    friction = friction_from_dict(f"{where}.friction", merged["friction"]) if "friction" in merged else None
     with located(where):
         if "on_surface" in item:
-            return Tendon.on_surfaces(number(f"{where}.on_surface", item["on_surface"]), end, stiffness)
+            return Tendon.on_surfaces(number(f"{where}.on_surface", item["on_surface"]), end, stiffness, friction)
         pairs = [_hole_pair(place, pair) for place, pair in numbered(f"{where}.holes", item["holes"])]
-        return Tendon(pairs, end, stiffness)
+        return Tendon(pairs, end, stiffness, friction)
 
 
 def _hole_pair(where: str, pair: object) -> tuple[Hole, Hole]:
@@ -164,7 +169,7 @@ def _tendon_dict(tendon: Tendon) -> dict[str, Any]:
         path: dict[str, Any] = {"on_surface": float(parent.s)}
     else:
         path = {"holes": [{"parent": _hole_value(p), "child": _hole_value(c)} for p, c in tendon.holes]}
-    return {**path, "end": tendon.end, "stiffness": tendon.stiffness}
+    return {**path, "end": tendon.end, "stiffness": tendon.stiffness, **friction_to_dict(tendon.friction)}
 
 
 def _hole_value(hole: Hole) -> object:

@@ -8,53 +8,79 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import fields
+from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
-from rollingjoint.solution import Status
+from rollingjoint.kernels.spatial.rubbed import step_hinge_lanes
+from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 
 Array = NDArray[np.float64]
 
-__all__ = ["BatchArrays", "PinnedRange", "new_results", "pack", "solve_one", "solve_range"]
+__all__ = ["BatchArrays", "PinnedRange", "new_results", "pack", "solve_one", "solve_range", "step_range"]
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
-def solve_one(mechanism: HingeChain, law: TendonLaw, table: Array, start: Array) -> HingeEquilibrium:
-    """The equilibrium of one mechanism. law: (m,) each; table: (rows, columns); start: (n - 1,)."""
+def solve_one(
+    mechanism: HingeChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
+) -> HingeEquilibrium:
+    """The equilibrium of one mechanism; `before` makes it a step with friction.
+
+    law: (m,) each; table: (rows, columns); start: (n - 1,).
+    """
     results = new_results(1, len(start), len(law.low))
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    _on_batch()(mechanism.arrays, _FIRST, laws, table[None], start[None], results, 0, 1)
+    batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
+    if before is None:
+        solve_range(batch, 0, 1)
+    else:
+        history = History(*(array[None] for array in before))
+        friction = new_friction_arrays(friction_laws(mechanism, 1), history)
+        step_range(batch, friction, 0, 1)
+        step = friction_step(friction).row(0)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
-    return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]))
+    return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]), step)
 
 
-def pack(mechanism: HingeChain | tuple[HingeChain, ...], table: Array, results: HingeResults) -> HingeEquilibrium:
+def pack(
+    mechanism: HingeChain | tuple[HingeChain, ...],
+    table: Array,
+    results: HingeResults,
+    friction: FrictionStep | None = None,
+) -> HingeEquilibrium:
     """The equilibria in the results of the kernels."""
     angles, poses, tensions, lengths, rates, torques, elastic, residual, iterations, status, escapes = results
     solved = angles, poses, tensions, lengths, rates, elastic, residual, iterations, status
-    return HingeEquilibrium(mechanism, table, *solved, torques, escapes)
+    return HingeEquilibrium(mechanism, table, *solved, torques, escapes, friction=friction)
 
 
 @functools.cache
-def _on_batch() -> Callable[..., None]:
-    """The machine code of `solve_hinge_lanes`."""
-    return machine_code(solve_hinge_lanes, *fields(BatchArrays), int, int)
+def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., None]:
+    """The machine code of a kernel of the fields of BatchArrays, arguments of these kinds, and a range of rows."""
+    return machine_code(kernel, *fields(BatchArrays), *kinds, int, int)
 
 
 def solve_range(batch: BatchArrays, first: int, last: int) -> None:
     """Solve rows first to last - 1; Python's lock is released meanwhile."""
-    _on_batch()(*batch, first, last)
+    _on_batch(solve_hinge_lanes)(*batch, first, last)
+
+
+def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
+    """`solve_range` of steps with friction."""
+    _on_batch(step_hinge_lanes, FrictionArrays)(*batch, friction, first, last)
 
 
 class PinnedRange:
@@ -66,7 +92,7 @@ class PinnedRange:
     entry = pins = 0
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._solve = partial(_on_batch(), *batch)
+        self._solve = partial(_on_batch(solve_hinge_lanes), *batch)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1; Python's lock is released meanwhile."""

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.spatial.arrays import Hinges
+from rollingjoint.friction import CapstanFriction, checked_friction
+from rollingjoint.kernels.spatial.arrays import N_TURNS, Hinges
 from rollingjoint.load import Gravity
 from rollingjoint.mechanism import Mechanism, members, read_only
 from rollingjoint.spatial import se3
@@ -89,8 +90,10 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
             linear in the angles, tangent to the exact ones at 0. "end_couple": linear lengths, and a couple on the
             tendon's last bead in place of everything that it does; the paper's model, without a potential.
         name: for tables and pictures.
+        friction: of the tendons that have none of their own; the model must be "exact". A solve takes it into account
+            where it is given a history.
     Raises:
-        MechanismError: wrong counts, holes that meet at rest.
+        MechanismError: wrong counts, holes that meet at rest, friction with another model, rolling resistance.
     Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
     """
 
@@ -98,18 +101,28 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
     tendons: Sequence[BeadTendon]
     model: str = "exact"
     name: str = ""
+    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beads", members("beads", self.beads, Bead))
         object.__setattr__(self, "tendons", members("tendons", self.tendons, BeadTendon))
         if self.model not in TENDON_MODELS:
             raise MechanismError("tendon model", self.model, f"one of {', '.join(TENDON_MODELS)}")
+        self._check_friction()
         low, high = self.joint_limits.T
         rest = np.array([bead.rest_angle for bead in self.beads])
         if not np.all((low < rest) & (rest < high)):
             i = int(np.argmin((low < rest) & (rest < high)))
             allowed = f"a rest angle between {low[i]:g} and {high[i]:g} rad, where tendon holes meet"
             raise MechanismError(f"beads[{i}] rest_angle", rest[i], allowed)
+
+    def _check_friction(self) -> None:
+        friction = checked_friction(self.friction)
+        if friction is not None and friction.rolling > 0.0:
+            raise MechanismError("friction rolling", friction.rolling, "0: hinges do not roll")
+        if self.model != "exact" and self.has_friction:
+            hint = "Friction needs the true direction of the tendons between the beads."
+            raise MechanismError("tendon model with friction", self.model, "exact", hint)
 
     @property
     def n_links(self) -> int:
@@ -156,6 +169,7 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
             np.array([holes[-1] for holes in self._holes], float)[None],
             np.array([TENDON_MODELS.index(self.model)]),
             np.array(self.last_links),
+            self._turns[None],
         )
 
     @staticmethod
@@ -238,14 +252,28 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
         """G, B, C of gap² = G - 2 (B cos + C sin), and gap and slope at angle 0, (n - 1, m, 5)."""
         gaps = np.zeros((self.n_joints, self.n_tendons, 5))
         for i, j in np.argwhere(self._crosses):
-            below, above = self._holes[j][i : i + 2]
-            axis, half = np.array(self.beads[i].axis), 0.5 * self.beads[i].gap
-            w, u = np.array([*below, -half]), np.array([*above, half])
+            axis, w, u = self._holes_about(i, j)
             along = (axis @ u) * (axis @ w)
             gaps[i, j, :3] = u @ u + w @ w - 2.0 * along, w @ u - along, w @ np.cross(axis, u)
             gaps[i, j, 3] = np.linalg.norm(u - w)
             gaps[i, j, 4] = -gaps[i, j, 2] / gaps[i, j, 3]
         return gaps
+
+    @cached_property
+    def _turns(self) -> Array:
+        """Segment v at angle 0, what it gains per sin and per 1 - cos in the link below, and above, (n - 1, m, 15)."""
+        turns = np.zeros((self.n_joints, self.n_tendons, N_TURNS))
+        for i, j in np.argwhere(self._crosses):
+            axis, w, u = self._holes_about(i, j)
+            across = np.outer(axis, axis) - np.eye(3)
+            turns[i, j] = np.concatenate([u - w, np.cross(axis, u), across @ u, np.cross(axis, w), -across @ w])
+        return turns
+
+    def _holes_about(self, i: int, j: int) -> tuple[Array, Array, Array]:
+        """Axis of hinge i, and the holes of tendon j below and above it, seen from the hinge at angle 0, (3,) each."""
+        below, above = self._holes[j][i : i + 2]
+        half = 0.5 * self.beads[i].gap
+        return np.array(self.beads[i].axis), np.array([*below, -half]), np.array([*above, half])
 
 
 def _with(part: _P, **values: object) -> _P:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of
+from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of
 from rollingjoint.solution import Solution
 from rollingjoint.spatial.chain import HingeChain
 
@@ -20,7 +21,8 @@ class HingeEquilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
     Attributes, beside those of Solution:
-        tendon_torques: (n - 1, m) d residual / d tension; tendon_rates unless the tendons are end couples [mm].
+        tendon_torques: (n - 1, m) d residual / d tension at the motor [mm]; tendon_rates unless there is friction or
+            the tendons are end couples.
         escapes: unstable equilibria that the solver met and left downhill. Not 0: the arm has buckled, and where it
             buckled to is one of several.
     """
@@ -46,7 +48,7 @@ class HingeEquilibrium(Solution):
 
     @property
     def torques_per_tension(self) -> Array:
-        """(n - 1, m) d residual / d tension [mm]."""
+        """(n - 1, m) d residual / d tension at the motor [mm]."""
         return self.tendon_torques
 
     @property
@@ -72,3 +74,5 @@ class HingeEquilibrium(Solution):
         return np.swapaxes(np.concatenate([np.cross(axes, arm), axes], axis=-1), -1, -2)
 
     _fill_stiffness = staticmethod(hinge_stiffness_of)
+    _fill_rubbed_stiffness = staticmethod(rubbed_hinge_stiffness_of)
+    _begin_histories = staticmethod(begin_hinge_histories)

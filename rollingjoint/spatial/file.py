@@ -8,14 +8,16 @@ from typing import Any
 
 from rollingjoint.checked_yaml import located, mapping, number, numbered, numbers, point, text, whole_number
 from rollingjoint.errors import ConfigError
+from rollingjoint.friction import friction_from_dict, friction_to_dict
 from rollingjoint.spatial.chain import AXES, Bead, HingeChain
 from rollingjoint.tendon import DEFAULT_STIFFNESS, BeadTendon
 
 HEADER = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
 PARTS = "beads"
-KEYS: tuple[str, ...] = ("name", "model", "defaults", PARTS, "tendons")
+KEYS: tuple[str, ...] = ("name", "model", "defaults", PARTS, "tendons", "friction")
 _BEAD_KEYS = tuple(field.name for field in fields(Bead))
 _TENDON_KEYS = tuple(field.name for field in fields(BeadTendon))
+_SHARED_KEYS = ("end", "stiffness", "friction")
 
 
 def from_dict(content: object, source: str, name: str) -> HingeChain:
@@ -23,12 +25,13 @@ def from_dict(content: object, source: str, name: str) -> HingeChain:
     top = mapping(source, content, KEYS, required=("beads", "tendons"))
     defaults = mapping(f"{source}: defaults", top.get("defaults", {}), ("bead", "tendon"))
     bead_default = mapping(f"{source}: defaults.bead", defaults.get("bead", {}), _BEAD_KEYS)
-    tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), ("end", "stiffness"))
+    tendon_default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), _SHARED_KEYS)
     beads = [_bead(place, item, bead_default) for place, item in numbered(f"{source}: beads", top["beads"])]
     tendons = [_tendon(place, item, tendon_default) for place, item in numbered(f"{source}: tendons", top["tendons"])]
     with located(source):
         model = text(f"{source}: model", top.get("model", HingeChain.model))
-        return HingeChain(beads, tendons, model, text(f"{source}: name", top.get("name", name)))
+        friction = friction_from_dict(f"{source}: friction", top["friction"]) if "friction" in top else None
+        return HingeChain(beads, tendons, model, text(f"{source}: name", top.get("name", name)), friction)
 
 
 def to_dict(chain: HingeChain) -> dict[str, Any]:
@@ -36,9 +39,11 @@ def to_dict(chain: HingeChain) -> dict[str, Any]:
     beads = [_bead_dict(bead) for bead in chain.beads]
     tendons = [
         {"holes": [list(hole) for hole in tendon.holes], "end": tendon.end, "stiffness": tendon.stiffness}
+        | friction_to_dict(tendon.friction)
         for tendon in chain.tendons
     ]
-    return {"name": chain.name, "model": chain.model, "beads": beads, "tendons": tendons}
+    named = {"name": chain.name, "model": chain.model, "beads": beads, "tendons": tendons}
+    return named | friction_to_dict(chain.friction)
 
 
 def _bead(where: str, item: object, default: Mapping[str, Any]) -> Bead:
@@ -66,7 +71,8 @@ def _tendon(where: str, item: object, default: Mapping[str, Any]) -> BeadTendon:
     merged = {"end": BeadTendon.end, "stiffness": DEFAULT_STIFFNESS, **default, **own}
     end = whole_number(f"{where}.end", merged["end"])
     with located(where):
-        return BeadTendon(holes, end, number(f"{where}.stiffness", merged["stiffness"]))
+        friction = friction_from_dict(f"{where}.friction", merged["friction"]) if "friction" in merged else None
+        return BeadTendon(holes, end, number(f"{where}.stiffness", merged["stiffness"]), friction)
 
 
 def _bead_dict(bead: Bead) -> dict[str, Any]:

@@ -41,6 +41,8 @@ def checked_history(
     one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
     leading = () if rows is None else (rows,)
     per_hole, per_joint = (*leading, one.n_joints, one.n_tendons), (*leading, one.n_joints)
+    if isinstance(history, Solution) and state.states.shape == per_hole:
+        return state
     arrays = [as_floats("history", array, "numbers") for array in state]
     if rows is not None and np.ndim(state.angles) == 1:
         arrays = [np.repeat(array[None], rows, axis=0) for array in arrays]
@@ -56,8 +58,8 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
         return history
     if not isinstance(history, Solution):
         raise InvalidInput("history", history, _ALLOWED, "solve_tensions and solve_lengths return equilibria.")
-    if history.friction is not None:
-        return history.friction.state
+    if history.friction is not None or history.mechanism is mechanism:
+        return history.friction_state
     one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
     if (history.joint_angles.shape[-1], history.tensions.shape[-1]) != (one.n_joints, one.n_tendons):
         allowed = f"that of a mechanism with {one.n_joints} joints and {one.n_tendons} tendons"

@@ -34,7 +34,7 @@ from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged
+from rollingjoint.kernels.shared.long_chain import confirmed, symmetric_direction, unchanged, unlimited
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
 
@@ -139,6 +139,8 @@ def fill_generators(chain, loads, state, prox, sweep):
 
 formula(formulas.direction, Chain)(symmetric_direction)
 formula(formulas.renew, Chain)(unchanged)
+formula(formulas.overshoots, Chain)(unlimited)
+formula(formulas.reconsider, Chain)(confirmed)
 
 
 @formula(formulas.first_tendon_column, Chain)

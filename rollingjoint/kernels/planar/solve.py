@@ -8,7 +8,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.planar.loads import generator_columns, has_potential
 from rollingjoint.kernels.shared.long_chain import new_sweep
 from rollingjoint.kernels.shared.rubbed_chain import settle_rubbed
-from rollingjoint.kernels.shared.settle import long_joints, settle
+from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
 
 
 @part
@@ -18,7 +18,7 @@ def solve(chain, law, loads, start, state):
     n = long_joints(start.size, conservative)
     sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
-    return settle(chain, conservative, law, loads, start, state, H, sweep)
+    return settle(chain, conservative, MOST_ESCAPES, law, loads, start, state, H, sweep)
 
 
 @part
@@ -26,4 +26,5 @@ def solve_step(chain, friction, before, law, loads, start, state, memory):
     """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what `solve` returns."""
     columns = generator_columns(chain.standing, loads) + law.low.size
     conservative = has_potential(chain.standing, loads)
-    return settle_rubbed(chain, friction, before, conservative, columns, law, loads, start, state, memory)
+    how = conservative, MOST_ESCAPES, columns
+    return settle_rubbed(chain, friction, before, *how, law, loads, start, state, memory)

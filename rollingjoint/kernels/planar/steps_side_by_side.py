@@ -39,7 +39,7 @@ from rollingjoint.kernels.planar.block import (
 )
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import fill_dead_stiffness, n_rows
-from rollingjoint.kernels.planar.side_by_side import MAX_PASSES, SHORTEST, evaluate_lanes, hold_ends, solve_rows
+from rollingjoint.kernels.planar.side_by_side import evaluate_lanes, hold_ends, solve_rows
 from rollingjoint.kernels.planar.turns import evaluate_turns
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
@@ -53,8 +53,8 @@ from rollingjoint.kernels.shared.friction import (
     evaluate_slips,
     evaluated_energy,
     friction_of,
-    friction_work,
     history_of,
+    overshoots_kink,
     valid_friction,
 )
 from rollingjoint.kernels.shared.tolerances import (
@@ -66,6 +66,9 @@ from rollingjoint.kernels.shared.tolerances import (
     ROUNDING,
     SMALLEST_PIVOT,
 )
+
+_MAX_PASSES = 60.0
+_SHORTEST = 2.0**-20  # of a Newton step
 
 
 class RubbedBlock(NamedTuple):
@@ -107,7 +110,7 @@ def _fill_friction(friction, rubbed, lane, source):
     return usual and valid_friction(law, before)
 
 
-@part
+@part(inline=True)
 def _add_friction(tendon_joints, rubbed):
     """Evaluate the friction of the state, and add it to the residual."""
     state, now, coefficients = rubbed.block.state, rubbed.now, rubbed.law.tendons
@@ -129,9 +132,12 @@ def _freeze(tendon_joints, rubbed, accepted):
             now.frozen[k, j] = where(accepted, now.grips[k, j], now.frozen[k, j])
 
 
-@part
-def _fill_jacobian(tendon_joints, rubbed, A, upper):
-    """Fill A = dr/dphi, of a joint that is held with a row and a column of the identity; upper: memory, (J,)."""
+@part(inline=True)
+def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
+    """Fill A = dr/dphi, of a joint that is held with a row and a column of the identity.
+
+    own, flat: memory, (J,).
+    """
     block, now = rubbed.block, rubbed.now
     state, free = block.state, block.vectors[5]
     sums, contact, gap = state.sums, state.contact, state.gap
@@ -142,26 +148,24 @@ def _fill_jacobian(tendon_joints, rubbed, A, upper):
             A[m, i] = A[i, m]
         A[i, i] = lever + (contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX])
     for j in range(tendon_joints.size):
-        for m in range(tendon_joints[j]):
-            rate = gap[m, j, 1]
-            own = now.give[m, j] * rate - now.bend[m, j, 1]
-            for i in range(m):
-                A[i, m] = A[i, m] + upper[i] * rate
-            lever, carried = now.lever[m, j], now.carried[m, j]
-            stretch = state.elastic[j] * now.passed[m, j]
-            upper[m] = lever * (stretch + carried * now.give[m, j] + now.flat[m, j])
-            own_rate = upper[m] * rate - lever * carried * now.bend[m, j, 0]
-            A[m, m] = A[m, m] + own_rate + now.tension[m, j] * gap[m, j, 2]
-            for i in range(m + 1, tendon_joints[j]):
-                value = state.elastic[j] * now.passed[i, j] * rate + now.carried[i, j] * own + now.flat[m, j] * rate
-                A[i, m] = A[i, m] + now.lever[i, j] * value
-    for i in range(n_joints):
-        for m in range(n_joints):
-            both = (free[i] > 0.0) & (free[m] > 0.0)
-            A[i, m] = where(both, A[i, m], 1.0 if i == m else 0.0)
+        for i in range(tendon_joints[j]):
+            rate, lever, carried = gap[i, j, 1], now.lever[i, j], now.carried[i, j]
+            stretch, bent = lever * (state.elastic[j] * now.passed[i, j]), lever * carried
+            both = stretch + bent * now.give[i, j] + lever * now.flat[i, j]
+            for m in range(i):
+                A[i, m] += stretch * gap[m, j, 1] + bent * own[m] + lever * flat[m]
+            A[i, i] += both * rate - bent * now.bend[i, j, 0] + now.tension[i, j] * gap[i, j, 2]
+            for m in range(i + 1, tendon_joints[j]):
+                A[i, m] += both * gap[m, j, 1]
+            own[i], flat[i] = now.give[i, j] * rate - now.bend[i, j, 1], now.flat[i, j] * rate
+    if any_lane(held > 0.0):
+        for i in range(n_joints):
+            for m in range(n_joints):
+                both = (free[i] > 0.0) & (free[m] > 0.0)
+                A[i, m] = where(both, A[i, m], 1.0 if i == m else 0.0)
 
 
-@part
+@part(inline=True)
 def _smallest_pivot(A, S):
     """Smallest pivot of the symmetric part of A; S: memory for its factor S D Sᵀ."""
     smallest = 0.0 * A[0, 0] + np.inf
@@ -181,11 +185,10 @@ def _smallest_pivot(A, S):
     return smallest
 
 
-@part
-def _factor(A, free, per_pivot):
-    """Factor A = L R in place, the diagonal of L ones; returns the smallest pivot of the free joints."""
+@part(inline=True)
+def _factor(A, largest, per_pivot):
+    """Factor A = L R in place, the diagonal of L ones; pivots that are not positive become the largest entry."""
     n_joints = per_pivot.size
-    smallest = 0.0 * A[0, 0] + np.inf
     for i in range(n_joints):
         for k in range(i):
             scaled = A[i, k] * per_pivot[k]
@@ -193,9 +196,7 @@ def _factor(A, free, per_pivot):
             for m in range(k + 1, n_joints):
                 A[i, m] = A[i, m] - scaled * A[k, m]
         pivot = A[i, i]
-        smallest = where((free[i] > 0.0) & (pivot < smallest), pivot, smallest)
-        per_pivot[i] = 1.0 / pivot
-    return smallest
+        per_pivot[i] = 1.0 / where(pivot > SMALLEST_PIVOT * largest, pivot, largest)
 
 
 @part(inline=True)
@@ -218,34 +219,31 @@ def _substitute(A, per_pivot, residual, free, step):
 def advance(rubbed, chain, designs):
     """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
     block, now, coefficients, tendon_joints = rubbed.block, rubbed.now, rubbed.law.tendons, chain.tendon_joints
-    limits, search, state, angle, residual = (
-        block.limits,
-        block.search,
-        block.state,
-        block.state.angle,
-        block.state.residual,
-    )
+    limits, search, angle, residual = block.limits, block.search, block.state.angle, block.state.residual
     solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
     potential, magnitude, scale = evaluate_lanes(chain, designs, block)
     _add_friction(tendon_joints, rubbed)
-    term, size, present = evaluated_energy(coefficients, rubbed.before, tendon_joints, now)
+    term, size, present, work = evaluated_energy(coefficients, rubbed.before, tendon_joints, now)
+    rubbed.work[0] = work
     energy, magnitude = potential + term, magnitude + size
     worst, held = hold_ends(block)
     zero = 0.0 * worst
-    slope = zero
+    slope, new_slope = zero, zero
     for i in range(angle.size):
-        slope = slope + base_residual[i] * (angle[i] - base_angle[i])
+        way = angle[i] - base_angle[i]
+        slope, new_slope = slope + base_residual[i] * way, new_slope + residual[i] * way
 
     running = search[PHASE] == RUNNING
     noise, fall = ROUNDING * (search[MAGNITUDE] + magnitude), search[ENERGY] - energy
-    descent = (fall > noise) & (fall >= -1e-4 * slope)
+    short = (search[STEPS] < 0.0) | ~overshoots_kink(slope, new_slope)
+    descent = (fall > noise) & (fall >= -1e-4 * slope) & short
     accepted = running & (descent | ((fall >= -noise) & (worst < search[WORST])))
     goal = RELATIVE_GOAL * scale
     goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
     _freeze(tendon_joints, rubbed, accepted)
-    _fill_jacobian(tendon_joints, rubbed, block.L, solution)
+    _fill_jacobian(tendon_joints, rubbed, held, block.L, solution, per_pivot)
     largest = zero
     for i in range(angle.size):
         size = where(free[i] > 0.0, abs(block.L[i, i]), 0.0)
@@ -253,8 +251,7 @@ def advance(rubbed, chain, designs):
     firm = at_rest
     if any_lane(at_rest):
         firm = at_rest & (_smallest_pivot(block.L, rubbed.symmetric) > SMALLEST_PIVOT * largest)
-    smallest = _factor(block.L, free, per_pivot)
-    stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
+    _factor(block.L, largest, per_pivot)
     search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
     search[ENERGY] = where(accepted, potential + present, search[ENERGY])
     search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
@@ -270,8 +267,7 @@ def advance(rubbed, chain, designs):
     for i in range(angle.size):
         longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
         downhill = downhill - residual[i] * solution[i]
-    stable = stable & (at_rest | (downhill > 0.0))
-    goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
+    goes_on = running & ((downhill > 0.0) | ~accepted) & (tried >= _SHORTEST) & (passes < _MAX_PASSES)
     shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
     for i in range(angle.size):
         direction = where(accepted, solution[i] * shortened, step[i])
@@ -282,7 +278,7 @@ def advance(rubbed, chain, designs):
         trial = where(trial < limits[i, 1], trial, limits[i, 1])
         angle[i] = where(running & ~at_rest, trial, angle[i])
     left = where(goes_on, RUNNING, LEFT)
-    arrived = where(stable & firm, ARRIVED, LEFT)
+    arrived = where(firm & (largest >= NEGLIGIBLE), ARRIVED, LEFT)
     search[PHASE] = where(running, where(at_rest, arrived, left), search[PHASE])
     return any_lane(running & (at_rest | ~goes_on))
 
@@ -314,8 +310,6 @@ def fill_outputs(rubbed, batch):
                 crossing = i < tendon_joints[j]
                 responses[j, i] = -(elastic[j] * now.lever[i, j] * now.passed[i, j]) if crossing else 0.0 * elastic[j]
             _substitute(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
-    work = friction_work(rubbed.law.tendons, rubbed.before, tendon_joints, now)
-    rubbed.work[0] = work
 
 
 @formula(block_formulas.store_row, RubbedBlock)

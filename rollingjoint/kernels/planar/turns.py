@@ -9,7 +9,7 @@ from rollingjoint.kernels.planar.arrays import COS, CX, CY, FX, FY, SIN, C, Chai
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.joint import CLOSED_GAP
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.elementary import angle_of
+from rollingjoint.kernels.shared.elementary import two_angles
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
 
@@ -24,15 +24,17 @@ def evaluate_turns(holes, directions, tendon_joints, state, turn):
             jrx = -(holes[i, j, 1] + length * vy - joint[i, CY])
             jry = holes[i, j, 0] + length * vx - joint[i, CX]
             closed = length <= CLOSED_GAP
-            rate = where(closed, 0.0, (vx * jry - vy * jrx) / where(closed, 1.0, length))
             dx, dy = directions[i, j, 0], directions[i, j, 1]
-            sine, cosine = dx * vy - dy * vx, dx * vx + dy * vy
-            turn[i, j, BELOW], turn[i, j, BELOW_RATE] = angle_of(abs(sine), cosine), where(sine < 0.0, -rate, rate)
+            below, below_cosine = dx * vy - dy * vx, dx * vx + dy * vy
             ex, ey = directions[i, j, 2], directions[i, j, 3]
             fx, fy = joint[i, COS] * ex - joint[i, SIN] * ey, joint[i, SIN] * ex + joint[i, COS] * ey
-            sine, cosine = vx * fy - vy * fx, vx * fx + vy * fy
-            turn[i, j, ABOVE] = angle_of(abs(sine), cosine)
-            turn[i, j, ABOVE_RATE] = where(sine < 0.0, rate - 1.0, 1.0 - rate)
+            above, above_cosine = vx * fy - vy * fx, vx * fx + vy * fy
+            turn[i, j, BELOW], turn[i, j, ABOVE], per_length = two_angles(
+                abs(below), below_cosine, abs(above), above_cosine, where(closed, 1.0, length)
+            )
+            rate = where(closed, 0.0, (vx * jry - vy * jrx) * per_length)
+            turn[i, j, BELOW_RATE] = where(below < 0.0, -rate, rate)
+            turn[i, j, ABOVE_RATE] = where(above < 0.0, rate - 1.0, 1.0 - rate)
 
 
 @formula(formulas.fill_turns, Chain)

@@ -54,6 +54,16 @@ def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:
     raise TypeError("renew is compiled into kernels")
 
 
+def overshoots(chain: Any, slope: Any, new_slope: Any) -> Any:
+    """Whether a step ends too far beyond the minimum along it; slopes of the merit at its start and its end."""
+    raise TypeError("overshoots is compiled into kernels")
+
+
+def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
+    """The kind of a stationary point where H is not positive definite; kind: what H says."""
+    raise TypeError("reconsider is compiled into kernels")
+
+
 def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
     """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
 

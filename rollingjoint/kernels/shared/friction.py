@@ -27,6 +27,7 @@ ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
 BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
 
 
+MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
 _STILL = 1e-8  # a friction state below it is zero
 
 
@@ -97,6 +98,12 @@ def work_per_grip(before, after, way, presliding):
 
 
 @part(inline=True)
+def stretch_per_tension(coefficients, count, k, j):
+    """Stretch of tendon j beyond link k per newton, where it crosses so many joints."""
+    return coefficients[j, COMPLIANCE] * ((count - k) / count)
+
+
+@part(inline=True)
 def evaluate_slips(coefficients, tendon_joints, state, now):
     """Fill the slip coordinates from gaps and tensions at the motor."""
     for j in range(tendon_joints.size):
@@ -104,7 +111,10 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
         beyond = 0.0 * state.angle[0]
         for k in range(count - 1, -1, -1):
             beyond = beyond + state.gap[k, j, 0]
-            now.slips[k, j] = beyond - coefficients[j, COMPLIANCE] * ((count - k) / count) * state.tension[j]
+            now.slips[k, j] = beyond
+        if any_lane(coefficients[j, COMPLIANCE] > 0.0):
+            for k in range(count):
+                now.slips[k, j] -= stretch_per_tension(coefficients, count, k, j) * state.tension[j]
 
 
 @part(inline=True)
@@ -116,6 +126,7 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
         count = tendon_joints[j]
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
         share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
+        stretches = any_lane(coefficients[j, COMPLIANCE] > 0.0)
         carried, tension = motor, motor
         for k in range(count):
             turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
@@ -128,8 +139,9 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
             share = share * passing
             lost = lost + constant * z
             give, flat = give + mu * turn * per_slip, flat + constant * per_slip
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * per_slip
-            yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
+            if stretches:
+                stretch = stretch_per_tension(coefficients, count, k, j) * per_slip
+                yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
             grip, below = carried * mu * turn * mean + constant, tension
             carried = motor * share
             pulls = carried >= lost
@@ -170,7 +182,7 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
     for j in range(tendon_joints.size):
         count = tendon_joints[j]
         for k in range(count):
-            stretch = coefficients[j, COMPLIANCE] * ((count - k) / count) * (state.tension[j] - motor[j])
+            stretch = stretch_per_tension(coefficients, count, k, j) * (state.tension[j] - motor[j])
             way = now.slips[k, j] + stretch - before.slips[k, j]
             after = slide(before.states[k, j], way, coefficients[j, PRESLIDING])
             term = grips[k, j] * work_per_grip(before.states[k, j], after, way, coefficients[j, PRESLIDING])
@@ -178,33 +190,32 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
     return energy, magnitude
 
 
-@part
+@part(inline=True)
 def evaluated_energy(coefficients, before, tendon_joints, now):
-    """Incremental potential at an evaluated state at the frozen grips, its size, and the potential at the present ones.
+    """Incremental potential at an evaluated state without stretch in the channels, and what the holes take up.
 
-    Without stretch in the channels.
+    Returns (potential at the frozen grips, its magnitude, potential at the present grips, work with the mean of the
+    grips before and after the step) [N·mm].
     """
     zero = 0.0 * now.slips[0, 0]
-    energy, magnitude, present = zero, zero, zero
+    energy, magnitude, present, earlier = zero, zero, zero, zero
     for j in range(tendon_joints.size):
         for k in range(tendon_joints[j]):
             way = now.slips[k, j] - before.slips[k, j]
             per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
             term = now.frozen[k, j] * per_grip
-            energy, magnitude, present = energy + term, magnitude + abs(term), present + now.grips[k, j] * per_grip
-    return energy, magnitude, present
+            energy, magnitude = energy + term, magnitude + abs(term)
+            present, earlier = present + now.grips[k, j] * per_grip, earlier + before.grips[k, j] * per_grip
+    return energy, magnitude, present, 0.5 * (present + earlier)
 
 
 @part(inline=True)
-def friction_work(coefficients, before, tendon_joints, now):
-    """What the holes take up in a step, with the mean of the grips before and after it [N·mm]."""
-    work = 0.0 * now.slips[0, 0]
-    for j in range(tendon_joints.size):
-        for k in range(tendon_joints[j]):
-            way = now.slips[k, j] - before.slips[k, j]
-            per_grip = work_per_grip(before.states[k, j], now.states[k, j], way, coefficients[j, PRESLIDING])
-            work = work + 0.5 * (before.grips[k, j] + now.grips[k, j]) * per_grip
-    return work
+def overshoots_kink(slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it: there the grips may send the next one right back.
+
+    slope, new_slope: of the merit along the step, at its start (negative) and at its end.
+    """
+    return new_slope > -MOST_OVERSHOOT * slope
 
 
 @part(inline=True)

@@ -113,6 +113,16 @@ def symmetric_direction(chain, H, sweep, free, residual, L, step):
         descent_step(H, free, residual, L, step)
 
 
+def confirmed(chain, loads, state, free, kind):
+    """`reconsider` where H is the whole derivative of the residual."""
+    return kind
+
+
 def unchanged(chain, state, energy, magnitude):
     """`renew` where the line search holds nothing constant."""
     return energy, magnitude
+
+
+def unlimited(chain, slope, new_slope):
+    """`overshoots` where the line search goes by a potential: nothing is too far as long as that falls."""
+    return False

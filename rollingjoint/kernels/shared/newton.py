@@ -13,7 +13,15 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
-from rollingjoint.kernels.shared.formulas import direction, evaluate, fill_generators, renew, stiffness
+from rollingjoint.kernels.shared.formulas import (
+    direction,
+    evaluate,
+    fill_generators,
+    overshoots,
+    reconsider,
+    renew,
+    stiffness,
+)
 from rollingjoint.kernels.shared.linear import (
     cholesky,
     damped_step,
@@ -95,11 +103,13 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
         new_energy += _proximal_energy(state, prox, anchor)
         new_worst = mark_free(chain, state, prox, anchor, free)
         if conservative:
-            slope = 0.0
+            slope, new_slope = 0.0, 0.0
             for i in range(n):
-                slope += residual[i] * (state.angle[i] - phi[i])
+                way = state.angle[i] - phi[i]
+                slope += residual[i] * way
+                new_slope += (state.residual[i] + prox * (state.angle[i] - anchor[i])) * way
             noise, fall = ROUNDING * (magnitude + new_magnitude), energy - new_energy
-            accept = fall > noise and fall >= -1e-4 * slope
+            accept = fall > noise and fall >= -1e-4 * slope and not overshoots(chain, slope, new_slope)
             accept = accept or (fall >= -noise and new_worst < worst)
         else:
             new_squared = 0.0
@@ -202,6 +212,8 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
                 H[i, i] += prox
         if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
             kind = classify(H, sweep, free, L)
+            if kind != CONVERGED:
+                kind = reconsider(chain, loads, state, free, kind)
             if kind != UNSTABLE or not conservative or long or escapes == most_escapes:
                 for i in range(n):
                     if kind == CONVERGED and not free[i]:

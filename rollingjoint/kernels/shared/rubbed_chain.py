@@ -31,9 +31,10 @@ from rollingjoint.kernels.shared.friction import (
     Rubbing,
     evaluate_holes,
     evaluate_slips,
+    evaluated_energy,
     freeze,
     friction_energy,
-    friction_work,
+    overshoots_kink,
     slide,
     tension_rate,
     work_per_grip,
@@ -41,8 +42,8 @@ from rollingjoint.kernels.shared.friction import (
 from rollingjoint.kernels.shared.linear import cholesky, descent_step, lu_step
 from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
 from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
-from rollingjoint.kernels.shared.newton import minimise
-from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
+from rollingjoint.kernels.shared.newton import classify, minimise
+from rollingjoint.kernels.shared.settle import long_joints, settle
 
 _SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
 
@@ -88,7 +89,7 @@ class MemorySizes(NamedTuple):
 
 
 @part
-def _rubbed(chain, before, memory, n_long, columns, symmetric):
+def rubbed(chain, before, memory, n_long, columns, symmetric):
     """The chain with friction; n_long: joints if it is a long one, else 0; columns: of the family's generators."""
     law, lower, n_short = memory.law, columns, chain.joints.shape[0] - n_long
     for j in range(law.tendons.shape[0]):
@@ -163,6 +164,12 @@ def renew(chain, state, energy, magnitude):
             new += chain.law.rolling[ARM] * (rolling.pressing[i] - rolling.frozen[i]) * per_pressing
             rolling.frozen[i] = rolling.pressing[i]
     return energy + (new - old), magnitude + abs(new - old)
+
+
+@formula(formulas.overshoots, Rubbed)
+def overshoots(chain, slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it."""
+    return overshoots_kink(slope, new_slope)
 
 
 @part
@@ -253,23 +260,34 @@ def direction(chain, H, sweep, free, residual, L, step):
         descent_step(H, free, residual, L, step)
 
 
+@formula(formulas.reconsider, Rubbed)
+def reconsider(chain, loads, state, free, kind):
+    """By the eigenvalues of A: the pose can be stable although A's symmetric part is not positive definite."""
+    n = state.angle.size
+    A = np.empty((n, n))
+    law, now, rolling = chain.law, chain.now, chain.rolling
+    dense = Rubbed(chain.chain, chain.joints, law, chain.before, now, rolling, A, chain.base, chain.lu, False)
+    formulas.stiffness(dense, loads, state, A)
+    return classify(A, new_sweep(0, 0), free, np.empty((n, n)))
+
+
 @part
-def settle_rubbed(chain, friction, before, conservative, columns, law, loads, start, state, memory):
+def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, law, loads, start, state, memory):
     """The step with friction from its history, begun at joint angles `start`; returns what `settle` returns.
 
     Where it fails, it is solved with a softer presliding first: only the start of Newton's method is another one.
     """
     n = long_joints(start.size, conservative)
     _soften(friction, 1.0, memory.law)
-    one = _rubbed(chain, before, memory, n, columns, conservative)
+    one = rubbed(chain, before, memory, n, columns, conservative)
     sweep = new_sweep(n, one.lu.U.shape[1] + columns)
     H = np.empty((start.size - n, start.size - n))
-    status, count, worst = settle(one, conservative, law, loads, start, state, H, sweep)
+    status, count, worst = settle(one, conservative, most_escapes, law, loads, start, state, H, sweep)
     if status == NOT_CONVERGED:
         begin(one, start, state.angle)
         for softness in _SOFTER:
             _soften(friction, softness, memory.law)
-            found = minimise(one, law, loads, conservative, MOST_ESCAPES, 0.0, start, state, H, sweep)
+            found = minimise(one, law, loads, conservative, most_escapes, 0.0, start, state, H, sweep)
             status, iterations, worst = found
             count += iterations
     return status, count, worst
@@ -294,7 +312,8 @@ def remember(chain, before, memory, status, state, after):
     """
     now, rolling, law = memory.now, memory.rolling, memory.law
     stands, holds = status <= INDETERMINATE, status < INDETERMINATE
-    work = friction_work(law.tendons, before, chain.tendon_joints, now) if holds else 0.0
+    _, _, _, work = evaluated_energy(law.tendons, before, chain.tendon_joints, now)
+    work = work if holds else 0.0
     for i in range(state.angle.size):
         after.angles[i] = state.angle[i] if stands else before.angles[i]
         after.rolling[i] = before.rolling[i]
@@ -342,7 +361,7 @@ def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques)
     """
     _soften(friction, 1.0, memory.law)
     _hold(chain, state, memory, history)
-    one = _rubbed(chain, history, memory, 0, 0, False)
+    one = rubbed(chain, history, memory, 0, 0, False)
     if friction.rolling[ARM] > 0.0:
         _evaluate_rolling(one, state)
     formulas.stiffness(one, loads, state, A)

@@ -20,7 +20,7 @@ def long_joints(n_joints, conservative):
 
 
 @part
-def settle(chain, conservative, law, loads, start, state, H, sweep):
+def settle(chain, conservative, most_escapes, law, loads, start, state, H, sweep):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, largest free |r|).
 
     Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
@@ -31,7 +31,7 @@ def settle(chain, conservative, law, loads, start, state, H, sweep):
     begin(chain, start, state.angle)
     while True:
         prox = size * _PROXIMAL_PATH[phase]
-        found = minimise(chain, law, loads, conservative, MOST_ESCAPES, prox, start, state, H, sweep)
+        found = minimise(chain, law, loads, conservative, most_escapes, prox, start, state, H, sweep)
         status, iterations, worst = found
         count += iterations
         if phase == last:

@@ -28,6 +28,9 @@ N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
 # follower force B, moment of follower loads about the origin
 F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21
+# Columns of Hinges.turns: the segment of a tendon at angle 0, the same in the frames of the links below and above its
+# hinge; then what it gains per sin and per 1 - cos in the frame below, and in the frame above
+IN_BELOW, IN_ABOVE, N_TURNS = 3, 9, 15
 # Columns of HingeState.held, sums over all springs beyond a hinge: k, k x, and k x outer x as xx, xy, xz, yy, yz, zz
 K, KX, KXX, N_HELD = 0, 1, 4, 10
 
@@ -47,6 +50,7 @@ class Hinges(NamedTuple):
     ends: Annotated[Floats, "D", "m", 2]  # hole of the last bead
     model: Annotated[Integers, "D"]  # EXACT, LINEAR or END_COUPLE
     tendon_joints: Annotated[Integers, "m"]  # number of hinges a tendon crosses
+    turns: Annotated[Floats, "D", "J", "m", N_TURNS]  # segment from the hole below to the hole above
 
 
 class HingeState(NamedTuple):
@@ -132,4 +136,5 @@ def hinge_design(chain, which):
         chain.ends[which],
         chain.model[which],
         chain.tendon_joints,
+        chain.turns[which],
     )

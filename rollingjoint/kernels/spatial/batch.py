@@ -18,11 +18,11 @@ from rollingjoint.kernels.spatial.arrays import (
 )
 from rollingjoint.kernels.spatial.solve import solve_hinges
 
-_STIFFNESSES = (SPRING,)  # columns of a load table
+STIFFNESSES = (SPRING,)  # columns of a load table
 
 
 @part
-def _solve_invalid(chain, start, state):
+def solve_invalid(chain, start, state):
     """The start pose (at rest where it is not a number), no tension and no load."""
     for i in range(start.size):
         angle = start[i] if abs(start[i]) <= LARGEST_INPUT else chain.joints[i, 2]
@@ -32,7 +32,7 @@ def _solve_invalid(chain, start, state):
 
 
 @part
-def _store(state, outcome, results, lane):
+def store(state, outcome, results, lane):
     """Copy a solved state and its outcome into the results."""
     for i in range(state.angle.size):
         results.joint_angles[lane, i] = state.angle[i]
@@ -67,13 +67,13 @@ def _solve_each(chain, designs, laws, loads, starts, results, first, last, state
     for lane in range(first, last):
         one = hinge_design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        if valid(law, loads[lane], starts[lane], _STIFFNESSES):
+        if valid(law, loads[lane], starts[lane], STIFFNESSES):
             for i in range(rest.size):
                 rest[i] = one.joints[i, 2]
             outcome = solve_hinges(one, law, loads[lane], starts[lane], rest, state)
         else:
-            outcome = _solve_invalid(one, starts[lane], state)
-        _store(state, outcome, results, lane)
+            outcome = solve_invalid(one, starts[lane], state)
+        store(state, outcome, results, lane)
 
 
 @kernel

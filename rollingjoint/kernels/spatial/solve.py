@@ -14,13 +14,14 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.shared.bounds import begin, mark_free, move
 from rollingjoint.kernels.shared.formulas import evaluate, stiffness
-from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, new_sweep
+from rollingjoint.kernels.shared.long_chain import new_sweep
 from rollingjoint.kernels.shared.newton import escape_direction, minimise
 from rollingjoint.kernels.shared.relaxation import relax
+from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
+from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints
 from rollingjoint.kernels.spatial.arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
 from rollingjoint.kernels.spatial.springs import has_springs
 
-_MOST_ESCAPES = 8
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
 
@@ -68,7 +69,7 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
     while True:
         status, iterations, worst = minimise(chain, law, loads, conservative, 0, 0.0, anchor, state, H, sweep)
         count += iterations
-        if status != UNSTABLE or not conservative or escapes == _MOST_ESCAPES:
+        if status != UNSTABLE or not conservative or escapes == MOST_ESCAPES:
             break
         if not _escape(chain, law, loads, state, free, step, anchor):
             break
@@ -122,11 +123,17 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
 
 
 @part
+def _generator_columns(law, loads):
+    """How many columns fill_generators has."""
+    return law.low.size + (6 if has_springs(loads) else 3)
+
+
+@part
 def solve_hinges(chain, law, loads, start, rest, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = _has_potential(chain, loads)
-    n = start.size if conservative and start.size > DENSE_JOINTS else 0
-    sweep = new_sweep(n, law.low.size + (6 if has_springs(loads) else 3))
+    n = long_joints(start.size, conservative)
+    sweep = new_sweep(n, _generator_columns(law, loads))
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
     status, count, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
@@ -139,4 +146,28 @@ def solve_hinges(chain, law, loads, start, rest, state):
         scratch = np.empty((3, law.low.size)), np.empty(loads.shape)
         status, more, worst, escapes = _grow(chain, law, loads, conservative, rest, state, H, sweep, *scratch)
         count += more
+    return status, count, worst, escapes
+
+
+@part
+def step_hinges(chain, friction, before, law, loads, start, state, memory):
+    """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what solve_hinges does."""
+    conservative, n = _has_potential(chain, loads), start.size
+    columns = _generator_columns(law, loads)
+    angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)
+    for i in range(n):
+        angles[i] = start[i]
+    count, escapes = 0, 0
+    while True:
+        how = conservative, 0, columns
+        status, iterations, worst = settle_rubbed(chain, friction, before, *how, law, loads, angles, state, memory)
+        count += iterations
+        if status != UNSTABLE or not conservative or escapes == MOST_ESCAPES:
+            break
+        dense = rubbed(chain, before, memory, 0, columns, True)
+        if not _escape(dense, law, loads, state, free, step, angles):
+            break
+        for i in range(n):
+            angles[i] = state.angle[i]
+        escapes += 1
     return status, count, worst, escapes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from rollingjoint.errors import ConfigError, RollingJointError
+from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism, mechanism_from_dict, mechanism_to_dict
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
@@ -62,7 +64,7 @@ def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
     """The same surfaces or beads, holes, tendons and name to the last bit."""
     assert (a.name, a.n_links, a.n_tendons) == (b.name, b.n_links, b.n_tendons)
     if isinstance(a, HingeChain):
-        assert (a.model, a.beads, a.tendons) == (b.model, b.beads, b.tendons)
+        assert (a.model, a.beads, a.tendons, a.friction) == (b.model, b.beads, b.tendons, b.friction)
         return
     for one, other in zip(a.links, b.links, strict=True):
         for x, y in ((one.parent, other.parent), (one.child, other.child)):
@@ -70,6 +72,7 @@ def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
             np.testing.assert_array_equal(x.profile.breaks, y.profile.breaks)
             np.testing.assert_array_equal(x.profile.coefficients, y.profile.coefficients)
     assert list(a.tendons) == list(b.tendons)
+    assert (a.springs, a.friction) == (b.springs, b.friction)
 
 
 @pytest.mark.parametrize("name", ["five_link", "two_segment"])
@@ -104,6 +107,9 @@ def test_dump_of_any_arm_loads_as_exactly_the_same_arm(seed: int, tmp_path: Path
     ]
     tendons = [BeadTendon(rng.normal(size=(end + 1, 2)), end, rng.uniform(1, 9)) for end in (20, 7)]
     arm = HingeChain(beads, tendons, "linear", "of any numbers")
+    assert_same(load_mechanism(write(tmp_path, dump_mechanism(arm))), arm)
+    rubbed = [BeadTendon([(3.0, 4.0)], friction=CapstanFriction(0.25 * rng.random(), compliance=0.1)), *tendons]
+    arm = HingeChain(beads, rubbed, friction=CapstanFriction(0.25 * rng.random(), 0.05, constant=rng.random()))
     assert_same(load_mechanism(write(tmp_path, dump_mechanism(arm))), arm)
 
 
@@ -165,6 +171,10 @@ def test_rest_angles_limits_and_the_model_are_read() -> None:
         ("end: 2", "end: tip", ["tendons[1].end = 'tip'", "an integer"]),
         ("stiffness: 3", "stiffness: 0", ["tendons[2]: tendon stiffness = 0.0", "positive"]),
         ("  tendon: {stiffness: 10}", "  tendon: {holes: [[1, 2]]}", ["defaults.tendon", "'holes'", "end, stiffness"]),
+        ("model: exact", "friction: {mu: 0.1, rolling: 0.2}", ["friction rolling = 0.2", "0: hinges do not roll"]),
+        ("model: exact", "friction: 0.1", ["friction = 0.1", "keys and values, with the keys mu"]),
+        ("model: exact", "model: linear\nfriction: {mu: 0.1}", ["model with friction = 'linear'", "expected exact"]),
+        ("stiffness: 3", "friction: {mu: 1}", ["tendons[2].friction: friction mu = 1.0", "0 to 0.25"]),
     ],
 )
 def test_wrong_entry_of_an_arm_names_file_place_and_what_is_expected(
@@ -191,6 +201,26 @@ def test_own_key_wins_over_the_default() -> None:
     assert [link.child.curvature(0.0) for link in mechanism.links] == [-0.04, -0.01, -0.04]
     assert mechanism.links[1].child.start == (0.0, 10.0)
     assert [(t.end, t.stiffness) for t in mechanism.tendons] == [(-1, 5.0), (1, 3.0)]
+
+
+def test_friction_of_a_tendon_replaces_that_of_the_defaults_and_of_the_mechanism() -> None:
+    tendons = [{"on_surface": -8}, {"on_surface": 8, "friction": {"mu": 0.2, "compliance": 0.01}}]
+    shared = {"friction": {"mu": 0.05, "presliding": 0.1}}
+    mechanism = mechanism_from_dict(changed(tendons=tendons, **shared))
+    assert mechanism.friction == CapstanFriction(0.05, presliding=0.1)
+    assert [tendon.friction for tendon in mechanism.tendons] == [None, CapstanFriction(0.2, compliance=0.01)]
+    defaults = {**yaml.safe_load(SMALL)["defaults"], "tendon": shared}
+    mechanism = mechanism_from_dict(changed(tendons=tendons, defaults=defaults))
+    assert mechanism.friction is None
+    assert [tendon.friction.mu for tendon in mechanism.tendons] == [0.05, 0.2]
+
+
+def test_every_number_of_friction_survives_the_round_trip(tmp_path: Path) -> None:
+    friction = CapstanFriction(1 / 7, 1 / 30, 0.1, 0.02 / 3, 0.3, 1 / 70)
+    chain = preset("two_segment").replace(friction=friction)
+    own = dataclasses.replace(chain.tendons[2], friction=dataclasses.replace(friction, mu=0.0, rolling=0.0))
+    chain = chain.replace(tendons=[*chain.tendons[:2], own, chain.tendons[3]])
+    assert_same(load_mechanism(write(tmp_path, dump_mechanism(chain))), chain)
 
 
 def test_polynomial_is_in_powers_of_s_and_pieces_in_powers_from_their_break() -> None:
@@ -278,6 +308,12 @@ def test_unknown_key_names_file_place_and_nearest_key(old: str, new: str, parts:
         ("end: 1", "end: 1.5", ["tendons[1].end = 1.5", "an integer"]),
         ("end: 1", "end: 7", ["tendon end = 7", "1 to 2"]),
         ("stiffness: 3", "stiffness: -3", ["tendons[1]: tendon stiffness = -3.0", "positive"]),
+        ("name: small", "friction: 0.1", ["arm.yaml: friction = 0.1", "mu, presliding"]),
+        ("name: small", "friction: {presliding: 0.1}", ["friction", "the key 'mu'"]),
+        ("name: small", "friction: {mu: 0.1, preslidng: 0.1}", ["friction", "Did you mean 'presliding'?"]),
+        ("name: small", "friction: {mu: 0.3}", ["friction mu = 0.3", "0 to 0.25"]),
+        ("stiffness: 3", "friction: {mu: low}", ["tendons[1].friction.mu = 'low'", "a finite number"]),
+        ("stiffness: 3", "friction: {mu: 0.1, rolling: 1}", ["tendons[1]: rolling", "Give it to the mechanism"]),
         ("name: small", "name: 5", ["name = 5", "text"]),
         ("name: small", "name: [", ["line", "valid YAML"]),
         ("name: small", "name: small\nname: twice", ["line 3", "key 'name' given twice"]),
