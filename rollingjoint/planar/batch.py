@@ -23,7 +23,7 @@ from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
@@ -91,10 +91,8 @@ def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: i
 
 def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
-    law = FrictionLaw(*(array[first:last] for array in friction.law))
-    history = History(*(array[first:last] for array in friction.before))
-    where = batch.laws.low[first:last], batch.starts[first:last]
-    begin_histories(batch.chain, batch.designs[first:last], law, *where, history)
+    rows, (law, history) = slice(first, last), histories_of(friction, first, last)
+    begin_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
 
 
 @functools.cache
