@@ -29,6 +29,7 @@ RANDOMISED = {
     "actuator_offset_mm": 0.5,
 }
 EVERYTHING = {
+    "friction": {"shared": False},
     "mechanism": "small_arm",
     "orientation": True,
     "observe_load": True,
