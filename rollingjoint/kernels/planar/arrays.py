@@ -6,22 +6,18 @@ A kernel on states takes arrays of floats, one configuration, or of SIMD lanes, 
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.arrays import TendonLaw, empty_arrays
 from rollingjoint.kernels.shared.friction import FrictionArrays
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
 EDGES = BUCKETS + 1
-_MANY_LANES = 1024
 
 # Columns of State.joint, in the proximal link's frame: cos and sin of the angle, contact point, origin of the distal
 # link, rate d contact point / d angle
@@ -115,16 +111,7 @@ def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = Tr
         (n_lanes if responses else 0, n_joints, n_tendons),
         (n_lanes,),
     )
-    numbers = map(np.empty, shapes) if n_lanes < _MANY_LANES else _in_one_piece(shapes)
-    return Results(*numbers, np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
-
-
-def _in_one_piece(shapes: Sequence[tuple[int, ...]]) -> Iterator[np.ndarray]:
-    """Empty arrays in one allocation: the system hands out large memory in large pages, which is much faster."""
-    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
-    memory = np.empty(ends[-1])
-    for shape, end in zip(shapes, ends, strict=True):
-        yield memory[end - math.prod(shape) : end].reshape(shape)
+    return Results(*empty_arrays(shapes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
 
 
 def aligned(values: np.ndarray) -> np.ndarray:

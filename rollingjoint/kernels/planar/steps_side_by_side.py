@@ -55,8 +55,9 @@ from rollingjoint.kernels.shared.friction import (
     friction_of,
     history_of,
     overshoots_kink,
-    valid_friction,
+    valid_law,
 )
+from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -97,17 +98,19 @@ def _fill_directions(chain, rubbed, lane, design):
 def _fill_friction(friction, rubbed, lane, source):
     """Copy the friction of one lane into the block; False where it needs the solver for all cases."""
     law, before = friction_of(friction.law, source), history_of(friction.before, source)
-    tendons = numbers(rubbed.law.tendons)
+    tendons, frozen = numbers(rubbed.law.tendons), numbers(rubbed.now.frozen)
     states, slips, grips = numbers(rubbed.before.states), numbers(rubbed.before.slips), numbers(rubbed.before.grips)
-    frozen, usual = numbers(rubbed.now.frozen), law.rolling[ARM] == 0.0
+    usual = valid_law(law) and law.rolling[ARM] == 0.0
     for j in range(tendons.shape[0]):
         usual = usual and law.tendons[j, COMPLIANCE] == 0.0
         for column in range(N_COEFFICIENTS):
             tendons[j, column, lane] = law.tendons[j, column]
-        for i in range(states.shape[0]):
-            states[i, j, lane], slips[i, j, lane] = before.states[i, j], before.slips[i, j]
-            grips[i, j, lane], frozen[i, j, lane] = before.grips[i, j], 0.0
-    return usual and valid_friction(law, before)
+    for i in range(states.shape[0]):
+        for j in range(states.shape[1]):
+            z, slip, grip = before.states[i, j], before.slips[i, j], before.grips[i, j]
+            states[i, j, lane], slips[i, j, lane], grips[i, j, lane], frozen[i, j, lane] = z, slip, grip, 0.0
+            usual = usual and abs(z) <= 1.0 and resolvable(slip) and resolvable(grip)
+    return usual
 
 
 @part(inline=True)

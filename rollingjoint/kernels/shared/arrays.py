@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
+import numpy as np
+
 from rollingjoint._numba.layout import Floats
+
+_ONE_PIECE = 8192  # numbers from which on arrays are allocated together
 
 # Status codes, the values of solution.Status
 CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
@@ -17,3 +24,12 @@ class TendonLaw(NamedTuple):
     stiffness: Annotated[Floats, "m"]
     low: Annotated[Floats, "m"]
     high: Annotated[Floats, "m"]
+
+
+def empty_arrays(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+    """Empty arrays of floats; many numbers in one allocation: large memory comes in large pages, which is faster."""
+    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
+    if ends[-1] < _ONE_PIECE:
+        return [np.empty(shape) for shape in shapes]
+    memory = np.empty(ends[-1])
+    return [memory[end - math.prod(shape) : end].reshape(shape) for shape, end in zip(shapes, ends, strict=True)]

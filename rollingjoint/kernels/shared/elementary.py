@@ -46,47 +46,21 @@ def decay(x):
 
 
 @part(inline=True)
-def _fraction(sine, cosine):
-    """(over, under, whether the angle is taken from pi/4) of the tangent or cotangent of an angle, at most 0.66."""
-    size = abs(cosine)
-    over, under = where(sine < size, sine, size), where(sine < size, size, sine)
+def angle_and_inverse(sine, cosine, value):
+    """(the angle, 0 to 2 pi, of a vector with these components, 1 / value): two divisions for both.
+
+    The vector has any length but zero.
+    """
+    side, size = abs(sine), abs(cosine)
+    over, under = where(side < size, side, size), where(side < size, size, side)
     far = over > _SPLIT * under
-    return where(far, over - under, over), where(far, over + under, under), far
-
-
-@part(inline=True)
-def _arc(x, over_q, far, sine, cosine):
-    """The angle from its reduced tangent x and 1 / Q(x²)."""
+    over, under = where(far, over - under, over), where(far, over + under, under)
+    per_both = 1.0 / (under * value)
+    x = over * value * per_both
     z = x * x
     p = (((_P[0] * z + _P[1]) * z + _P[2]) * z + _P[3]) * z + _P[4]
-    angle = where(far, 0.25 * math.pi, 0.0) + (x + x * z * p * over_q)
-    angle = where(sine < abs(cosine), angle, 0.5 * math.pi - angle)
-    return where(cosine < 0.0, math.pi - angle, angle)
-
-
-@part(inline=True)
-def _bottom(z):
-    return ((((z + _Q[0]) * z + _Q[1]) * z + _Q[2]) * z + _Q[3]) * z + _Q[4]
-
-
-@part(inline=True)
-def angle_of(sine, cosine):
-    """The angle, 0 to pi, of a vector with these components (of any length, not both zero, sine not negative)."""
-    over, under, far = _fraction(sine, cosine)
-    x = over / under
-    return _arc(x, 1.0 / _bottom(x * x), far, sine, cosine)
-
-
-@part(inline=True)
-def two_angles(sine, cosine, other_sine, other_cosine, length):
-    """Two angles, 0 to pi, from their unit vectors (sines not negative), and 1 / length: two divisions for all five."""
-    over, under, far = _fraction(sine, cosine)
-    other_over, other_under, other_far = _fraction(other_sine, other_cosine)
-    both = under * other_under
-    per_all = 1.0 / (both * length)
-    per_length, per_both = both * per_all, length * per_all
-    x, y = over * other_under * per_both, other_over * under * per_both
-    q, other_q = _bottom(x * x), _bottom(y * y)
-    per_q = 1.0 / (q * other_q)
-    angle = _arc(x, other_q * per_q, far, sine, cosine)
-    return angle, _arc(y, q * per_q, other_far, other_sine, other_cosine), per_length
+    q = ((((z + _Q[0]) * z + _Q[1]) * z + _Q[2]) * z + _Q[3]) * z + _Q[4]
+    angle = where(far, 0.25 * math.pi, 0.0) + (x + x * z * p / q)
+    angle = where(side < size, angle, 0.5 * math.pi - angle)
+    angle = where(cosine < 0.0, math.pi - angle, angle)
+    return where(sine < 0.0, 2.0 * math.pi - angle, angle), under * per_both

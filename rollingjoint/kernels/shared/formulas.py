@@ -30,7 +30,7 @@ def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -
 
 
 def fill_turns(chain: Any, state: Any, turn: Any) -> None:
-    """Fill how far the tendons turn at the holes below and above every gap, and the rates (friction.Rubbing.turn)."""
+    """Fill how far the tendons turn at the holes of every link, and the rates (friction.Rubbing.turn)."""
     raise TypeError("fill_turns is compiled into kernels")
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.simd import any_lane, where
+from rollingjoint.kernels.shared.arrays import empty_arrays
 from rollingjoint.kernels.shared.elementary import decay
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
@@ -22,9 +21,9 @@ from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 # the base and the end of the tendon [mm/N]
 MU, PRESLIDING, EXTRA_TURN, CONSTANT, COMPLIANCE, N_COEFFICIENTS = range(6)
 ARM, ROLLING_PRESLIDING = range(2)  # of FrictionLaw.rolling [mm, rad]
-# Columns of Rubbing.turn: turn of a tendon at the hole below a gap and at the one above it, not negative, each followed
-# by its rate d turn / d joint angle
-BELOW, BELOW_RATE, ABOVE, ABOVE_RATE = range(4)
+# Columns of Rubbing.turn: turn of a tendon at both holes of link k, the angles at each added up; how the turn at the
+# hole below gap k, and at the one above it, changes with the angle of joint k
+TURN, BELOW_RATE, ABOVE_RATE, N_TURN = range(4)
 
 
 MOST_OVERSHOOT = 0.5  # of the slope at the start of a line search, at the end of its step
@@ -61,7 +60,7 @@ class FrictionArrays(NamedTuple):
 class Rubbing(NamedTuple):
     """Friction evaluated at one configuration."""
 
-    turn: Annotated[Floats, "J", "m", 4]  # columns above
+    turn: Annotated[Floats, "J", "m", N_TURN]  # columns above
     states: Annotated[Floats, "J", "m"]
     slips: Annotated[Floats, "J", "m"]
     grips: Annotated[Floats, "J", "m"]
@@ -78,8 +77,9 @@ class Rubbing(NamedTuple):
 
 def new_friction_arrays(law: FrictionLaw, before: History) -> FrictionArrays:
     """Friction of B lanes with empty outputs."""
-    after = History(*(np.empty_like(array) for array in before))
-    return FrictionArrays(law, before, after, np.empty_like(before.states), np.empty(len(before.angles)))
+    holes, joints = before.states.shape, before.angles.shape
+    *after, tension, work = empty_arrays([holes, holes, holes, joints, joints, holes, joints[:1]])
+    return FrictionArrays(law, before, History(*after), tension, work)
 
 
 def histories_of(friction: FrictionArrays, first: int, last: int) -> tuple[FrictionLaw, History]:
@@ -128,41 +128,52 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
     """Fill friction states, tensions of the gaps and their rates; slips and turns are there."""
     zero = 0.0 * state.angle[0]
     for j in range(tendon_joints.size):
-        mu, constant, motor = coefficients[j, MU], coefficients[j, CONSTANT], state.tension[j]
-        count = tendon_joints[j]
+        mu, motor = coefficients[j, MU], state.tension[j]
         per_presliding = 1.0 / coefficients[j, PRESLIDING]
-        share, lost, give, flat, yielding, sinking = zero + 1.0, zero, zero, zero, zero, zero
-        stretches = any_lane(coefficients[j, COMPLIANCE] > 0.0)
-        carried, tension = motor, motor
-        for k in range(count):
-            turn = zero + coefficients[j, EXTRA_TURN] + now.turn[k, j, BELOW]
-            if k > 0:
-                turn = turn + now.turn[k - 1, j, ABOVE]
+        share, give, carried = zero + 1.0, zero, motor
+        for k in range(tendon_joints[j]):
             free = before.states[k, j] - (now.slips[k, j] - before.slips[k, j]) * per_presliding
-            z = where(free >= 1.0, 1.0, where(free <= -1.0, -1.0, free))
-            per_slip = where((free < 1.0) & (free > -1.0), per_presliding, 0.0)
-            passing, mean = decay(mu * z * turn)
+            z = where(free > 1.0, 1.0, where(free < -1.0, -1.0, free))
+            resistance = mu * (now.turn[k, j, TURN] + coefficients[j, EXTRA_TURN])
+            passing, mean = decay(resistance * z)
+            now.grips[k, j] = carried * resistance * mean
             share = share * passing
-            lost = lost + constant * z
-            give, flat = give + mu * turn * per_slip, flat + constant * per_slip
-            if stretches:
-                stretch = stretch_per_tension(coefficients, count, k, j) * per_slip
-                yielding, sinking = yielding + mu * turn * stretch, sinking + constant * stretch
-            grip, below = carried * mu * turn * mean + constant, tension
             carried = motor * share
-            pulls = carried >= lost
-            tension = where(pulls, carried - lost, 0.0)
-            if any_lane(carried < lost):  # what is left below is all that the holes can take
-                grip = where(pulls, grip, below / where(abs(z) > _STILL, z, 1.0))
-            now.grips[k, j] = grip
-            now.states[k, j], now.tension[k, j], now.carried[k, j] = z, tension, carried
-            now.passed[k, j] = share - carried * yielding - sinking
-            now.give[k, j], now.flat[k, j] = give, flat
-            now.lever[k, j] = where(pulls, state.gap[k, j, 1], 0.0)
-            rate = mu * z
+            give = give + resistance * where(abs(z) < 1.0, per_presliding, 0.0)
+            now.states[k, j], now.tension[k, j], now.carried[k, j] = z, carried, carried
+            now.passed[k, j], now.give[k, j], now.flat[k, j] = share, give, zero
+            now.lever[k, j] = state.gap[k, j, 1]
             if k > 0:
-                now.bend[k - 1, j, 1] = now.bend[k - 1, j, 0] + rate * now.turn[k - 1, j, ABOVE_RATE]
-            now.bend[k, j, 0] = rate * now.turn[k, j, BELOW_RATE]
+                now.bend[k - 1, j, 1] = now.bend[k - 1, j, 0] + mu * z * now.turn[k - 1, j, ABOVE_RATE]
+            now.bend[k, j, 0] = mu * z * now.turn[k, j, BELOW_RATE]
+        if any_lane((coefficients[j, CONSTANT] > 0.0) | (coefficients[j, COMPLIANCE] > 0.0)):
+            _add_options(coefficients, tendon_joints[j], state, now, j)
+
+
+@part
+def _add_options(coefficients, count, state, now, j):
+    """Change what `evaluate_holes` has filled for one tendon to that with constant forces and stretch in the channels.
+
+    A tension that the constant forces use up stays zero.
+    """
+    constant = coefficients[j, CONSTANT]
+    lost = flat = yielding = sinking = give = 0.0 * state.angle[0]
+    below = state.tension[j]
+    for k in range(count):
+        z = now.states[k, j]
+        per_slip = where(abs(z) < 1.0, 1.0 / coefficients[j, PRESLIDING], 0.0)
+        lost, flat = lost + constant * z, flat + constant * per_slip
+        stretch = stretch_per_tension(coefficients, count, k, j)
+        yielding = yielding + (now.give[k, j] - give) * stretch
+        sinking, give = sinking + constant * per_slip * stretch, now.give[k, j]
+        pulls = now.carried[k, j] >= lost
+        tension = where(pulls, now.carried[k, j] - lost, 0.0)
+        left = below / where(abs(z) > _STILL, z, 1.0)  # what is left below is all that the holes can take
+        now.grips[k, j] = where(pulls, now.grips[k, j] + constant, left)
+        now.tension[k, j], now.flat[k, j] = tension, flat
+        now.passed[k, j] = now.passed[k, j] - now.carried[k, j] * yielding - sinking
+        now.lever[k, j] = where(pulls, now.lever[k, j], 0.0)
+        below = tension
 
 
 @part(inline=True)
@@ -233,13 +244,13 @@ def freeze(tendon_joints, state, now):
             now.frozen[k, j] = now.grips[k, j]
 
 
-@part
+@part(inline=True)
 def friction_of(law, lane):
     """The coefficients of one lane."""
     return FrictionLaw(law.tendons[lane], law.rolling[lane])
 
 
-@part
+@part(inline=True)
 def history_of(history, lane):
     """What one lane remembers."""
     return History(
@@ -247,23 +258,24 @@ def history_of(history, lane):
     )
 
 
-@part
-def valid_friction(law, history):
-    """True when every number can be solved with: no NaN, nothing huge, no negative coefficient, states from -1 to 1."""
+@part(inline=True)
+def valid_law(law):
+    """True when the coefficients can be solved with: no NaN, nothing huge, none negative."""
+    valid = 0.0 <= law.rolling[ARM] <= LARGEST_INPUT and 0.0 < law.rolling[ROLLING_PRESLIDING] <= LARGEST_INPUT
     for j in range(law.tendons.shape[0]):
         for column in range(N_COEFFICIENTS):
-            if not 0.0 <= law.tendons[j, column] <= LARGEST_INPUT:
-                return False
-        if not law.tendons[j, PRESLIDING] > 0.0:
-            return False
-    if not (0.0 <= law.rolling[ARM] <= LARGEST_INPUT and 0.0 < law.rolling[ROLLING_PRESLIDING] <= LARGEST_INPUT):
-        return False
+            valid = valid and 0.0 <= law.tendons[j, column] <= LARGEST_INPUT
+        valid = valid and law.tendons[j, PRESLIDING] > 0.0
+    return valid
+
+
+@part
+def valid_friction(law, history):
+    """True when every number can be solved with: `valid_law`, nothing huge remembered, states from -1 to 1."""
+    valid = valid_law(law)
     for k in range(history.angles.size):
-        if not (resolvable(history.angles[k]) and abs(history.rolling[k]) <= 1.0):
-            return False
+        valid = valid and resolvable(history.angles[k]) and abs(history.rolling[k]) <= 1.0
         for j in range(law.tendons.shape[0]):
-            if not (resolvable(history.slips[k, j]) and resolvable(history.grips[k, j])):
-                return False
-            if not abs(history.states[k, j]) <= 1.0:
-                return False
-    return True
+            valid = valid and resolvable(history.slips[k, j]) and resolvable(history.grips[k, j])
+            valid = valid and abs(history.states[k, j]) <= 1.0
+    return valid

@@ -10,9 +10,8 @@ import math
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.elementary import angle_of
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.friction import ABOVE, ABOVE_RATE, BELOW, BELOW_RATE
+from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, TURN
 from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
 
 
@@ -20,12 +19,13 @@ from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
 def fill_turns(chain, state, turn):
     """Fill turns and their rates (shared.friction.Rubbing.turn)."""
     table, angle, turn = borrow(chain.turns), borrow(state.angle), borrow(turn)
-    for i in range(angle.size):
-        sin, versine = math.sin(angle[i]), 2.0 * math.sin(0.5 * angle[i]) ** 2
-        for j in range(chain.tendon_joints.size):
-            if i < chain.tendon_joints[j]:
-                turn[i, j, BELOW], turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
-                turn[i, j, ABOVE], turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
+    for j in range(chain.tendon_joints.size):
+        entry = 0.0
+        for i in range(chain.tendon_joints[j]):
+            sin, versine = math.sin(angle[i]), 2.0 * math.sin(0.5 * angle[i]) ** 2
+            below, turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
+            turn[i, j, TURN] = entry + below
+            entry, turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
 
 
 @part(inline=True)
@@ -41,7 +41,7 @@ def _turn_from_z(table, i, j, frame, sin, versine):
     side = math.sqrt(x * x + y * y)
     if side == 0.0:
         return 0.0, 0.0
-    return angle_of(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
+    return math.atan2(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
 
 
 @formula(formulas.fill_normals, Hinges)
