@@ -319,9 +319,9 @@ class Solution(ABC):
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
-        per_hole = [self._rows(values, axes=2) for values in (state.states, state.slips, state.grips)]
-        history = History(*per_hole, self._rows(state.angles), self._rows(state.rolling))
-        A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(per_hole[0])
+        states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
+        history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))
+        A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         law = friction_laws(self.mechanism, len(angles))
         self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, angles, history, A, torques)
