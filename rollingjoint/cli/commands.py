@@ -17,6 +17,7 @@ import numpy as np
 
 from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
+from rollingjoint.cli import loop_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.identify import add_identify, run_identify
 from rollingjoint.errors import InvalidInput, SolverError
@@ -77,6 +78,10 @@ def _plot(args: argparse.Namespace) -> int:
     found = equilibrium(args, mechanism) if actuated(args) else None
     _draw(found or mechanism, args.out)
     return OK if found is None or found.ok else _unusable(args, found)
+
+
+def _loop(args: argparse.Namespace) -> int:
+    return OK if loop_command.run(args) else NOT_USABLE
 
 
 def _export(args: argparse.Namespace) -> int:
@@ -166,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
     add_case(solve, required=True)
-    solve.add_argument("--friction", type=float, metavar="MU", help=f"for slip margins (default {report.FRICTION:g})")
+    solve.add_argument("--friction", type=float, metavar="MU", help=f"of links on links (default {report.FRICTION:g})")
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
@@ -174,6 +179,9 @@ def _parser() -> argparse.ArgumentParser:
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")
     plot.set_defaults(run=_plot)
+    loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
+    loop_command.add_options(loop)
+    loop.set_defaults(run=_loop)
     export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL and an assembly drawing")
     add_case(export, required=False)
     command.add_options(export)

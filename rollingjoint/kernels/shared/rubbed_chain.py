@@ -189,15 +189,28 @@ def stiffness(chain, loads, state, H):
     formulas.stiffness(chain.chain, loads, state, A)
     for j in range(tendon_joints.size):
         for i in range(tendon_joints[j]):
-            pull = state.elastic[j] * state.gap[i, j, 1]
-            for m in range(tendon_joints[j]):
-                A[i, m] += now.lever[i, j] * tension_rate(state, now, i, m, j) - pull * state.gap[m, j, 1]
+            _add_tension_rates(state, now, i, j, tendon_joints[j], A)
             A[i, i] += (now.tension[i, j] - state.tension[j]) * state.gap[i, j, 2]
     for i in range(n_joints):
         A[i, i] += _rolling_stiffness(chain, state, i)
     for i in range(n_joints):
         for m in range(n_joints):
             H[i, m] = 0.5 * (A[i, m] + A[m, i]) if chain.symmetric else A[i, m]
+
+
+@part(inline=True)
+def _add_tension_rates(state, now, i, j, count, A):
+    """Add to row i what tension_rate of a tendon brings, less what the stretch brings without friction."""
+    lever, carried, stretch = now.lever[i, j], now.carried[i, j], state.elastic[j] * now.passed[i, j]
+    pull = state.elastic[j] * state.gap[i, j, 1]
+    for m in range(i):
+        rate = state.gap[m, j, 1]
+        slipping = carried * (now.give[m, j] * rate - now.bend[m, j, 1]) + now.flat[m, j] * rate
+        A[i, m] += lever * (stretch * rate + slipping) - pull * rate
+    per_rate = lever * (stretch + carried * now.give[i, j] + now.flat[i, j]) - pull
+    for m in range(i, count):
+        A[i, m] += per_rate * state.gap[m, j, 1]
+    A[i, i] -= lever * carried * now.bend[i, j, 0]
 
 
 @formula(formulas.fill_generators, Rubbed)
