@@ -299,7 +299,7 @@ class Solution(ABC):
     @staticmethod
     @abstractmethod
     def _fill_rubbed_stiffness(*arguments: Any) -> None:
-        """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
+        """The family's kernel: (chain, designs, law, tensions, elastic, loads, angles, history, A, torques)."""
 
     @staticmethod
     @abstractmethod
@@ -319,12 +319,12 @@ class Solution(ABC):
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
-        states = self._rows(state.states, axes=2)
-        history = History(states, states.copy(), states.copy(), angles, self._rows(state.rolling))
+        states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
+        history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))
         A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         law = friction_laws(self.mechanism, len(angles))
-        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, history, A, torques)
+        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, angles, history, A, torques)
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:

@@ -181,7 +181,9 @@ def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[st
             raise ConfigError("--set", text, "section.key=value, for example parameters.gamma=0.9")
         place = values
         for section in sections:
-            if not isinstance(place.setdefault(section, {}), dict):
+            if place.get(section) is None:  # not there, or off
+                place[section] = {}
+            if not isinstance(place[section], dict):
                 raise ConfigError("--set", text, f"a key of a section; '{section}' is a value")
             place = place[section]
         place[key] = parse_yaml(value, f"--set {text}")
