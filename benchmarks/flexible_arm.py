@@ -3,6 +3,7 @@
     python benchmarks/flexible_arm.py
 
 Processor time, the best of some rounds of 400 different inputs near one equilibrium. Warm: each starts from that one.
+Friction: each is a step from that one, with a coefficient of 0.1.
 """
 
 from __future__ import annotations
@@ -12,18 +13,25 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rollingjoint import HingeEquilibrium, flexible_arm, set_threads, solve_lengths_batch, solve_tensions_batch
+from rollingjoint import (
+    CapstanFriction,
+    HingeEquilibrium,
+    flexible_arm,
+    set_threads,
+    solve_lengths_batch,
+    solve_tensions_batch,
+)
 
 LANES, ROUNDS = 400, 20
 TENSIONS = np.array([8.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0, 0.0])
 
 
-def measure(what: str, solve: Callable[..., HingeEquilibrium], *arguments: object) -> None:
+def measure(what: str, solve: Callable[..., HingeEquilibrium], *arguments: object, **more: object) -> None:
     """Print microseconds and Newton steps per equilibrium."""
     best = np.inf
     for _ in range(ROUNDS):
         begin = time.process_time()
-        found = solve(*arguments)
+        found = solve(*arguments, **more)
         best = min(best, (time.process_time() - begin) / LANES)
     print(f"{what:28} {1e6 * best:6.1f} µs  {np.mean(found.iterations):4.1f} steps  {np.mean(found.ok):4.0%} stable")
 
@@ -41,6 +49,11 @@ def main() -> None:
         measure(f"{model}, tensions, cold", solve_tensions_batch, arm, pulled, loads)
         measure(f"{model}, lengths, warm", solve_lengths_batch, arm, short, loads, base)
         measure(f"{model}, lengths, cold", solve_lengths_batch, arm, short, loads)
+        if model == "exact":
+            rough = arm.replace(friction=CapstanFriction(0.1))
+            settled = solve_tensions_batch(rough, base.tensions + 0.2, loads, history=base)
+            measure(f"{model}, tensions, friction", solve_tensions_batch, rough, pulled, loads, history=settled)
+            measure(f"{model}, lengths, friction", solve_lengths_batch, rough, short, loads, history=settled)
 
 
 if __name__ == "__main__":

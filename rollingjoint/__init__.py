@@ -12,6 +12,7 @@ Modules:
     errors: the exceptions.
     family: the interface of a family of mechanisms.
     friction: coefficients of friction, and what it remembers.
+    identify: parameters of a mechanism from measurements.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
@@ -39,6 +40,7 @@ from rollingjoint.solution import Status
 from rollingjoint.spatial.chain import Bead, HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.statics import sensitivity
+from rollingjoint.statics.loop import Loop, trace_loop
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.statics.trace import trace
 from rollingjoint.tendon import BeadTendon, OnSurface, Tendon
@@ -60,6 +62,7 @@ __all__ = [
     "HingeEquilibrium",
     "InvalidInput",
     "Link",
+    "Loop",
     "MechanismError",
     "OnSurface",
     "Profile",
@@ -83,6 +86,7 @@ __all__ = [
     "solve_tensions",
     "solve_tensions_batch",
     "trace",
+    "trace_loop",
     "two_segment",
     "uniform",
 ]

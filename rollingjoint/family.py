@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History, new_friction_arrays
 from rollingjoint.load import Gravity, Load
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import FrictionStep, friction_laws, friction_step
@@ -140,10 +140,14 @@ class Family:
         tables: Array,
         starts: Array,
         before: FrictionState,
+        friction: FrictionLaw | None = None,
     ) -> Any:
-        """The equilibria of a batch of steps with friction; arguments beside `before` as of `solve_batch`."""
+        """The equilibria of a batch of steps with friction; the first arguments are those of `solve_batch`.
+
+        before: histories of all rows; friction: their coefficients, default those of the mechanisms.
+        """
         results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
-        friction = new_friction_arrays(friction_laws(mechanism, len(starts)), History(*before))
-        run_in_threads(partial(self.batch.step_range, arrays, friction), len(starts), starts.shape[1])
-        return self.batch.pack(mechanism, tables, results, friction_step(friction))
+        steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
+        run_in_threads(partial(self.batch.step_range, arrays, steps), len(starts), starts.shape[1])
+        return self.batch.pack(mechanism, tables, results, friction_step(steps))

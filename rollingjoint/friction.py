@@ -21,7 +21,7 @@ LARGEST_MU = 0.25
 SMALLEST_PRESLIDING = 0.01  # mm
 ROLLING_PRESLIDING = 1e-3  # rad: the turn of a joint over which its rolling resistance builds up
 
-_RANGES = {
+RANGES = {
     "mu": (0.0, LARGEST_MU, ""),
     "presliding": (SMALLEST_PRESLIDING, 10.0, " [mm]"),
     "extra_turn": (0.0, np.pi, " [rad]"),
@@ -59,7 +59,7 @@ class CapstanFriction:
     compliance: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in _RANGES.items():
+        for name, (low, high, unit) in RANGES.items():
             value, allowed = getattr(self, name), f"a number from {low:g} to {high:g}{unit}".replace("3.14159", "pi")
             object.__setattr__(
                 self, name, as_number(f"friction {name}", value, low, high, allowed=allowed, error=MechanismError)
@@ -76,7 +76,7 @@ NO_FRICTION = CapstanFriction(0.0)
 
 def friction_from_dict(where: str, value: object) -> CapstanFriction:
     """The friction that a mapping in a mechanism file describes; ConfigError with the place for a wrong one."""
-    given = mapping(where, value, tuple(_RANGES), required=("mu",))
+    given = mapping(where, value, tuple(RANGES), required=("mu",))
     numbers = {key: number(f"{where}.{key}", each) for key, each in given.items()}
     with located(where):
         return CapstanFriction(**numbers)

@@ -109,9 +109,9 @@ def stacked(solutions: Sequence[Any]) -> Any:
     tables = [np.pad(one.loads, ((0, rows - len(one.loads)), (0, 0))) for one in solutions]
     names = [each.name for each in fields(first) if each.name not in ("mechanism", "loads", "friction")]
     arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names}
-    steps = [one.friction or _no_friction(one) for one in solutions]
     friction = None
     if any(one.friction is not None for one in solutions):
+        steps = [one.friction or _no_friction(one) for one in solutions]
         state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
         gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
         friction = FrictionStep(gap_tensions, slip, work, state)
@@ -163,6 +163,16 @@ class Solution(ABC):
         """True for a stable equilibrium (Status CONVERGED or AT_LIMIT)."""
         usable = Status.usable(self.status)
         return bool(usable) if usable.ndim == 0 else usable
+
+    def row(self, index: int) -> Self:
+        """One equilibrium of many."""
+        names = [each.name for each in fields(self) if each.name not in ("mechanism", "loads", "status", "friction")]
+        values = {name: getattr(self, name)[index] for name in names}
+        plain = {name: value.item() if np.ndim(value) == 0 else value for name, value in values.items()}
+        mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
+        friction = None if self.friction is None else self.friction.row(index)
+        status = Status(int(np.asarray(self.status)[index]))
+        return replace(self, mechanism=mechanism, loads=self.loads[index], status=status, friction=friction, **plain)
 
     @property
     @abstractmethod
@@ -289,7 +299,7 @@ class Solution(ABC):
     @staticmethod
     @abstractmethod
     def _fill_rubbed_stiffness(*arguments: Any) -> None:
-        """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
+        """The family's kernel: (chain, designs, law, tensions, elastic, loads, angles, history, A, torques)."""
 
     @staticmethod
     @abstractmethod
@@ -309,12 +319,12 @@ class Solution(ABC):
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
-        states = self._rows(state.states, axes=2)
-        history = History(states, states.copy(), states.copy(), angles, self._rows(state.rolling))
+        states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
+        history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))
         A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         law = friction_laws(self.mechanism, len(angles))
-        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, history, A, torques)
+        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, angles, history, A, torques)
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:

@@ -78,8 +78,10 @@ def sources_first() -> dict[str, str]:
 
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, empty but for the project's `configs/`."""
+    """The current folder, empty but for the project's `configs/` and `examples/data/`."""
     (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "examples").mkdir()
+    (tmp_path / "examples" / "data").symlink_to(ROOT / "examples" / "data")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

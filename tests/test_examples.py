@@ -9,11 +9,12 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-PAGE = (ROOT / "docs" / "flexible_arm.md").read_text("utf-8")
+PAGES = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md")))
 SHOWN = dict(
-    re.findall(r"^```sh\npython examples/(\w+)\.py\n```\n\n```text\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    re.findall(r"^```sh\npython examples/(\w+)\.py\n```\n\n```text\n(.*?)^```", PAGES, re.MULTILINE | re.DOTALL)
 )
-OPTIONS = {"equilibrium_layer": ["--steps", "30"]}
+FIDELITY = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
+OPTIONS = {"equilibrium_layer": ["--steps", "30"], "fidelity": ["--quick"]}
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -23,7 +24,9 @@ def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch
     printed, warned = capsys.readouterr()
     assert "Warning" not in warned
     assert SHOWN.get(example.stem, printed) == printed
+    if example.stem == "fidelity":
+        assert printed.rstrip() in FIDELITY
 
 
-def test_the_page_shows_what_an_example_prints():
-    assert set(SHOWN) == {"flexible_arm_findings"}
+def test_pages_show_what_examples_print():
+    assert set(SHOWN) == {"flexible_arm_findings", "friction_loops"}

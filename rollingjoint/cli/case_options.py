@@ -25,8 +25,20 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
     actuation.add_argument("--tensions", nargs="+", type=float, metavar="T", help="tendon tensions [N]")
     actuation.add_argument("--lengths", nargs="+", type=float, metavar="L", help="tendon lengths [mm]")
     parser.add_argument("--method", choices=("elastic", "least_squares"), help="for --lengths (default elastic)")
+    add_tension_limits(parser)
+    add_loads(parser)
+    text = "contact points [mm], or hinge angles of an arm [rad], to start from"
+    parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
+
+
+def add_tension_limits(parser: argparse.ArgumentParser) -> None:
+    """Adds the limits of tensions."""
     text = "minimum and maximum tendon tension [N], for --lengths"
     parser.add_argument("--tension-limits", nargs=2, type=float, metavar=("LO", "HI"), help=text)
+
+
+def add_loads(parser: argparse.ArgumentParser) -> None:
+    """Adds the loads."""
     loads = parser.add_argument_group("loads at link origins; LINK 0 is the base, -1 the tip; each may be repeated")
     for option in OPTIONS:
         names, text = ("LINK", option.metavar), option.help
@@ -37,8 +49,6 @@ def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
     loads.add_argument("--gravity", nargs="*", type=float, metavar="W", help=text)
     text = "default 0 -1, for an arm 0 0 -1 (it stands; 0 0 1 lets it hang)"
     loads.add_argument("--gravity-direction", nargs="+", type=float, metavar="X", help=text)
-    text = "contact points [mm], or hinge angles of an arm [rad], to start from"
-    parser.add_argument("--start", nargs="+", type=float, metavar="S", help=text)
 
 
 def actuated(args: argparse.Namespace) -> bool:
@@ -57,25 +67,26 @@ def actuated(args: argparse.Namespace) -> bool:
 
 def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
     """The Equilibrium or HingeEquilibrium that the options define."""
-    loads, start = _loads(args, mechanism), _start(args, mechanism)
+    loads, start = loads_of(args, mechanism), _start(args, mechanism)
     if args.tensions is not None:
         if args.method or args.tension_limits:
             option = "--method" if args.method else "--tension-limits"
             raise InvalidInput(option, args.method or args.tension_limits, "only beside --lengths")
-        return solve_tensions(mechanism, _counted("--tensions", args.tensions, mechanism.n_tendons), loads, start)
+        return solve_tensions(mechanism, counted("--tensions", args.tensions, mechanism.n_tendons), loads, start)
     options: dict[str, Any] = {} if args.tension_limits is None else {"tension_limits": tuple(args.tension_limits)}
-    lengths = _counted("--lengths", args.lengths, mechanism.n_tendons)
+    lengths = counted("--lengths", args.lengths, mechanism.n_tendons)
     return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
 
 
 def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
     if args.start is None:
         return None
-    values = _counted("--start", args.start, mechanism.n_joints)
+    values = counted("--start", args.start, mechanism.n_joints)
     return family_of(mechanism).start_angles(mechanism, values)
 
 
-def _loads(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
+def loads_of(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
+    """The loads that the options define."""
     family = family_of(mechanism)
     loads = [
         option.make(link, numbers)
@@ -92,7 +103,7 @@ def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) 
             raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
         return []
     down = [0.0] * (family.dimension - 1) + [-1.0]
-    direction: Any = tuple(_counted("--gravity-direction", args.gravity_direction or down, family.dimension))
+    direction: Any = tuple(counted("--gravity-direction", args.gravity_direction or down, family.dimension))
     if family.own_weight is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
@@ -130,7 +141,8 @@ def _option(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def _counted(option: str, values: list[float], count: int) -> list[float]:
+def counted(option: str, values: list[float], count: int) -> list[float]:
+    """The values of an option; InvalidInput unless there are so many."""
     if len(values) != count:
         raise InvalidInput(option, values, f"{count} numbers for this mechanism, not {len(values)}")
     return values

@@ -17,8 +17,10 @@ import numpy as np
 
 from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
+from rollingjoint.cli import loop_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
-from rollingjoint.errors import InvalidInput
+from rollingjoint.cli.identify import add_identify, run_identify
+from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.mechanism import AnyMechanism
@@ -45,6 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InvalidInput, OSError) as error:
         print(f"rj {args.command}: error: {error}", file=sys.stderr)
         return WRONG_INPUT
+    except SolverError as error:
+        print(f"rj {args.command}: {error}", file=sys.stderr)
+        return NOT_USABLE
 
 
 def _solve(args: argparse.Namespace) -> int:
@@ -75,12 +80,21 @@ def _plot(args: argparse.Namespace) -> int:
     return OK if found is None or found.ok else _unusable(args, found)
 
 
+def _loop(args: argparse.Namespace) -> int:
+    return OK if loop_command.run(args) else NOT_USABLE
+
+
 def _export(args: argparse.Namespace) -> int:
     mechanism = load_mechanism(args.mechanism, RollingChain)
     found = equilibrium(args, mechanism) if actuated(args) else None
     if found is not None and not found.ok:
         return _unusable(args, found)
     print(*command.export_files(found or mechanism, args), sep="\n")
+    return OK
+
+
+def _identify(args: argparse.Namespace) -> int:
+    run_identify(args)
     return OK
 
 
@@ -157,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
     add_case(solve, required=True)
-    solve.add_argument("--friction", type=float, metavar="MU", help=f"for slip margins (default {report.FRICTION:g})")
+    solve.add_argument("--friction", type=float, metavar="MU", help=f"of links on links (default {report.FRICTION:g})")
     solve.add_argument("--json", action="store_true", help="print JSON, units in the key names")
     solve.add_argument("--plot", metavar="FILE", help="also draw it; the suffix sets the format")
     solve.set_defaults(run=_solve)
@@ -165,10 +179,16 @@ def _parser() -> argparse.ArgumentParser:
     add_case(plot, required=False)
     plot.add_argument("--out", required=True, metavar="FILE", help="picture; the suffix sets the format")
     plot.set_defaults(run=_plot)
+    loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
+    loop_command.add_options(loop)
+    loop.set_defaults(run=_loop)
     export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL and an assembly drawing")
     add_case(export, required=False)
     command.add_options(export)
     export.set_defaults(run=_export)
+    identify = commands.add_parser("identify", help="parameters from measurements: friction, stiffness, offsets ...")
+    add_identify(identify)
+    identify.set_defaults(run=_identify)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
     commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
     check = commands.add_parser("check", help="validate mechanism files")

@@ -6,9 +6,11 @@ Modules:
     compiled: batches through the compiled solver.
     design: a mechanism, or many, as tensors.
     equilibria: what the solvers return.
+    friction: friction of the tendons, and what one step leaves to the next.
     geometry: where surfaces touch, where holes are.
     loads: loads, their energy, moments and stiffness.
     newton: equilibria of a batch by Newton's method in torch.
+    slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
     statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
@@ -16,12 +18,15 @@ Modules:
 
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
 from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
 
 __all__ = [
     "DifferentiableChain",
+    "DifferentiableFriction",
     "Equilibria",
+    "FrictionStates",
     "linear_pieces",
     "solve_lengths",
     "solve_tensions",

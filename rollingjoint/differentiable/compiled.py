@@ -7,9 +7,12 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.design import DifferentiableChain
+from rollingjoint.differentiable.friction import HISTORY
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import MechanismError
+from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import FrictionLaw
 from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.family import PLANAR
@@ -31,6 +34,7 @@ def solve_compiled(
         joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...), that of
         a mechanism that cannot be built being INVALID_INPUT. Other rows keep their starts.
     """
+    design = design.replace(friction=None)  # which the law has: mechanisms that differ in nothing else are one
     places = torch.arange(design.batch.numel(), device=mask.device).reshape(design.batch).expand(mask.shape)[mask]
     built = {place: _built(design, place) for place in places.unique().tolist()}
     known = torch.tensor([built[place] is not None for place in places.tolist()], device=mask.device)
@@ -48,7 +52,16 @@ def solve_compiled(
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
-    equilibrium = PLANAR.solve_batch(mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin)
+    inputs = mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
+    if law.friction is None or law.history is None:
+        equilibrium = PLANAR.solve_batch(*inputs)
+    else:
+        before = {name: rows(getattr(law.history, name), axes) for name, axes in HISTORY.items()}
+        m = law.command.shape[-1]
+        tendons = torch.stack([tensor.expand(*tensor.shape[:-1], m) for tensor in law.friction.tensors], -1)
+        rolling = np.tile([NO_FRICTION.rolling, ROLLING_PRESLIDING], (len(begin), 1))
+        history = FrictionState(**before, rolling=np.zeros_like(begin))
+        equilibrium = PLANAR.step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
     phi[mask] = torch.as_tensor(equilibrium.joint_angles).to(phi)
     held[mask] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
     status[mask] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)

@@ -6,13 +6,16 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.friction import COEFFICIENTS, DifferentiableFriction, as_friction, without_rolling
 from rollingjoint.differentiable.surface import Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import CapstanFriction
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import Load
 from rollingjoint.planar.chain import Link, RollingChain, planar
@@ -52,6 +55,7 @@ class DifferentiableChain:
         on_surface: which holes lie on a surface, (m, n, 2).
         crossed: how many joints each tendon crosses, (m,).
         springs: loads that belong to every mechanism, constant.
+        friction: of the tendons.
     Raises:
         InvalidInput: shapes that disagree.
     """
@@ -66,6 +70,7 @@ class DifferentiableChain:
     on_surface: Tensor
     crossed: Tensor
     springs: tuple[Load, ...] = ()
+    friction: DifferentiableFriction | None = None
 
     def __post_init__(self) -> None:
         m, n = self.on_surface.shape[:2]
@@ -108,6 +113,7 @@ class DifferentiableChain:
         springs = chains[0].springs
         if any(chain.springs != springs for chain in chains):
             raise InvalidInput("mechanism", mechanism, "mechanisms with the same springs")
+        friction = _friction(chains, isinstance(mechanism, RollingChain))
         stacked = {name: np.stack([row[name] for row in rows]) for name in PARAMETERS}
         if isinstance(mechanism, RollingChain):
             stacked = {name: array[0] for name, array in stacked.items()}
@@ -117,12 +123,15 @@ class DifferentiableChain:
             if name not in PARAMETERS:
                 raise InvalidInput("requires_grad", name, f"names out of {', '.join(PARAMETERS)}")
             tensors[name].requires_grad_()
-        return cls(**tensors, springs=tuple(springs))
+        friction = friction and friction.each(lambda tensor: tensor.to(device))
+        return cls(**tensors, springs=tuple(springs), friction=friction)
 
     @functools.cached_property
     def batch(self) -> torch.Size:
         """The leading axes that the parameters broadcast to."""
         shapes = {name: tuple(getattr(self, name).shape[: -len(axes)]) for name, axes in PARAMETERS.items()}
+        if self.friction is not None:
+            shapes |= {name: tuple(getattr(self.friction, name).shape[:-1]) for name in COEFFICIENTS}
         try:
             return torch.Size(np.broadcast_shapes(*shapes.values()))  # torch's takes ten times as long
         except ValueError:
@@ -143,17 +152,21 @@ class DifferentiableChain:
         """Where the tensors are."""
         return self.starts.device
 
-    def replace(self, **changes: Tensor) -> DifferentiableChain:
+    def replace(self, **changes: Any) -> DifferentiableChain:
         """A copy with other parameters; numbers and tensors of other types become double precision.
 
+        Args:
+            changes: parameters by their names; `friction`: a DifferentiableFriction, a CapstanFriction or None.
         Raises:
             InvalidInput: a name that is not a parameter, shapes that disagree.
         """
+        friction = changes.pop("friction", self.friction)
         for name in changes:
             if name not in PARAMETERS:
-                raise InvalidInput("parameter", name, f"one of {', '.join(PARAMETERS)}")
+                raise InvalidInput("parameter", name, f"one of {', '.join(PARAMETERS)}, friction")
         tensors = {name: torch.as_tensor(v, dtype=torch.float64, device=self.device) for name, v in changes.items()}
-        return dataclasses.replace(self, **tensors)
+        friction = None if friction is None else as_friction(friction, self.n_tendons, self.starts)
+        return dataclasses.replace(self, **tensors, friction=friction)
 
     def __getitem__(self, index: object) -> DifferentiableChain:
         """Some of the designs, or new axes among the leading ones: `design[:, None]` has room for load cases."""
@@ -226,12 +239,20 @@ class DifferentiableChain:
         """
         one = self[np.unravel_index(int(place), self.batch)] if self.batch else self
         numbers = [getattr(one, name).detach().cpu().numpy() for name in PARAMETERS]
-        structure = self.on_surface.cpu().numpy().tobytes(), tuple(self.crossed.tolist())
+        structure = self.on_surface.cpu().numpy().tobytes(), tuple(self.crossed.tolist()), one._frictions()
         return _mechanism(self.springs, *structure, tuple(a.shape for a in numbers), *(a.tobytes() for a in numbers))
+
+    def _frictions(self) -> tuple[CapstanFriction | None, ...]:
+        """Of every tendon of one design."""
+        if self.friction is None:
+            return (None,) * self.n_tendons
+        columns = [tensor.detach().expand(self.n_tendons).tolist() for tensor in self.friction.tensors]
+        return tuple(CapstanFriction(**dict(zip(COEFFICIENTS, row, strict=True))) for row in zip(*columns, strict=True))
 
     def _each(self, change: Callable[[Tensor, int], Tensor]) -> DifferentiableChain:
         changed = {name: change(getattr(self, name), len(axes)) for name, axes in PARAMETERS.items()}
-        return dataclasses.replace(self, **changed)
+        friction = self.friction and self.friction.each(lambda tensor: change(tensor, 1))
+        return dataclasses.replace(self, **changed, friction=friction)
 
 
 def _rolling(design: DifferentiableChain) -> Tensor:
@@ -257,6 +278,16 @@ def _rolling_alike(design: DifferentiableChain, lengths: Tensor, inside: Tensor)
     relative = design.coefficients[..., :-1, 1, :, :] - design.coefficients[..., 1:, 0, :, :]
     samples = (relative * lengths[..., None] ** degrees) @ (inside ** degrees[:, None])
     return ((samples < 0) | (lengths[..., None] == 0)).flatten(-3).all(-1)
+
+
+def _friction(chains: Sequence[RollingChain], single: bool) -> DifferentiableFriction | None:
+    """That of the tendons of one mechanism, or of several with a leading axis."""
+    if not any(chain.has_friction for chain in chains):
+        return None
+    for chain in chains:
+        without_rolling(chain.rolling_coefficients[0])
+    rows = torch.tensor(np.stack([chain.friction_coefficients for chain in chains]))
+    return DifferentiableFriction(*(rows[0] if single else rows).unbind(-1))
 
 
 def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.ndarray]:
@@ -296,6 +327,7 @@ def _mechanism(
     springs: tuple[Load, ...],
     on_surface: bytes,
     crossed: tuple[int, ...],
+    frictions: tuple[CapstanFriction | None, ...],
     shapes: tuple[tuple[int, ...], ...],
     *raw: bytes,
 ) -> RollingChain:
@@ -317,7 +349,7 @@ def _mechanism(
 
     links = [Link(surface(i, 0), surface(i, 1)) for i in range(len(starts))]
     tendons = [
-        Tendon([(hole(j, i, 0), hole(j, i, 1)) for i in range(end + 1)], end, stiffnesses[j])
+        Tendon([(hole(j, i, 0), hole(j, i, 1)) for i in range(end + 1)], end, stiffnesses[j], frictions[j])
         for j, end in enumerate(crossed)
     ]
     return RollingChain(links, tendons, "design", springs)

@@ -8,7 +8,9 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.newton import freed
+from rollingjoint.differentiable.slip import FIRM
 from rollingjoint.differentiable.statics import ChainState
 from rollingjoint.differentiable.surface import as_pairs
 from rollingjoint.solution import Status
@@ -71,6 +73,61 @@ class Equilibria:
         return self._shown(self._state.tensions.expand_as(self._state.lengths))
 
     @property
+    def gap_tensions(self) -> Tensor:
+        """(..., n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]."""
+        return self._shown((self._state.gap_tensions * self._state.geometry.crosses).mT)
+
+    @property
+    def friction_states(self) -> Tensor:
+        """(..., n - 1, m) friction state of every tendon in links 0 to n - 2: 1 slips to the motor, -1 to the tip."""
+        return self.friction_state.states
+
+    @property
+    def sticking(self) -> Tensor:
+        """(..., n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
+        return (self.friction_states.abs() < FIRM) & (self._state.geometry.crosses.mT > 0)
+
+    @property
+    def slip(self) -> Tensor:
+        """(..., n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
+        rubbing, stands = self._state.rubbing, (self.status <= Status.INDETERMINATE)[..., None, None]
+        return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT) * stands
+
+    @property
+    def dissipated_work(self) -> Tensor:
+        """(...) what friction has taken up in the step from the history to here [N·mm]."""
+        rubbing = self._state.rubbing
+        return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work) * self.ok
+
+    @cached_property
+    def friction_state(self) -> FrictionStates:
+        """What friction remembers, the history of the next step. Gradients flow through it.
+
+        In a row that is not ok it is a constant: what was remembered before; slips and angles are those of the pose if
+        that is INDETERMINATE.
+        """
+        return self.remembered(None)
+
+    def remembered(self, friction: DifferentiableFriction | None) -> FrictionStates:
+        """`friction_state`; where nothing has slipped yet, in terms of the friction of the step to come."""
+        state, before = self._state, self._state.law.history
+        friction = friction or state.law.friction or DifferentiableFriction(0.0)
+        friction = friction.where(friction.usable()).each(lambda tensor: tensor.to(state.phi))
+        rubbing = state.rubbing or state.rubbing_under(friction)
+        found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
+            lambda tensor, _: self._shown(tensor)
+        )
+        if before is None or bool(self.ok.all()):
+            return found
+        stands = self.status <= Status.INDETERMINATE
+        kept = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
+        chosen = {}
+        for name, axes in HISTORY.items():
+            mask = kept[name][(..., *(None,) * axes)]
+            chosen[name] = torch.where(mask, getattr(found, name), getattr(before, name).detach())
+        return FrictionStates(**chosen)
+
+    @property
     def lengths(self) -> Tensor:
         """(..., m) [mm]."""
         return self._shown(self._state.lengths)
@@ -114,7 +171,7 @@ class Equilibria:
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue
         masked = freed(H, held) + torch.diag_embed(held * far[..., None])
-        if self._state.loads.symmetric:
+        if self._state.loads.symmetric and self._state.rubbing is None:
             smallest = torch.linalg.eigvalsh(masked)[..., 0]
         else:
             smallest = torch.linalg.eigvals(masked).real.amin(-1)

@@ -63,6 +63,7 @@ class Geometry:
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
         crosses: whether tendon j crosses joint i, (m, J), 1 or 0.
         channels: length of every tendon inside the links, (..., m) [mm].
+        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y where there is none.
     """
 
     joints: Surfaces
@@ -70,6 +71,7 @@ class Geometry:
     above: Tensor
     crosses: Tensor
     channels: Tensor
+    along: Tensor
 
     @classmethod
     def of(cls, design: DifferentiableChain) -> Geometry:
@@ -78,9 +80,13 @@ class Geometry:
         holes = _holes(design, surfaces)
         links = torch.arange(design.n_links, device=design.device)
         passed = (links <= design.crossed[:, None]).to(torch.float64)
-        channels = ((holes[..., 1] - holes[..., 0]).abs() * passed).sum(-1)
+        through = holes[..., 1] - holes[..., 0]
+        channels = (through.abs() * passed).sum(-1)
         crosses = (links[:-1] < design.crossed[:, None]).to(torch.float64)
-        return cls(surfaces.joints(), holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels)
+        drilled = (passed > 0) & (through.detach().abs() > 0)
+        safe = torch.where(drilled, through, 1j)
+        along = safe / safe.abs()
+        return cls(surfaces.joints(), holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels, along)
 
     def detach(self) -> Geometry:
         """The geometry as a constant."""

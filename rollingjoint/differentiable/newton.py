@@ -1,7 +1,7 @@
 """Equilibria of a batch by Newton's method in torch, each row with its own design; no tables are built.
 
-Every row descends its energy; one that gets stuck is left to the compiled solver.
-Source: docs/theory.md, section 7.
+Every row descends its energy; one that gets stuck is left to the compiled solver. Friction has no energy: every Newton
+step is judged by the work of the holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.slip import frozen_work
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
@@ -40,7 +41,7 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
     """
     problem = _Equations(geometry, law, loads, _Bounds(geometry, s))
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
-    current = _Iterate.at(geometry, law, loads, s)
+    current = problem.at(s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
     current, stuck = _descended(problem, current, torch.ones_like(current.energy), follow, _MOST_STEPS)
     held = problem.bounds.held(current.phi, current.residual)
@@ -55,7 +56,7 @@ def _descended(
 
     When few rows of many are left, they go on alone, which does not change their results.
     """
-    geometry, law, loads, bounds = problem
+    law, bounds = problem.law, problem.bounds
     for taken in range(most):
         held = bounds.held(current.phi, current.residual)
         arrived = current.worst(held) <= current.goal
@@ -68,10 +69,10 @@ def _descended(
                 problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
             )
             return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        step = _step(current, bounds, held)
+        step = _step(current, bounds, held, law.history is None)
         phi = bounds.clip(current.phi + alpha[..., None] * step)
-        trial = _Iterate.at(geometry, law, loads, bounds.contacts(phi, current, alpha[..., None] * step))
-        better = active & trial.improves(current, held)
+        trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
+        better = active & trial.improves(current, held, law)
         current = current.replaced(trial, better)
         alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
         stuck = stuck | (alpha < _SMALLEST_STEP)
@@ -89,25 +90,20 @@ class _Iterate(NamedTuple):
     energy: Tensor
     rounding: Tensor  # of the energy
     goal: Tensor  # largest residual at rest
-
-    @classmethod
-    def at(cls, geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> _Iterate:
-        """The rows with their contacts at s."""
-        contact = geometry.contact(s)
-        phi = contact.angles
-        state = ChainState(geometry, law, loads, phi, contact)
-        energy, magnitude = state.energy
-        H = state.stiffness.expand(*phi.shape, phi.shape[-1])
-        goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
-        return cls(s, phi, contact.kappa, state.residual, H, energy, ROUNDING * magnitude, goal)
+    distal: Tensor  # lengths, states before they are limited, grips: of friction, (..., m, J)
+    reached: Tensor
+    grips: Tensor
 
     def worst(self, held: Tensor) -> Tensor:
         """Largest residual of a free joint."""
         return torch.where(held, 0.0, self.residual.abs()).amax(-1)
 
-    def improves(self, before: _Iterate, held: Tensor) -> Tensor:
+    def improves(self, before: _Iterate, held: Tensor, law: Law) -> Tensor:
         """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
         change = self.energy - before.energy
+        if law.friction is not None and law.history is not None:
+            moved = self.distal - before.distal
+            change = change + frozen_work(law.friction.presliding, before.grips, before.reached, moved)
         slope = (before.residual * (self.phi - before.phi)).sum(-1)
         level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
         return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
@@ -158,6 +154,19 @@ class _Equations(NamedTuple):
     loads: Loads
     bounds: _Bounds
 
+    def at(self, s: Tensor) -> _Iterate:
+        """The rows with their contacts at s."""
+        contact = self.geometry.contact(s)
+        phi = contact.angles
+        state = ChainState(self.geometry, self.law, self.loads, phi, contact)
+        energy, magnitude = state.energy
+        H = state.stiffness.expand(*phi.shape, phi.shape[-1])
+        goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+        rubbing = state.rubbing
+        none = phi.new_zeros(*phi.shape[:-1], 0, 0)
+        friction = (none, none, none) if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
+        return _Iterate(s, phi, contact.kappa, state.residual, H, energy, ROUNDING * magnitude, goal, *friction)
+
     def chosen(self, mask: Tensor) -> _Equations:
         """The problem of the rows of a mask (...), which get one leading axis, (A)."""
 
@@ -177,29 +186,37 @@ class _Equations(NamedTuple):
             below=rows(whole.below, 2),
             above=rows(whole.above, 2),
             channels=rows(whole.channels),
+            along=rows(whole.along, 2),
         )
         loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
-        first = rows(self.bounds.first)
-        return _Equations(geometry, self.law.each(rows), loads, _Bounds(geometry, first))
+        bounds = _Bounds(geometry, rows(self.bounds.first))
+        return _Equations(geometry, self.law.each(rows), loads, bounds)
 
 
-def _step(current: _Iterate, bounds: _Bounds, held: Tensor) -> Tensor:
+def _step(current: _Iterate, bounds: _Bounds, held: Tensor, symmetric: bool) -> Tensor:
     """Newton's step of the free joints, (..., J) [rad]; a joint at an end that it pushes outwards is held, too."""
-    step = _newton(current.H, current.residual, held)
+    step = _newton(current.H, current.residual, held, symmetric)
     outwards = held | bounds.held(current.phi, -step)
     if bool((outwards != held).any()):
-        step = _newton(current.H, current.residual, outwards)
+        step = _newton(current.H, current.residual, outwards, symmetric)
     return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
 
 
-def _newton(H: Tensor, residual: Tensor, held: Tensor) -> Tensor:
-    """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes."""
+def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tensor:
+    """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes.
+
+    Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not.
+    """
     free, right = freed(H, held), torch.where(held, 0.0, -residual)
-    factor, failed = torch.linalg.cholesky_ex(free)
-    step = torch.cholesky_solve(right[..., None], factor)[..., 0]
+    even = free if symmetric else 0.5 * (free + free.mT)
+    factor, failed = torch.linalg.cholesky_ex(even)
+    if symmetric:
+        step = torch.cholesky_solve(right[..., None], factor)[..., 0]
+    else:
+        step = torch.linalg.solve_ex(free, right[..., None])[0][..., 0]
     bad = failed > 0
     if bool(bad.any()):
-        values, vectors = torch.linalg.eigh(torch.nan_to_num(free[bad]))
+        values, vectors = torch.linalg.eigh(torch.nan_to_num(even[bad]))
         values = torch.maximum(values.abs(), 1e-6 * values.abs().amax(-1, keepdim=True).clamp(min=1e-300))
         step = step.clone()
         step[bad] = (vectors @ ((vectors.mT @ right[bad][..., None]) / values[..., None]))[..., 0]
@@ -215,7 +232,7 @@ def freed(H: Tensor, held: Tensor) -> Tensor:
 def _definite(H: Tensor, held: Tensor) -> Tensor:
     """Whether H over the free joints is positive definite beyond rounding, (...)."""
     largest = torch.where(held[..., :, None] | held[..., None, :], 0.0, H.abs()).flatten(-2).amax(-1)
-    factor, failed = torch.linalg.cholesky_ex(freed(H, held))
+    factor, failed = torch.linalg.cholesky_ex(freed(0.5 * (H + H.mT), held))
     pivots = factor.diagonal(dim1=-2, dim2=-1).square()
     firm = torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * largest
     return (failed == 0) & firm & (largest >= NEGLIGIBLE) | held.all(-1)

@@ -7,6 +7,7 @@ Source: docs/theory.md, section 5: dphi/dx = -H⁻¹ dr/dx.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,15 +19,20 @@ from torch.nn.functional import pad
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
+from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates, as_friction
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.planar.loads import STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 from rollingjoint.solution import Status
+
+History = Equilibria | FrictionStates | FrictionState | None
+"""The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""
 
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
 
@@ -37,6 +43,8 @@ def solve_tensions(
     loads: Sequence[Load] | Tensor = (),
     starts: Tensor | None = None,
     solver: str = "torch",
+    friction: DifferentiableFriction | CapstanFriction | None = None,
+    history: History = None,
 ) -> Equilibria:
     """Equilibria under given tensions.
 
@@ -45,16 +53,19 @@ def solve_tensions(
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
         loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
-        starts: joint angles to start from, (..., n - 1) [rad]; default s = 0.
+        starts: joint angles to start from, (..., n - 1) [rad]; default those of the history, or s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
             keeps the last 256: for one mechanism that is solved again and again.
+        friction: of the tendons; default that of the design. It acts where there is a history.
+        history: the equilibria before this step, or their `friction_state`; gradients flow through it. Without it the
+            result is the pose without friction, in which nothing has ever slipped.
     Returns:
         Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
     Raises:
         InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
-    return _solve(design, Law.constant(tau), loads, starts, solver)
+    return _solve(design, Law.constant(tau), loads, starts, solver, friction, history)
 
 
 def solve_lengths(
@@ -64,11 +75,13 @@ def solve_lengths(
     starts: Tensor | None = None,
     solver: str = "torch",
     tension_limits: tuple[Tensor | float, Tensor | float] = (0.0, torch.inf),
+    friction: DifferentiableFriction | CapstanFriction | None = None,
+    history: History = None,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
 
     Args:
-        design, loads, starts, solver: as for `solve_tensions`.
+        design, loads, starts, solver, friction, history: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
         tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
@@ -82,27 +95,33 @@ def solve_lengths(
         _numbers(design, "tension_limits", t.expand(design.n_tendons) if t.ndim == 0 else t, design.n_tendons)
         for t in limits
     )
-    return _solve(design, Law(command, design.stiffnesses, low, high), loads, starts, solver)
+    law = Law(command, design.stiffnesses, low, high)
+    return _solve(design, law, loads, starts, solver, friction, history)
 
 
 def _solve(
-    design: DifferentiableChain, law: Law, loads: Sequence[Load] | Tensor, starts: Tensor | None, solver: str
+    design: DifferentiableChain,
+    law: Law,
+    loads: Sequence[Load] | Tensor,
+    starts: Tensor | None,
+    solver: str,
+    friction: DifferentiableFriction | CapstanFriction | None,
+    history: History,
 ) -> Equilibria:
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
+    acting = design.friction if friction is None else as_friction(friction, design.n_tendons, design.starts)
+    before = None if history is None else _history(design, acting, history)
+    law = replace(law, friction=acting, history=None if acting is None else before)
+    starts = before.angles if starts is None and before is not None else starts
     begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
-    shapes = [
-        design.batch,
-        table.shape[:-2],
-        *(row.shape[:-1] for row in law.rows),
-        *([] if begin is None else [begin.shape[:-1]]),
-    ]
+    shapes = [design.batch, table.shape[:-2], *law.leading, *([] if begin is None else [begin.shape[:-1]])]
     try:
         batch = np.broadcast_shapes(*map(tuple, shapes))
     except ValueError:
         raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
-    law = law.each(lambda row: row.expand(*batch, row.shape[-1]))
+    law = law.each(lambda tensor, axes: tensor.expand(*batch, *tensor.shape[tensor.ndim - axes :]))
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
     wide = design.over(len(batch))
     rolls = wide.valid()
@@ -199,20 +218,22 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
 
 
 def _usable(law: Law, table: Tensor) -> Tensor:
-    """Whether the inputs of a row can be solved with: finite, not huge, no pushing tendon, no negative spring."""
-    command, stiffness, low, high = law.each(Tensor.detach).rows
+    """Whether the inputs of a row can be solved with: finite, in their ranges, no pushing tendon or spring."""
+    command, stiffness, low, high = (row.detach() for row in law.rows)
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
     known, pushing = table.detach().abs() <= LARGEST_INPUT, table[..., list(STIFFNESSES)] < 0
-    return numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
+    good = numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
+    for part in (law.friction, law.history):
+        good = good if part is None else good & part.usable()
+    return good
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
     """Law and loads; in rows that are not good, constants that can be solved with."""
     if bool(good.all()):
         return law, table
-    row = good[..., None]
-    return law.each(lambda values: torch.where(row, values, 1.0)), torch.where(row[..., None], table, 0.0)
+    return law.where(good), torch.where(good[..., None, None], table, 0.0)
 
 
 def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tensor:
@@ -228,8 +249,24 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     return torch.as_tensor(table).to(design.device, torch.float64)
 
 
+def _history(design: DifferentiableChain, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
+    """What a step with this friction starts from."""
+    before: Any = history.remembered(friction) if isinstance(history, Equilibria) else history
+    if not isinstance(before, FrictionStates | FrictionState):
+        raise InvalidInput("history", history, "Equilibria of rollingjoint.differentiable, or a friction_state")
+    shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(
+        ("states", "slips", "grips"), (design.n_links - 1, design.n_tendons)
+    )
+    tensors = {name: torch.as_tensor(getattr(before, name)).to(design.starts) for name in HISTORY}
+    for name, tensor in tensors.items():
+        if tuple(tensor.shape[-HISTORY[name] :]) != shapes[name]:
+            expected = f"(..., {str(shapes[name])[1:-1].rstrip(',')}), as of this mechanism"
+            raise InvalidInput(f"shape of the history's {name}", tuple(tensor.shape), expected)
+    return FrictionStates(**tensors)
+
+
 def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:
-    tensor = torch.as_tensor(values, device=design.device).to(torch.float64)
+    tensor = torch.as_tensor(values, dtype=torch.float64, device=design.device)  # a list would become single precision
     if tensor.ndim == 0 or tensor.shape[-1] != size:
         raise InvalidInput(f"shape of {what}", tuple(tensor.shape), f"(..., {size})")
     return tensor

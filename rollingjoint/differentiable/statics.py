@@ -13,21 +13,28 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
+from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 
 
 @dataclass(frozen=True)
 class Law:
-    """Tendon law, (..., m) each: tension = clip(stiffness × (length - command), low, high)."""
+    """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high).
+
+    With friction and the history that a step starts from, the gaps have tensions of their own.
+    """
 
     command: Tensor
     stiffness: Tensor
     low: Tensor
     high: Tensor
     prescribed: bool = False  # tensions are given: low is high
+    friction: DifferentiableFriction | None = None
+    history: FrictionStates | None = None
 
     @classmethod
     def constant(cls, tensions: Tensor) -> Law:
@@ -39,10 +46,26 @@ class Law:
         """Command, stiffness, minimum and maximum tension."""
         return self.command, self.stiffness, self.low, self.high
 
-    def each(self, change: Callable[[Tensor], Tensor]) -> Law:
-        """The law with every row changed."""
-        command, stiffness, low, high = (change(row) for row in self.rows)
-        return Law(command, stiffness, low, high, self.prescribed)
+    @property
+    def leading(self) -> list[torch.Size]:
+        """The leading axes of every tensor."""
+        numbers = self.rows if self.friction is None else (*self.rows, *self.friction.tensors)
+        found = [tensor.shape[:-1] for tensor in numbers]
+        return found if self.history is None else [*found, *self.history.leading]
+
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> Law:
+        """The law with every tensor changed, by a function that also gets the number of its own axes."""
+        command, stiffness, low, high = (change(row, 1) for row in self.rows)
+        friction = None if self.friction is None else self.friction.each(lambda tensor: change(tensor, 1))
+        history = None if self.history is None else self.history.each(change)
+        return Law(command, stiffness, low, high, self.prescribed, friction, history)
+
+    def where(self, good: Tensor) -> Law:
+        """The law; in rows that are not good, (...), a constant that can be solved with."""
+        command, stiffness, low, high = (torch.where(good[..., None], row, 1.0) for row in self.rows)
+        friction = None if self.friction is None else self.friction.where(good)
+        history = None if self.history is None else self.history.where(self.history.usable())
+        return Law(command, stiffness, low, high, self.prescribed, friction, history)
 
     def of(self, lengths: Tensor) -> tuple[Tensor, Tensor]:
         """Tensions [N], and d tension / d length [N/mm]."""
@@ -148,8 +171,31 @@ class ChainState:
 
     @property
     def tensions(self) -> Tensor:
-        """(..., m) [N]."""
+        """At the motors, (..., m) [N]."""
         return self._law[0]
+
+    @cached_property
+    def gap_tensions(self) -> Tensor:
+        """(..., m, J) [N]; without a step with friction (..., m, 1)."""
+        return self.tensions[..., None] if self.rubbing is None else self.rubbing.tensions
+
+    @cached_property
+    def rubbing(self) -> FrictionAtPose | None:
+        """Friction at this pose, if a step with friction leads to it."""
+        if self.law.friction is None or self.law.history is None:
+            return None
+        return self.rubbing_under(self.law.friction)
+
+    def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
+        """What this friction is at this pose."""
+        length, direction, moves, is_open = self._gaps
+        along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
+        rate = torch.where(is_open, cross(direction, moves) / torch.where(is_open, length, 1.0), 0.0)
+        below, above = (torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up)))
+        crosses = self.geometry.crosses
+        turns = (below, above, rate, 1.0 - rate)
+        gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
+        return FrictionAtPose(friction, self.law.history, gaps)
 
     @property
     def elastic(self) -> Tensor:
@@ -168,13 +214,15 @@ class ChainState:
     @cached_property
     def residual(self) -> Tensor:
         """r, (..., J) [N·mm]."""
-        return (self.tensions[..., None] * self.rates).sum(-2) - self.moments
+        return (self.gap_tensions * self.rates).sum(-2) - self.moments
 
     @cached_property
     def stiffness(self) -> Tensor:
-        """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces act."""
+        """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces or friction act."""
         H = torch.diag_embed(self._own_stiffness)
-        if not self.law.prescribed:
+        if self.rubbing is not None:
+            H = H + (self.rates[..., None] * self.rubbing.slopes).sum(-3)
+        elif not self.law.prescribed:
             H = H + (self.rates.mT * self.elastic[..., None, :]) @ self.rates
         return H + self._acting.stiffness() if self.loads.any else H
 
@@ -186,19 +234,19 @@ class ChainState:
         turn = (moves.abs().square() - along.square()) / torch.where(is_open, length, 1.0)
         rate = (self.contact.tangents / self.contact.kappa)[..., None, :]  # e / kappa
         second = torch.where(is_open, turn, 0.0) + dot(direction, 1j * (moves - rate))
-        gaps = (self.tensions[..., None] * self.geometry.crosses * second).sum(-2)
+        gaps = (self.gap_tensions * self.geometry.crosses * second).sum(-2)
         return gaps + cross(self.tangents, self._acting.forces) / self.contact.kappa
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
-        pull = (self.tensions[..., None] * self.geometry.crosses * self._gaps[1]).sum(-2)
+        pull = (self.gap_tensions * self.geometry.crosses * self._gaps[1]).sum(-2)
         force = self.rotations[..., :-1] * pull - self._acting.forces
         return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property
     def energy(self) -> tuple[Tensor, Tensor]:
-        """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces have none."""
+        """Potential energy, and the sum of its terms' magnitudes, (...) [N·mm]; follower forces, friction have none."""
         tension = self.tensions
         stretch = self.lengths - self.law.command
         pulled = tension * stretch - 0.5 * tension.square() / self.law.stiffness
@@ -212,4 +260,4 @@ class ChainState:
     def force_scale(self) -> Tensor:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
         levers = self.rates.abs().clamp(min=1.0) * self.geometry.crosses
-        return ((self.tensions[..., None].abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
+        return ((self.gap_tensions.abs() * levers).sum(-2) + self.moments.abs()).amax(-1)

@@ -2,14 +2,29 @@
 
 Modules:
     figure: a figure of any mechanism or equilibrium, and figures as files.
+    friction: tensions of the gaps and holes that stick, in a mechanism, along a tendon and over a path.
+    loops: hysteresis loops, and a mechanism on its way around one.
     parts: what pictures of planar chains are made of.
     planar: pictures of planar chains.
     spatial: pictures of arms.
 """
 
 from rollingjoint.plotting.figure import figure_of, save_figure
+from rollingjoint.plotting.friction import plot_friction_states, plot_tensions
+from rollingjoint.plotting.loops import plot_loops, save_animation
 from rollingjoint.plotting.parts import PALETTE
 from rollingjoint.plotting.planar import plot_family, plot_mechanism
 from rollingjoint.plotting.spatial import plot_arm
 
-__all__ = ["PALETTE", "figure_of", "plot_arm", "plot_family", "plot_mechanism", "save_figure"]
+__all__ = [
+    "PALETTE",
+    "figure_of",
+    "plot_arm",
+    "plot_family",
+    "plot_friction_states",
+    "plot_loops",
+    "plot_mechanism",
+    "plot_tensions",
+    "save_animation",
+    "save_figure",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,8 +69,12 @@ def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
     return path
 
 
-def check_figure_path(path: str | Path) -> Path:
+def check_figure_path(path: str | Path, more: Sequence[str] = ()) -> Path:
     """The path, if a figure could be written there.
+
+    Args:
+        path: of the file.
+        more: suffixes that are fine beside those of matplotlib.
 
     Raises:
         InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
@@ -78,7 +82,7 @@ def check_figure_path(path: str | Path) -> Path:
     from matplotlib.backend_bases import FigureCanvasBase
 
     path = Path(path)
-    suffixes = sorted(FigureCanvasBase.get_supported_filetypes())
+    suffixes = sorted({*FigureCanvasBase.get_supported_filetypes(), *more})
     if path.suffix.lower().lstrip(".") not in suffixes:
         raise InvalidInput("picture", str(path), f"a file name that ends in one of .{', .'.join(suffixes)}")
     if not path.parent.is_dir():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rollingjoint.errors import InvalidInput
 from rollingjoint.planar.chain import RollingChain, planar
 from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.plotting.friction import draw_gap_tensions
 from rollingjoint.plotting.parts import (
     BASE_ALPHA,
     LINK_COLOR,
@@ -42,9 +43,12 @@ def plot_mechanism(
     color: str = LINK_COLOR,
     load_scale: float | None = None,
     contact_scale: float | None = None,
+    tension_range: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> Axes:
     """Axes with links, tendons, loads and contact forces drawn.
+
+    After a step with friction the gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
 
     Args:
         mechanism: an equilibrium, or a mechanism, drawn at s = 0 without forces.
@@ -56,7 +60,8 @@ def plot_mechanism(
         label: legend text of the links.
         color: colour of the links.
         load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
-        legend: put a legend to the right of the axes.
+        tension_range: with friction, tensions at both ends of the colours [N]; those of the equilibrium when None.
+        legend: put a legend to the right of the axes, and with friction a scale of the colours below.
     Raises:
         InvalidInput: a batch of equilibria, or no planar chain.
     """
@@ -69,7 +74,9 @@ def plot_mechanism(
     draw_links(ax, chain, poses, color, label)
     if numbers:
         number_links(ax, chain, poses)
-    if tendons:
+    if tendons and equilibrium is not None and equilibrium.friction is not None:
+        draw_gap_tensions(ax, equilibrium, tension_range, scale=legend)
+    elif tendons:
         draw_tendons(ax, chain, poses, None if equilibrium is None else equilibrium.tensions)
     if equilibrium is not None and contacts:
         draw_contacts(ax, equilibrium, contact_scale)

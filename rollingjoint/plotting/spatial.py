@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
+from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
@@ -35,8 +36,11 @@ def plot_arm(
     loads: bool = True,
     label: str | None = None,
     color: str = LINK_COLOR,
+    tension_range: tuple[float, float] | None = None,
 ) -> Axes3D:
     """Axes with beads, tendons and forces drawn; draw several arms by passing the axes on.
+
+    After a step with friction the gaps are coloured by their tension, and rings mark holes in which a tendon sticks.
 
     Args:
         arm: an equilibrium, or a mechanism, which is drawn at rest.
@@ -45,6 +49,7 @@ def plot_arm(
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         label: legend text of the beads.
         color: colour of the beads.
+        tension_range: with friction, tensions at both ends of the colours [N]; those of the equilibrium when None.
     Raises:
         InvalidInput: a batch of equilibria.
     """
@@ -55,7 +60,9 @@ def plot_arm(
     poses = chain.poses(chain.neutral_angles) if found is None else found.poses
     ax = _new_axes() if ax is None else ax
     _draw_beads(ax, chain, poses, color, label)
-    if tendons:
+    if tendons and found is not None and found.friction is not None:
+        _draw_gap_tensions(ax, chain, found, tension_range)
+    elif tendons:
         _draw_tendons(ax, chain, poses, None if found is None else found.tensions)
     if found is not None and loads:
         _draw_forces(ax, chain, found)
@@ -97,6 +104,23 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
         ax.plot(*line.T, style, color=PALETTE[j % len(PALETTE)], linewidth=width, label=name)
 
 
+def _draw_gap_tensions(
+    ax: Axes3D, chain: HingeChain, found: HingeEquilibrium, ends: tuple[float, float] | None
+) -> None:
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    colors = tension_colors(found, ends)
+    for j, holes in enumerate(chain.tendon_polyline(found.poses)):
+        tones = colors.to_rgba(piece_tensions(found, j)[1:])  # the tendon is drawn from the hole below gap 0
+        pieces = list(np.stack([holes[:-1], holes[1:]], axis=1))
+        ax.add_collection3d(Line3DCollection(pieces, colors=tones, linewidths=2.0))
+        links = np.arange(1, len(holes) - 1) // 2  # of the holes below the last link's
+        sticking = holes[:-2][found.sticking[links, j]]
+        if len(sticking):
+            ax.plot(*sticking.T, **{**STICKS, "markersize": 4})
+    ax.figure.colorbar(colors, ax=ax, shrink=0.5, pad=0.12, label="tension [N]")
+
+
 def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None:
     """Arrows of the dead forces, except at mass centres: weights would hide the arm."""
     rows = found.loads[np.linalg.norm(found.loads[:, _FORCE], axis=1) > 0]
@@ -125,7 +149,7 @@ def _finish(ax: Axes3D) -> Axes3D:
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(3))
     ax.zaxis.labelpad = 10
-    handles, names = ax.get_legend_handles_labels()
-    if names:
-        ax.legend(handles, names, loc="upper left", fontsize="small")
+    unique = {text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+    if unique:
+        ax.legend(unique.values(), unique.keys(), loc="upper left", fontsize="small")
     return ax

@@ -261,12 +261,14 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
 
     @cached_property
     def _turns(self) -> Array:
-        """Segment v at angle 0, what it gains per sin and per 1 - cos in the link below, and above, (n - 1, m, 15)."""
+        """Columns of the kernels' Hinges.turns, (n - 1, m, 16)."""
         turns = np.zeros((self.n_joints, self.n_tendons, N_TURNS))
         for i, j in np.argwhere(self._crosses):
             axis, w, u = self._holes_about(i, j)
             across = np.outer(axis, axis) - np.eye(3)
-            turns[i, j] = np.concatenate([u - w, np.cross(axis, u), across @ u, np.cross(axis, w), -across @ w])
+            halves = axis[2] == 0.0 and np.array_equal(u[:2], w[:2])
+            turned = np.cross(axis, u), across @ u, np.cross(axis, w), -across @ w
+            turns[i, j] = np.concatenate([u - w, *turned, [halves]])
         return turns
 
     def _holes_about(self, i: int, j: int) -> tuple[Array, Array, Array]:

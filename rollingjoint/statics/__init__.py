@@ -5,6 +5,7 @@ Modules:
     families: all families of mechanisms.
     history: histories of steps with friction.
     least_squares: tendon lengths in the least-squares sense.
+    loop: paths back and forth, and the hysteresis in them.
     sensitivity: derivatives of equilibria.
     solve: the solvers.
     trace: paths, step after step.

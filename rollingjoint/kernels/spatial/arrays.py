@@ -29,8 +29,9 @@ N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
 # follower force B, moment of follower loads about the origin
 F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21
 # Columns of Hinges.turns: the segment of a tendon at angle 0, the same in the frames of the links below and above its
-# hinge; then what it gains per sin and per 1 - cos in the frame below, and in the frame above
-IN_BELOW, IN_ABOVE, N_TURNS = 3, 9, 15
+# hinge; what it gains per sin and per 1 - cos in the frame below, and in the frame above; 1 where the channels below
+# and above are in line and across the axis, so that both turns are half the angle
+IN_BELOW, IN_ABOVE, HALVES, N_TURNS = 3, 9, 15, 16
 # Columns of HingeState.held, sums over all springs beyond a hinge: k, k x, and k x outer x as xx, xy, xz, yy, yz, zz
 K, KX, KXX, N_HELD = 0, 1, 4, 10
 

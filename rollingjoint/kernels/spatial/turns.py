@@ -12,7 +12,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, TURN
-from rollingjoint.kernels.spatial.arrays import IN_ABOVE, IN_BELOW, Hinges
+from rollingjoint.kernels.spatial.arrays import HALVES, IN_ABOVE, IN_BELOW, Hinges
 
 
 @formula(formulas.fill_turns, Hinges)
@@ -22,10 +22,16 @@ def fill_turns(chain, state, turn):
     for j in range(chain.tendon_joints.size):
         entry = 0.0
         for i in range(chain.tendon_joints[j]):
-            sin, versine = math.sin(angle[i]), 2.0 * math.sin(0.5 * angle[i]) ** 2
-            below, turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
-            turn[i, j, TURN] = entry + below
-            entry, turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
+            half = 0.5 * abs(angle[i])
+            if table[i, j, HALVES] > 0.0:
+                slope = math.copysign(0.5, angle[i]) if angle[i] != 0.0 else 0.0
+                turn[i, j, TURN], entry = entry + half, half
+                turn[i, j, BELOW_RATE] = turn[i, j, ABOVE_RATE] = slope
+            else:
+                sin, versine = math.sin(angle[i]), 2.0 * math.sin(half) ** 2
+                below, turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
+                turn[i, j, TURN] = entry + below
+                entry, turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
 
 
 @part(inline=True)

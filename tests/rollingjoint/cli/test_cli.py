@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -11,9 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rollingjoint.friction import CapstanFriction
+from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
 from rollingjoint.presets import PRESETS, five_link, small_arm
 from rollingjoint.solution import Status
+from rollingjoint.statics.loop import trace_loop
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 from tests.rollingjoint.command import rj
 
@@ -254,6 +258,21 @@ def test_plot_of_an_unusable_result_is_drawn_and_exits_with_3(
         ("plot five_link --out bend", ["'bend'", ".png"]),
         ("plot five_link --force -1 1 0 --out a.png", ["--force", "--tensions or --lengths"]),
         ("check missing.yaml", ["missing.yaml"]),
+        ("loop five_link", ["--friction", "five_link has no friction", "--friction 0.1"]),
+        ("loop five_link --friction 0.3", ["friction mu = 0.3", "0 to 0.25"]),
+        ("loop five_link --friction 0.1 --presliding 0.001", ["friction presliding = 0.001", "0.01 to 10"]),
+        ("loop five_link --friction 0.1 --swing 5", ["--swing = [5.0]", "2 numbers"]),
+        ("loop five_link --friction 0.1 --lengths 90", ["--lengths = [90.0]", "2 numbers"]),
+        ("loop five_link --friction 0.1 --tensions 2 2", ["--swing", "2 numbers, one per tendon"]),
+        ("loop five_link --friction 0.1 --tensions 2 2 --swing 1 -1 --tension-limits 0 9", ["only with lengths"]),
+        ("loop five_link --friction 0.1 --lengths 90 99 --tensions 2 2", ["not allowed with"]),
+        ("loop five_link --friction 0.1 --lengths nan 99", ["middle", "2 finite numbers"]),
+        ("loop five_link --friction 0.1 --json --csv", ["not allowed with"]),
+        ("loop five_link --friction 0.1 --steps 0", ["steps = 0", ">= 1"]),
+        ("loop five_link --friction 0.1 --force 7 1 0", ["--force LINK = 7.0"]),
+        ("loop two_segment --friction 0.1", ["--swing", "4 numbers, one per tendon"]),
+        ("loop five_link --friction 0.1 0.2 --plot both.gif", ["--friction", "one number beside a .gif"]),
+        ("loop five_link --friction 0.1 --plot loop.doc", ["loop.doc", ".gif", ".png"]),
     ],
 )
 def test_wrong_input_exits_with_2_and_one_clear_line(
@@ -265,6 +284,51 @@ def test_wrong_input_exits_with_2_and_one_clear_line(
     assert output.err.count("\n") == 1
     assert output.err.startswith("rj")
     assert all(part in output.err for part in parts), output.err
+
+
+def test_a_loop_as_json_and_csv_holds_its_figures_and_every_step(capsys: pytest.CaptureFixture[str]) -> None:
+    command = "loop five_link --friction 0.1 0.2 --presliding 0.05 --steps 8 --cycles 1 --force -1 0.2 0.1 --swing -4 4"
+    assert rj(f"{command} --json") == 0
+    found = json.loads(capsys.readouterr().out)
+    chain = five_link().replace(friction=CapstanFriction(0.2, presliding=0.05))
+    expected = trace_loop(chain, (-4, 4), loads=[WorldForce(-1, (0.2, 0.1))], steps=8, cycles=1)
+    assert [(loop["friction"], loop["presliding_mm"]) for loop in found["loops"]] == [
+        ([0.1, 0.1], [0.05, 0.05]),
+        ([0.2, 0.2], [0.05, 0.05]),
+    ]
+    loop = found["loops"][1]
+    assert (found["usable"], found["swing_mm"], loop["width_mm"]) == (True, [-4, 4], expected.width)
+    assert loop["path"]["tip_mm"] == expected.path.tip.tolist()
+    assert rj(f"{command} --csv") == 0
+    head, *lines = (line.split(",") for line in capsys.readouterr().out.splitlines())
+    assert len(lines) == 2 * len(expected.shares)
+    rows = [dict(zip(head, map(float, line), strict=True)) for line in lines if line[0] == "0.2"]
+    assert [(row["x_mm"], row["y_mm"]) for row in rows] == list(map(tuple, expected.path.tip.tolist()))
+    assert [row["tension_1_N"] for row in rows] == expected.path.tensions[:, 1].tolist()
+    assert [row["sticking_holes"] for row in rows] == expected.path.sticking.sum(axis=(1, 2)).tolist()
+
+
+def test_a_loop_has_the_friction_of_its_mechanism_unless_another_is_given(
+    workplace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = CapstanFriction(0.02, presliding=0.1, extra_turn=0.3)
+    chain = five_link()
+    tendons = [chain.tendons[0], dataclasses.replace(chain.tendons[1], friction=own)]
+    text = dump_mechanism(chain.replace(tendons=tendons, friction=CapstanFriction(0.1)))
+    (workplace / "rubbed.yaml").write_text(text, encoding="utf-8")
+    for option, friction, presliding in (("", [0.1, 0.02], [0.02, 0.1]), ("--friction 0.2", [0.2, 0.2], [0.02, 0.1])):
+        assert rj(f"loop rubbed.yaml {option} --steps 2 --json") == 0
+        [loop] = json.loads(capsys.readouterr().out)["loops"]
+        assert (loop["friction"], loop["presliding_mm"]) == (friction, presliding)
+    assert rj("loop rubbed.yaml --steps 2") == 0
+    assert capsys.readouterr().out.splitlines()[1].startswith("0.1, 0.02 ")
+
+
+def test_a_loop_with_unusable_steps_exits_with_3_and_names_the_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rj("loop five_link --friction 0.1 --tensions 1 1 --swing 3 -3 --steps 4 --json") == 3
+    output = capsys.readouterr()
+    assert json.loads(output.out, parse_constant=pytest.fail)["usable"] is False
+    assert "steps are no stable equilibria; step 1 is INVALID_INPUT" in output.err
 
 
 def test_check_goes_on_after_a_wrong_file(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -357,6 +357,23 @@ def test_examples_of_the_documentation_are_those_of_these_tests() -> None:
     assert {text.strip() for text in examples} >= {SMALL.strip(), SMALL_ARM.strip()}
 
 
+def test_friction_of_the_documentation_loads_and_its_ranges_and_defaults_are_true() -> None:
+    section = DOCUMENT[DOCUMENT.index("## Friction") : DOCUMENT.index("## Springs")]
+    [example] = re.findall(r"```yaml\n(.*?)```", section, flags=re.DOTALL)
+    mechanism = mechanism_from_dict(changed(**yaml.safe_load(example)))
+    assert (mechanism.friction, mechanism.tendons[1].friction) == (CapstanFriction(0.05), CapstanFriction(0.1, 0.05))
+    rows = re.findall(r"^\| `(\w+)` \| .* \| ([\d.]+) to ([\d.π]+) \| (\S+) \|$", section, flags=re.MULTILINE)
+    assert [name for name, *_ in rows] == [field.name for field in dataclasses.fields(CapstanFriction)]
+    for name, low, high, default in rows:
+        ends = float(low), np.pi if high == "π" else float(high)
+        for value in ends:
+            assert getattr(CapstanFriction(**{"mu": 0.1, name: value}), name) == value
+        for value in (ends[0] - 1e-3, ends[1] + 1e-3):
+            with pytest.raises(RollingJointError, match=name):
+                CapstanFriction(**{"mu": 0.1, name: value})
+        assert default == "required" or getattr(CapstanFriction(0.1), name) == float(default)
+
+
 def test_curvature_examples_of_the_documentation_load() -> None:
     table = DOCUMENT[DOCUMENT.index("| curvature |") : DOCUMENT.index("## Tendons")]
     kinds = re.findall(r"^\| `(\w+): (.+?)` \|", table, flags=re.MULTILINE)

@@ -35,32 +35,35 @@ class Tendon(NamedTuple):
 
 
 class BeadBalance:
-    """The statics of one arm.
+    """The statics of one arm with its friction. forces: (link, body point, force) each, base frame."""
 
-    friction: mu, presliding, and what else CapstanFriction has. forces: (link, body point, force) each, base frame.
-    """
-
-    def __init__(self, arm, friction):
-        self.arm, self.friction = arm, friction
+    def __init__(self, arm):
+        self.arm, self.friction = arm, [tendon.friction or arm.friction for tendon in arm.tendons]
         self.spacing = np.array([bead.spacing for bead in arm.beads])
         self.axes = np.array([bead.axis for bead in arm.beads])
         self.stiffness = np.array([bead.stiffness for bead in arm.beads])
         self.rest = np.array([bead.rest_angle for bead in arm.beads])
         self.half = 0.5 * np.array([*(bead.gap for bead in arm.beads), arm.beads[-1].gap])
 
-    def start(self, angles):
-        """A history without friction at these angles: states 0, slips without stretch."""
-        return SimpleNamespace(states=np.zeros(self._shape), slips=self._slips(angles))
+    def start(self, angles, pulls):
+        """The history of a pose in which nothing has ever slipped, under these tensions at the motors."""
+        frames, slips = self._frames(angles), np.zeros(self._shape)
+        for j, end in enumerate(self.arm.last_links):
+            slips[:end, j] = self._slips(j, self._tendon(j, *frames), pulls[j])
+        return SimpleNamespace(states=np.zeros(self._shape), slips=slips)
 
     def step(self, tension_of, forces, history, angles):
         """Solve one step. tension_of: motor tensions from tendon lengths."""
         n = self.arm.n_joints
-        guess = np.concatenate([angles, np.zeros(6 * n)])
-        found = root(lambda x: self._unbalanced(x, tension_of, forces, history)[0], guess, options={"xtol": 1e-14})
-        balance, tendons, motor, inside, states, slips = self._unbalanced(found.x, tension_of, forces, history)
+        x = np.concatenate([angles, np.zeros(6 * n)])
+        for softness in (1.0, 16.0, 4.0, 1.0):  # of the presliding: a softer one leads to a step that fails
+            given = tension_of, forces, history, softness
+            x = root(lambda at, given=given: self._unbalanced(at, *given)[0], x, options={"xtol": 1e-14}).x
+            balance, tendons, motor, inside, states, slips = self._unbalanced(x, *given)
+            if softness == 1.0 and np.abs(balance).max() < 1e-9:
+                break
         lengths = np.array([tendon.length for tendon in tendons])
-        _, origin = self._frames(found.x[:n])
-        return Step(found.x[:n], origin[-1], lengths, motor, inside, states, slips, np.abs(balance).max())
+        return Step(x[:n], self._frames(x[:n])[1][-1], lengths, motor, inside, states, slips, np.abs(balance).max())
 
     @property
     def _shape(self):
@@ -88,13 +91,12 @@ class BeadBalance:
         last = self.spacing[end - 1] - self.half[end - 1] - self.half[end]
         return Tendon(below, above, segments, channels, gaps, turns, gaps.sum() + inside + last)
 
-    def _slips(self, angles):
-        frames, slips = self._frames(angles), np.zeros(self._shape)
-        for j, end in enumerate(self.arm.last_links):
-            slips[:end, j] = _distal(self._tendon(j, *frames).gaps)
-        return slips
+    def _slips(self, j, tendon, pull):
+        """Length of the tendon beyond every link, less its stretch there."""
+        end = len(tendon.gaps)
+        return np.cumsum(tendon.gaps[::-1])[::-1] - self.friction[j].compliance * (end - np.arange(end)) / end * pull
 
-    def _unbalanced(self, x, tension_of, forces, history):
+    def _unbalanced(self, x, tension_of, forces, history, softness):
         """What is not balanced, and (tendons, motor tensions, gap tensions, states, slips)."""
         n = self.arm.n_joints
         angles, hinge_force, hinge_moment = x[:n], x[n : 4 * n].reshape(n, 3), x[4 * n :].reshape(n, 3)
@@ -112,8 +114,8 @@ class BeadBalance:
         inside, states, slips = (np.zeros(self._shape) for _ in range(3))
         for j, (tendon, pull) in enumerate(zip(tendons, motor, strict=True)):
             end = len(tendon.gaps)
-            slips[:end, j], states[:end, j], inside[:end, j] = self._capstan(j, tendon, pull, history)
-            self._pull(tendon, pull, inside[:end, j], states[:end, j], act)
+            slips[:end, j], states[:end, j], inside[:end, j] = self._capstan(j, tendon, pull, history, softness)
+            self._pull(self.friction[j].mu, tendon, pull, inside[:end, j], states[:end, j], act)
         upper = np.arange(1, n + 1)
         act(upper, origin[:-1], hinge_force)
         act(upper - 1, origin[:-1], -hinge_force)
@@ -124,31 +126,26 @@ class BeadBalance:
         spring = np.einsum("ka,ka->k", axes, hinge_moment) + self.stiffness * (angles - self.rest)
         return np.concatenate([spring, force[1:].ravel(), about_hinge.ravel()]), tendons, motor, inside, states, slips
 
-    def _capstan(self, j, tendon, pull, history):
-        """Slips, states and tensions behind every bead: eqs. of the law, one state per bead."""
-        law, end = self.friction, len(tendon.gaps)
-        stretch = getattr(law, "compliance", 0.0) * (end - np.arange(end)) / end * pull
-        slips = _distal(tendon.gaps) - stretch
-        states = np.clip(history.states[:end, j] - (slips - history.slips[:end, j]) / law.presliding, -1.0, 1.0)
-        wrap = getattr(law, "extra_turn", 0.0) + tendon.turns[:, 0] + np.append(0.0, tendon.turns[:-1, 1])
-        lost = getattr(law, "constant", 0.0) * np.cumsum(states)
+    def _capstan(self, j, tendon, pull, history, softness):
+        """Slips, states and tensions behind every link; one state per link, whose channel has a fixed length."""
+        law, end = self.friction[j], len(tendon.gaps)
+        slips = self._slips(j, tendon, pull)
+        way = slips - history.slips[:end, j]
+        states = np.clip(history.states[:end, j] - way / (softness * law.presliding), -1.0, 1.0)
+        wrap = law.extra_turn + tendon.turns[:, 0] + np.append(0.0, tendon.turns[:-1, 1])
+        lost = law.constant * np.cumsum(states)
         return slips, states, np.maximum(pull * np.exp(-law.mu * np.cumsum(states * wrap)) - lost, 0.0)
 
-    def _pull(self, tendon, pull, inside, states, act):
+    def _pull(self, mu, tendon, pull, inside, states, act):
         """Forces at the mouths of every link's channel, and where the tendon ends."""
         links, end = np.arange(len(inside)), len(inside)
         before = np.append(pull, inside[:-1])
         entry_turns = np.append(0.0, tendon.turns[:-1, 1])
-        channel = (before * np.exp(-self.friction.mu * states * entry_turns))[:, None] * tendon.channels[:-1]
+        channel = (before * np.exp(-mu * states * entry_turns))[:, None] * tendon.channels[:-1]
         arriving = before[1:, None] * tendon.segments[:-1]
         act(links[1:], tendon.above[:-1], channel[1:] - arriving)
         act(links, tendon.below, inside[:, None] * tendon.segments - channel)
         act([end], tendon.above[-1:], -inside[-1:, None] * tendon.segments[-1:])
-
-
-def _distal(gaps):
-    """Sum of every gap and those behind it."""
-    return np.cumsum(gaps[::-1])[::-1]
 
 
 def _angles(u, v):

@@ -5,14 +5,16 @@ import pytest
 
 from rollingjoint import Bead, BeadTendon, HingeChain, flexible_arm, small_arm
 from rollingjoint._numba.jit import standalone
+from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, N_TURN, TURN
 from rollingjoint.kernels.spatial import arrays, turns
 
 new_state, fill_turns = standalone(arrays.new_hinge_state), standalone(turns.fill_turns)
 
 
 def turns_at(chain, theta):
-    """(n - 1, m, 4): a, a', b, b'; NaN where nothing was filled."""
-    state, turn = new_state(chain.n_joints, chain.n_tendons), np.full((chain.n_joints, chain.n_tendons, 4), np.nan)
+    """(n - 1, m, 3): columns TURN, BELOW_RATE, ABOVE_RATE; NaN where nothing was filled."""
+    shape = chain.n_joints, chain.n_tendons
+    state, turn = new_state(*shape), np.full((*shape, N_TURN), np.nan)
     state.angle[:] = theta
     one = arrays.Hinges(*(table[0] for table in chain.arrays))._replace(tendon_joints=chain.arrays.tendon_joints)
     fill_turns(one, state, turn)
@@ -36,26 +38,33 @@ def test_turns_are_the_angles_between_channels_and_segments_in_the_world(arm):
     theta = np.random.default_rng(1).uniform(-0.3, 0.3, arm.n_joints)
     poses, turn = arm.poses(theta), turns_at(arm, theta)
     for j, line in enumerate(arm.tendon_polyline(poses)):
+        entry = 0.0
         for i in range(arm.last_links[j]):
             v = line[2 * i + 1] - line[2 * i]
-            assert turn[i, j, 0] == pytest.approx(angle(poses[i, :3, 2], v), abs=1e-13)
-            assert turn[i, j, 2] == pytest.approx(angle(v, poses[i + 1, :3, 2]), abs=1e-13)
+            assert turn[i, j, TURN] == pytest.approx(entry + angle(poses[i, :3, 2], v), abs=1e-13)
+            entry = angle(v, poses[i + 1, :3, 2])
         assert np.all(np.isnan(turn[arm.last_links[j] :, j]))
 
 
 def test_slopes_of_the_turns_are_their_differences():
     arm = oblique_arm()
     for theta in np.random.default_rng(2).uniform(-0.3, 0.3, (5, 5)):
-        slope = (turns_at(arm, theta + 1e-6) - turns_at(arm, theta - 1e-6))[..., ::2] / 2e-6
-        assert turns_at(arm, theta)[..., 1::2] == pytest.approx(slope, abs=1e-7, nan_ok=True)
+        for i, step in enumerate(1e-6 * np.eye(5)):
+            slope = (turns_at(arm, theta + step) - turns_at(arm, theta - step))[..., TURN] / 2e-6
+            rates = turns_at(arm, theta)
+            assert rates[i, :, BELOW_RATE] == pytest.approx(slope[i], abs=1e-7, nan_ok=True)
+            for j in np.flatnonzero(i + 1 < np.array(arm.last_links)):
+                assert rates[i, j, ABOVE_RATE] == pytest.approx(slope[i + 1, j], abs=1e-7)
 
 
 def test_a_straight_channel_across_the_hinge_turns_by_half_the_angle_at_each_hole():
     for theta in (0.3, -0.2, 1e-3, 1e-12, -1e-100):
-        half = 0.5 * np.array([abs(theta), np.sign(theta), abs(theta), np.sign(theta)])
         turn = turns_at(small_arm(2), [theta, theta])
-        assert turn == pytest.approx(np.broadcast_to(half, (2, 4, 4)), rel=1e-13, abs=0.0)
+        assert turn[..., TURN] == pytest.approx(
+            np.array([4 * [0.5 * abs(theta)], 4 * [abs(theta)]]), rel=1e-13, abs=0.0
+        )
+        assert turn[..., BELOW_RATE:] == pytest.approx(np.full((2, 4, 2), 0.5 * np.sign(theta)), rel=1e-13, abs=0.0)
 
 
 def test_a_straight_tendon_does_not_turn_and_has_no_slope():
-    assert np.array_equal(turns_at(flexible_arm(), np.zeros(32))[:16], np.zeros((16, 8, 4)))
+    assert np.array_equal(turns_at(flexible_arm(), np.zeros(32))[:16], np.zeros((16, 8, N_TURN)))

@@ -1,0 +1,134 @@
+"""Loops as text: a table to read, JSON and CSV to process."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rollingjoint.solution import Status
+from rollingjoint.statics.loop import Loop
+from rollingjoint.tables import text_table
+
+_HEAD = (
+    "friction",
+    "width [mm]",
+    "at the middle [mm]",
+    "travel [mm]",
+    "friction work [N·mm]",
+    "motor work [N·mm]",
+    "sticking [%]",
+)
+
+
+def friction_name(loop: Loop) -> str:
+    """The coefficients of friction of its tendons, each once."""
+    coefficients = loop.path.mechanism.friction_coefficients[:, 0]
+    return ", ".join(f"{mu:g}" for mu in dict.fromkeys(coefficients.tolist()))
+
+
+def as_table(loops: Sequence[Loop]) -> str:
+    """One line per loop, figures of its last cycle."""
+    rows = [
+        (
+            friction_name(loop),
+            f"{loop.width:.2f}",
+            f"{loop.width_in_the_middle:.2f}",
+            f"{loop.travel:.2f}",
+            f"{loop.dissipated_work + 0.0:.2f}",
+            f"{round(loop.motor_work, 2) + 0.0:.2f}",
+            f"{100 * loop.sticking:.1f}",
+        )
+        for loop in loops
+    ]
+    return text_table(_HEAD, rows)
+
+
+def failure(loop: Loop) -> str:
+    """How many steps are no stable equilibria, and why the first of them is none; empty if all are."""
+    wrong = np.flatnonzero(~loop.path.ok)
+    if not wrong.size:
+        return ""
+    status = Status(int(loop.path.status[wrong[0]]))
+    count = f"{wrong.size} of {len(loop.shares)} steps are no stable equilibria"
+    return f"friction {friction_name(loop)}: {count}; step {wrong[0]} is {status.name}: {status.message}"
+
+
+def as_json(loops: Sequence[Loop]) -> str:
+    """Figures and steps of all loops as JSON text; units are in the key names."""
+    first = loops[0]
+    unit = _unit(first)
+    content = {
+        "mechanism": first.path.mechanism.name,
+        "given": first.given,
+        f"middle_{unit}": _plain(first.middle),
+        f"swing_{unit}": _plain(first.swing),
+        "steps": first.steps,
+        "usable": all(loop.ok for loop in loops),
+        "loops": [_as_dict(loop) for loop in loops],
+    }
+    return json.dumps(content, indent=2, allow_nan=False)
+
+
+def as_csv(loops: Sequence[Loop]) -> str:
+    """Every step of every loop as a line of CSV; units are in the head."""
+    first = loops[0]
+    tendons, unit = range(len(first.swing)), _unit(first)
+    axes = "xyz"[: first.path.tip.shape[1]]
+    head = ["friction", "step", *(f"input_{j}_{unit}" for j in tendons), *(f"{axis}_mm" for axis in axes)]
+    head += [f"tension_{j}_N" for j in tendons] + [f"length_{j}_mm" for j in tendons]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([*head, "dissipated_work_N_mm", "sticking_holes"])
+    for loop in loops:
+        columns = _columns(loop)
+        table = np.column_stack([np.arange(len(loop.shares)), *columns.values()])
+        for step, *numbers, sticking in table.tolist():
+            writer.writerow([friction_name(loop), int(step), *numbers, int(sticking)])
+    return stream.getvalue().rstrip("\n")
+
+
+def _unit(loop: Loop) -> str:
+    return "mm" if loop.given == "lengths" else "N"
+
+
+def _as_dict(loop: Loop) -> dict[str, Any]:
+    coefficients = loop.path.mechanism.friction_coefficients
+    return {
+        "friction": coefficients[:, 0].tolist(),
+        "presliding_mm": coefficients[:, 1].tolist(),
+        "width_mm": loop.width,
+        "width_in_the_middle_mm": loop.width_in_the_middle,
+        "travel_mm": loop.travel,
+        "friction_work_N_mm": loop.dissipated_work,
+        "motor_work_N_mm": loop.motor_work,
+        "sticking": loop.sticking,
+        "path": {name: _plain(values) for name, values in _columns(loop).items()},
+    }
+
+
+def _columns(loop: Loop) -> dict[str, Any]:
+    """What every step of a loop has, leading axis K."""
+    path = loop.path
+    return {
+        f"inputs_{_unit(loop)}": loop.inputs,
+        "tip_mm": path.tip,
+        "tensions_N": path.tensions,
+        "lengths_mm": path.lengths,
+        "dissipated_work_N_mm": path.dissipated_work,
+        "sticking_holes": path.sticking.sum(axis=(1, 2)),
+    }
+
+
+def _plain(values: Any) -> Any:
+    """Nested lists; None for what JSON cannot express."""
+    if isinstance(values, np.ndarray):
+        return [_plain(each) for each in values.tolist()]
+    if isinstance(values, list):
+        return [_plain(each) for each in values]
+    return values if math.isfinite(values) else None
