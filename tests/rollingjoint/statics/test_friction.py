@@ -238,8 +238,6 @@ def test_histories_of_another_number_of_rows_are_refused(chain, begin, command):
     two = solve_lengths_batch(chain, [command] * 2, history=begin.friction_state)
     with pytest.raises(InvalidInput, match="history"):
         solve_lengths_batch(chain, [command] * 3, starts=begin.joint_angles, history=two)
-    with pytest.raises(InvalidInput, match="all with friction"):
-        solve_lengths_batch([chain, five_link()], [command] * 2, history=begin.friction_state)
     with pytest.raises(InvalidInput, match="least_squares"):
         solve_lengths(chain, command, method="least_squares", history=begin)
 
