@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rj_gym.core.config import RewardConfig, TargetConfig
+from rj_gym.core.config import FrictionConfig, RewardConfig, TargetConfig
 from rj_gym.core.registry import TABLE, late, register_envs, settings_of
 from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.planar.env import RollingJointEnv, RollingJointGoalEnv
@@ -58,6 +58,7 @@ __all__ = [
     "FlexibleArmGoalEnv",
     "FlexibleArmGoalVectorEnv",
     "FlexibleArmVectorEnv",
+    "FrictionConfig",
     "GravityConfig",
     "LoadConfig",
     "PayloadConfig",

@@ -12,6 +12,7 @@ Modules:
     errors: the exceptions.
     family: the interface of a family of mechanisms.
     friction: coefficients of friction, and what it remembers.
+    identify: parameters of a mechanism from measurements.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.

@@ -24,6 +24,10 @@ Solvers:
         rows are left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
+    FrictionArrays: friction of rows and what it remembers, for `step_range` and `begin_range` of a family's batch
+        module. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
+        N_COEFFICIENTS columns.
+    new_friction_arrays: those of a FrictionLaw and a History.
     run_in_threads: work on ranges of rows, on the threads of this process.
 
 ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
@@ -35,13 +39,30 @@ from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
 from rollingjoint._numba.views import carve
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.friction import (
+    CONSTANT,
+    MU,
+    N_COEFFICIENTS,
+    PRESLIDING,
+    FrictionArrays,
+    FrictionLaw,
+    History,
+    new_friction_arrays,
+)
 from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
 from rollingjoint.threads import run_in_threads
 
 __all__ = [
+    "CONSTANT",
+    "MU",
+    "N_COEFFICIENTS",
     "PENDING",
+    "PRESLIDING",
     "BatchArrays",
     "Floats",
+    "FrictionArrays",
+    "FrictionLaw",
+    "History",
     "Integers",
     "Pinned",
     "PinnedRange",
@@ -54,6 +75,7 @@ __all__ = [
     "entry_address",
     "kernel",
     "machine_code",
+    "new_friction_arrays",
     "next_uniform",
     "part",
     "run_in_threads",

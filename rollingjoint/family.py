@@ -53,6 +53,9 @@ class BatchModule(Protocol):
     def step_range(self, arrays: Any, friction: FrictionArrays, first: int, last: int, /) -> None:
         """Solve rows first to last - 1 with friction, likewise."""
 
+    def begin_range(self, arrays: Any, friction: FrictionArrays, first: int, last: int, /) -> None:
+        """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has slipped."""
+
     def pack(self, mechanism: Any, tables: Array, results: Any, friction: FrictionStep | None = None, /) -> Any:
         """The equilibria in the outputs; mechanism: one, or one per row."""
 

@@ -139,7 +139,8 @@ def _check_friction(step: FrictionStep, rows: tuple[int, ...], n_joints: int, n_
 
 def friction_step(arrays: FrictionArrays) -> FrictionStep:
     """What friction did, from the outputs of a batch."""
-    slip = arrays.after.slips - arrays.before.slips
+    before = arrays.before.slips
+    slip = np.subtract(arrays.after.slips, before, out=np.zeros_like(before), where=np.isfinite(before))
     for array in (arrays.tension, slip, *arrays.after):
         array.setflags(write=False)
     return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
@@ -364,7 +365,7 @@ class Solution(ABC):
     @staticmethod
     @abstractmethod
     def _fill_rubbed_stiffness(*arguments: Any) -> None:
-        """The family's kernel: (chain, designs, law, tensions, elastic, loads, history, A, torques)."""
+        """The family's kernel: (chain, designs, law, tensions, elastic, loads, angles, history, A, torques)."""
 
     @staticmethod
     @abstractmethod
@@ -384,12 +385,12 @@ class Solution(ABC):
         known = np.asarray(self.status) != Status.INVALID_INPUT
         loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
-        states = self._rows(state.states, axes=2)
-        history = History(states, states.copy(), states.copy(), angles, self._rows(state.rolling))
+        states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
+        history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))
         A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
         tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
         law = friction_laws(self.mechanism, len(angles))
-        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, history, A, torques)
+        self._fill_rubbed_stiffness(*self._designs, law, *tendons, loads, angles, history, A, torques)
         return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
 
     def _rows(self, values: Array, axes: int = 1) -> Array:

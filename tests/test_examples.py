@@ -13,7 +13,8 @@ PAGES = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "docs").glo
 SHOWN = dict(
     re.findall(r"^```sh\npython examples/(\w+)\.py\n```\n\n```text\n(.*?)^```", PAGES, re.MULTILINE | re.DOTALL)
 )
-OPTIONS = {"equilibrium_layer": ["--steps", "30"]}
+FIDELITY = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
+OPTIONS = {"equilibrium_layer": ["--steps", "30"], "fidelity": ["--quick"]}
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -23,6 +24,8 @@ def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch
     printed, warned = capsys.readouterr()
     assert "Warning" not in warned
     assert SHOWN.get(example.stem, printed) == printed
+    if example.stem == "fidelity":
+        assert printed.rstrip() in FIDELITY
 
 
 def test_pages_show_what_examples_print():

@@ -66,7 +66,7 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
 
 
 def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
-    """Some of the equilibria of one mechanism."""
+    """Some of the equilibria of one mechanism, solved without friction."""
     return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 
 
@@ -87,7 +87,7 @@ def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Array]) -> Equilibr
 
 
 def _array_names(equilibria: Any) -> list[str]:
-    return [field.name for field in fields(equilibria) if field.name != "mechanism"]
+    return [field.name for field in fields(equilibria) if field.name not in ("mechanism", "friction")]
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -5,6 +5,10 @@ every stable equilibrium of elastic tendons with tensions in that range. Poses t
 can be stable under constant lengths, so the search is over commands, and the range is a constraint on its result. An
 error minus its floor is the regret: what a better controller could have gained; it is negative by rounding at most.
 
+With friction there is no floor: the equilibrium under a command then depends on the way to it. A bound for every path
+would have to let every hole hold or slip as it likes; then so many tips are within reach that it says nothing.
+`why_no_floor` gives the reason, `episode_floor` refuses.
+
 Quasi-static: the floor asks what can be held at one step, not whether there was time to get there, and the errors of
 a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
 several starts; that it finds the global minimum is tested on samples, not proven: with four times the starts and eight
@@ -37,6 +41,10 @@ STARTS = 16  # per episode, each the best of CANDIDATES at its level of tension
 CANDIDATES = 8
 JOINTS_AT_A_TIME = 256_000  # of candidates solved together, which bounds the memory
 
+WITH_FRICTION = (
+    "With friction the tip under a command depends on the moves before it: no floor is known that holds for every path."
+)
+
 _MAX_ITERATIONS = 300
 _GOAL = 1e-10  # mm that the next step would still gain
 _LARGEST_DAMPING = 1e6  # beyond it no step improves anything
@@ -66,6 +74,11 @@ class Floor:
     status: NDArray[np.int64]
 
 
+def why_no_floor(env: EnvConfig) -> str:
+    """Why the episodes of a tracking environment have no floor, one line; empty where they have one."""
+    return WITH_FRICTION if task_of(env.arguments()["config"]).friction_acts else ""
+
+
 def episode_floor(
     env: EnvConfig,
     seeds: Sequence[int],
@@ -81,11 +94,13 @@ def episode_floor(
         steps: steps to look at, from 0 (what reset shows) to episode_steps: arrays (E, len(steps), ...).
         starts, candidates: as for `floor`.
     Raises:
-        ConfigError: another environment.
+        ConfigError: another environment, or one with friction.
         InvalidInput: a step that does not exist.
     """
     if not env.is_tracking:
         raise ConfigError("env.id", env.id, "a tracking environment of rj_gym", "Only these have a floor.")
+    if why := why_no_floor(env):
+        raise ConfigError("env.settings", "friction", "an environment without friction", why)
     config = env.arguments()["config"]
     moments = [config.episode_steps] if steps is None else list(steps)
     if not all(0 <= step <= config.episode_steps for step in moments):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.controller import Array, Controller
-from agents.evaluation.floor import episode_floor
+from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.runs.environment import EnvConfig
@@ -28,12 +28,14 @@ class Report:
         length_mm: of the mechanism; None where the environment is not one of rj_gym.
         floors: the smallest error that any command reaches at the end of every episode, (E,) [mm].
         about: what was evaluated.
+        no_floor: why there are no floors where one would look for them, one line.
     """
 
     episodes: Mapping[str, Episodes]
     length_mm: float | None = None
     floors: Array | None = None
     about: Mapping[str, Any] = field(default_factory=dict)
+    no_floor: str = ""
 
     @property
     def scores(self) -> dict[str, Score]:
@@ -68,11 +70,14 @@ class Report:
     def text(self) -> str:
         """The table for a terminal."""
         head, *rows = self.table()
-        return text_table(head, rows, ruled=True)
+        table = text_table(head, rows, ruled=True)
+        return f"{table}\n{self.no_floor}" if self.no_floor else table
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for report.json."""
-        floors = {} if self.floors is None else {"floors_mm": _plain(self.floors)}
+        floors: dict[str, Any] = {} if self.floors is None else {"floors_mm": _plain(self.floors)}
+        if self.no_floor:
+            floors["no_floor"] = self.no_floor
         return {
             "about": dict(self.about),
             "length_mm": self.length_mm,
@@ -110,7 +115,7 @@ class Report:
             "same episodes."
         )
         if self.floors is None:
-            return text
+            return f"{text} {self.no_floor}".rstrip()
         return (
             f"{text} The floor is the smallest error that any command reaches against the load of the episode; regret "
             "is the mean of what a controller leaves above it."
@@ -122,13 +127,14 @@ def evaluate_controllers(
 ) -> Report:
     """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
 
-    Environments with another task than tracking have no floor.
+    Environments with another task than tracking have no floor, and none is known with friction.
     """
     episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
     if not env.is_tracking:
         return Report(episodes)
-    floors = episode_floor(env, seeds).errors if with_floor else None
-    return Report(episodes, task_of(env.arguments()["config"]).length, floors)
+    why = why_no_floor(env) if with_floor else ""
+    floors = episode_floor(env, seeds).errors if with_floor and not why else None
+    return Report(episodes, task_of(env.arguments()["config"]).length, floors, no_floor=why)
 
 
 def _floor_row(floors: Array) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.core.config import TaskConfig
+from rj_gym.core.config import FrictionConfig, TaskConfig
 from rj_gym.core.registry import task_of
 from rj_gym.planar.config import LoadConfig, RandomizationConfig
 from rollingjoint.spatial.chain import HingeChain
@@ -23,6 +23,7 @@ def description(config: TaskConfig) -> str:
         f"{mechanism.length:g} mm): the tip {way} in {config.episode_steps} steps of at most "
         f"{config.action_scale_mm:g} mm of each tendon, from {start}.",
         *(_arm_loads(config) if isinstance(config, FlexibleArmConfig) else _loads(config)),
+        _rubbing(config.friction),
         _noise(config.randomization),
         _randomised(config.randomization),
     ]
@@ -63,6 +64,15 @@ def _arm_loads(config: FlexibleArmConfig) -> list[str]:
     hangs = f"The arm hangs from a base that is tilted {tilted}°;"
     turned = "The tip frame has to turn into that of the target, too." if config.orientation else ""
     return [hangs, ways[load.process], f"Tilt and payload {seen}.", turned]
+
+
+def _rubbing(settings: FrictionConfig | None) -> str:
+    if settings is None:
+        return ""
+    low, high = settings.mu
+    drawn = f"of {low:g}" if low == high else f"between {low:g} and {high:g}"
+    whose = "the same for all tendons" if settings.shared else "its own for every tendon"
+    return f"Tendons rub in their holes, by a hidden coefficient {drawn}, {whose}."
 
 
 def _noise(settings: RandomizationConfig | ArmRandomizationConfig) -> str:

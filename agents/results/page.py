@@ -84,7 +84,7 @@ def _summary(scored: Sequence[Scored]) -> str:
         link = f"[{benchmark.title}](#{benchmark.title.replace(' ', '-')})"
         errors = [_mm(scores.errors(name).mean()) for name in (policy, FEEDBACK, baseline)]
         best = f"{baseline} {errors[2]}"
-        rows.append((link, policy, errors[0], errors[1], best, _mm(_finite(scores.floors).mean()), verdict(scores)))
+        rows.append((link, policy, errors[0], errors[1], best, _floor_figures(scores)[0], verdict(scores)))
     return markdown_table(head, rows)
 
 
@@ -126,9 +126,7 @@ def score_table(benchmark: Benchmark, scores: Scores) -> str:
         for recipe in benchmark.recipes
     ]
     rows += [(name, *_columns(scores.of_baseline(name)), "", "", "") for name in scores.baselines]
-    floors = _finite(scores.floors)
-    numbers = (_mm(floors.mean()), _mm(np.median(floors)), _mm(np.percentile(floors, 95)))
-    rows.append((FLOOR, *numbers, _share(float(np.mean(floors <= CLOSE_MM))), "", "", "", "", ""))
+    rows.append((FLOOR, *_floor_figures(scores), "", "", "", "", ""))
     return markdown_table(("controller", *ERRORS, *SHARES, REGRET, *TRAINING), rows)
 
 
@@ -138,8 +136,8 @@ def _heavier_table(benchmark: Benchmark, scores: Scores) -> str:
 
     rows = [(recipe.name, *short(_spread_columns(scores.of_policy(recipe.name)))) for recipe in benchmark.recipes]
     rows += [(name, *short(_columns(scores.of_baseline(name)))) for name in scores.baselines]
-    floors = _finite(scores.floors)
-    rows.append((FLOOR, _mm(floors.mean()), _mm(np.median(floors)), _share(float(np.mean(floors <= CLOSE_MM))), ""))
+    mean_floor, median, _, share = _floor_figures(scores)
+    rows.append((FLOOR, mean_floor, median, share, ""))
     return markdown_table(("controller", *ERRORS[:2], SHARES[0], REGRET), rows)
 
 
@@ -239,6 +237,15 @@ def _used(recipes: Sequence[Recipe]) -> str:
 
 def _finite(floors: Array) -> Array:
     return floors[np.isfinite(floors)]
+
+
+def _floor_figures(scores: Scores) -> tuple[str, str, str, str]:
+    """Mean, median and 95th percentile of the known floors, and the share of those within 1 mm."""
+    floors = _finite(scores.floors)
+    if len(floors) == 0:
+        return "unknown", "", "", ""
+    high, share = np.percentile(floors, 95), float(np.mean(floors <= CLOSE_MM))
+    return _mm(floors.mean()), _mm(np.median(floors)), _mm(high), _share(share)
 
 
 def _mm(value: float) -> str:

@@ -51,7 +51,7 @@ def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
         _logarithmic(axes, "xy", (1, 2, 5))
         for recipe, colour in zip(one.benchmark.recipes, cycle(LEARNED), strict=False):
             _draw_curve(axes, recipe, colour, over_time)
-        for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=True):
+        for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=False):
             axes.axhline(max(error, SMALLEST_MM), color="black", linestyle=dashes, linewidth=1, label=name)
         axes.legend(fontsize=7, edgecolor="none")
     return png(figure, DPI)
@@ -85,7 +85,8 @@ def error_against_load(scored: Sequence[Scored]) -> bytes:
             errors = np.concatenate([scores.errors(name)[:, inside], beyond.errors(name)[:, outside]], axis=1)
             axes.plot(*_binned(loads, errors, high / BINS), marker=".", label=label, **STYLES[label])
         floors = np.concatenate([scores.floors[inside], beyond.floors[outside]])[None]
-        axes.plot(*_binned(loads, floors, high / BINS), label=FLOOR, **STYLES[FLOOR])
+        if np.isfinite(floors).any():
+            axes.plot(*_binned(loads, floors, high / BINS), label=FLOOR, **STYLES[FLOOR])
     return png(_with_legend(figure, panels), DPI)
 
 
@@ -108,7 +109,8 @@ def distributions(scored: Sequence[Scored]) -> bytes:
         _draw_shares(axes, POLICY_LABEL, scores.errors(scores.best_policy))
         for name in scores.baselines:
             _draw_shares(axes, name, scores.errors(name))
-        _draw_shares(axes, FLOOR, scores.floors)
+        if np.isfinite(scores.floors).any():
+            _draw_shares(axes, FLOOR, scores.floors)
     return png(_with_legend(figure, panels), DPI)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.baselines import baselines
 from agents.evaluation.controller import Array
-from agents.evaluation.floor import episode_floor
+from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.evaluation.score import FLOOR, Score
@@ -65,7 +65,7 @@ class Scores:
 
     Args:
         policies: by name of the configuration, the episodes of each of its runs.
-        baselines: by name. floors: (E,) [mm].
+        baselines: by name. floors: (E,) [mm], NaN where none is known.
     """
 
     policies: Mapping[str, Sequence[Episodes]]
@@ -113,7 +113,8 @@ class Scored:
 
     Args:
         scores: in the episodes of the tables. beyond: in those with heavier loads; None where there are none.
-        levels: mean errors of Jacobian feedback and floor in the evaluations during training [mm], by name.
+        levels: mean errors of Jacobian feedback and, where it is known, floor in the evaluations during training [mm],
+            by name.
     """
 
     benchmark: Benchmark
@@ -132,7 +133,8 @@ class _Part:
 
     def __call__(self) -> Episodes | Array:
         if self.driver is None:
-            return episode_floor(self.env, self.seeds).errors
+            known = not why_no_floor(self.env)
+            return episode_floor(self.env, self.seeds).errors if known else np.full(len(self.seeds), np.nan)
         if isinstance(self.driver, str):
             return run_episodes(self.env, baselines()[self.driver], self.seeds)
         episodes = run_episodes(self.env, Policy.load(self.driver, POLICY), self.seeds)
@@ -144,7 +146,9 @@ def score_benchmark(benchmark: Benchmark, seeds: Sequence[int], drive: Drive) ->
     beyond = score(benchmark, seeds, drive, heavier) if benchmark.has_heavier else None
     during = benchmark.recipes[0].config.evaluation.seeds
     feedback, floors = drive([_Part(benchmark.env, driver, during) for driver in (FEEDBACK, None)])
-    levels = {FEEDBACK: float(feedback.final_errors.mean()), FLOOR: float(floors[np.isfinite(floors)].mean())}
+    levels = {FEEDBACK: float(feedback.final_errors.mean())}
+    if np.isfinite(floors).any():
+        levels[FLOOR] = float(floors[np.isfinite(floors)].mean())
     return Scored(benchmark, score(benchmark, seeds, drive), beyond, levels)
 
 

@@ -190,7 +190,7 @@ def apply_overrides(values: dict[str, Any], overrides: Sequence[str]) -> dict[st
             raise ConfigError("--set", text, "section.key=value, for example parameters.gamma=0.9")
         place = values
         for section in sections:
-            if place.get(section) is None:
+            if place.get(section) is None:  # not there, or off
                 place[section] = {}
             if not isinstance(place[section], dict):
                 raise ConfigError("--set", text, f"a key of a section; '{section}' is a value")

@@ -57,7 +57,7 @@ class FlexibleArmEnv(TaskEnv):
     tip of an equilibrium under that gravity without payload (`target`); the payload, a dead force at the tip along
     gravity, uniform from 0 to 0.5 N (`load`). Tensions of 3 N (`start_tension`) set the arm without payload; the
     tendons are locked there and the payload applied. `reset(options=...)` fixes any of "target", "load", "gravity",
-    "mechanism" and "start"; what was drawn is in `info["sampled"]`.
+    "mechanism", "start" and "friction"; what was drawn is in `info["sampled"]`.
 
     ## Episode end
     As that of RollingJointEnv: truncated by the environment itself after `episode_steps` (50), terminated only where
@@ -66,13 +66,15 @@ class FlexibleArmEnv(TaskEnv):
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (3,) [mm], `load` {"link", "force"},
     `gravity` (3,), `tensions` (m,) [N], `command` (m,) [mm]; with `orientation` `angle_error_rad`; from `step` also
-    `reward_terms`, from `reset` also `sampled`.
+    `reward_terms`, from `reset` also `sampled`; with friction `gap_tensions` (n - 1, m) [N], `sticking` (n - 1, m),
+    `dissipated_work` [N·mm].
 
     ## Arguments
     `FlexibleArmEnv(render_mode=None, config=None, **overrides)`: `config` is a FlexibleArmConfig or a dictionary of its
     fields; overrides go on top, and nested ones change only what they name:
     `gymnasium.make("rj_gym/FlexibleArm-v0", orientation=True, load={"magnitude": (0, 0.8)})`.
-    See FlexibleArmConfig, PayloadConfig, GravityConfig, ArmTargetConfig, ArmRewardConfig and ArmRandomizationConfig.
+    See FlexibleArmConfig, PayloadConfig, GravityConfig, ArmTargetConfig, ArmRewardConfig, ArmRandomizationConfig and
+    FrictionConfig (`friction`, off): tendons rub in the beads' holes, by a hidden coefficient drawn per episode.
 
     ## Version history
     * v0: first version.

@@ -16,12 +16,10 @@ from rj_gym.arm.task import ArmTask
 from rj_gym.core.draws import over_time
 from rj_gym.core.episodes import Observation
 from rj_gym.core.kernels import FORCE, TENSIONS
-from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
+from rj_gym.core.tracking_episodes import FLAT, TrackingEpisodeBuffer
 from rj_gym.rendering.canvas import Screen
 from rollingjoint.compiled import machine_code
-from rollingjoint.errors import InvalidInput
-from rollingjoint.mechanism import stack
-from rollingjoint.spatial.batch import BatchArrays, PinnedRange, new_results
+from rollingjoint.spatial import batch
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
@@ -31,6 +29,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the arm's task."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
+    _batch: ClassVar[Any] = batch
     _FORCE: ClassVar[slice] = slice(FX, FX + 3)
     task: ArmTask
     mechanisms: tuple[HingeChain, ...]
@@ -80,10 +79,10 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             np.zeros((capacity, n - 1)),
             np.zeros((capacity, n, 4, 4)),
             np.zeros((capacity, 2, m)),
-            np.zeros((capacity, TENSIONS + 2 * m + OWN)),
+            np.zeros((capacity, TENSIONS + 2 * m + OWN + self.task.friction_columns)),
         )
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
-        self._results = new_results(capacity, n - 1, m)
+        self._results = batch.new_results(capacity, n - 1, m)
 
     def _enter_loads(self, draws: ArmDraws) -> None:
         count, own = len(draws), TENSIONS + 2 * self._actions.shape[1]
@@ -108,12 +107,3 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         self._begin_step = partial(machine_code(kernels.prepare, *kinds, Inputs, int, int), *known, inputs)
         self._finish = partial(machine_code(kernels.finish, *kinds, Solved, FLAT, int, int), *known, solved)
         self._fill = partial(machine_code(kernels.observe, *kinds, FLAT), *known)
-
-    def _bound_solve(self) -> Any:
-        arrays = self._laws, self._loads, self._starts, self._results
-        try:
-            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *arrays))
-        except InvalidInput:  # tendons that end on different links
-            alone = np.zeros_like(self.designs)
-            solvers = [PinnedRange(BatchArrays(arm.arrays, alone, *arrays)) for arm in self.mechanisms]
-            return LaneByLane(solvers, self.designs)

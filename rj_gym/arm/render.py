@@ -130,8 +130,9 @@ class ArmCanvas(TrackingCanvas):
     def _arm(self, scene: ArmScene) -> None:
         """Backbone, beads and tendons, what is far away first."""
         pieces = list(self._beads(scene))
-        for tension, line in zip(scene.tensions, scene.mechanism.tendon_polyline(scene.poses), strict=True):
-            pieces += self._strips(line, 0.8, tension_color(float(tension), scene.tension_range))
+        for j, line in enumerate(scene.mechanism.tendon_polyline(scene.poses)):
+            for part, tension in scene.tendon_parts(j, line, from_hole=False):
+                pieces += self._strips(part, 0.8, tension_color(tension, scene.tension_range))
         for _, polygons in sorted(pieces, key=lambda piece: piece[0]):
             for outline, color in polygons:
                 self.fill_pixels(outline, color)

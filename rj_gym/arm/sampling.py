@@ -16,6 +16,7 @@ from rj_gym.core.draws import (
     Uniforms,
     blocks_of,
     fading_walk,
+    friction_shapes,
     hold,
     load_shapes,
     loads_over_time,
@@ -72,7 +73,7 @@ def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "hinge": (n_joints,), "weight": (n_joints,)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, 6, 2)
-    return blocks_of(shapes)
+    return blocks_of(shapes | friction_shapes(config, m))
 
 
 def sample_episodes(config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: ArmOptions) -> ArmDraws:

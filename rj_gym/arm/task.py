@@ -104,36 +104,42 @@ class ArmTask(TrackingTask):
         near = super().reached(readings)
         if not self.config.orientation:
             return near
-        return near & (_own(readings)[..., ANGLE] <= self.config.reward.goal_tolerance_rad)
+        return near & (self._own(readings)[..., ANGLE] <= self.config.reward.goal_tolerance_rad)
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        return info.state_info(readings[:, :-OWN], info.IN_SPACE) | self._own_info(readings)
+        said = info.state_info(readings[:, : self._columns], info.IN_SPACE)
+        return said | self._own_info(readings) | self.friction_info(readings)
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
         terms = super().reward_info(readings)
-        return terms | {"orientation": _own(readings)[:, ORIENTATION]} if self.config.orientation else terms
+        return terms | {"orientation": self._own(readings)[:, ORIENTATION]} if self.config.orientation else terms
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        said = info.single_info(readings[:-OWN], numbers[:-OWN], info.IN_SPACE)
+        own = self._columns
+        said = info.single_info(readings[:own], numbers[:own], info.IN_SPACE)
         if self.config.orientation:
-            said["angle_error_rad"] = numbers[ANGLE - OWN]
-            said["reward_terms"]["orientation"] = numbers[ORIENTATION - OWN]
-        said["gravity"] = _own(readings)[GRAVITY : GRAVITY + 3]
-        return said
+            said["angle_error_rad"] = numbers[own + ANGLE]
+            said["reward_terms"]["orientation"] = numbers[own + ORIENTATION]
+        said["gravity"] = readings[own + GRAVITY : own + GRAVITY + 3]
+        return said | info.only_lane(self.friction_info(readings[None])) if self.has_friction else said
 
     def _own_info(self, readings: Array) -> dict[str, Any]:
-        own = _own(readings)
+        own = self._own(readings)
         said = {"gravity": own[:, GRAVITY : GRAVITY + 3]}
         return said | {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else said
 
     def _with_frames(self, places: NDArray[np.float32], readings: Array, frame: int) -> NDArray[np.float32]:
         if not self.config.orientation:
             return places
-        columns = _own(readings)[..., frame : frame + 9][..., _COLUMNS]
+        columns = self._own(readings)[..., frame : frame + 9][..., _COLUMNS]
         return np.concatenate([places, np.clip(columns, -1.0, 1.0).astype(np.float32)], axis=-1)
+
+    def _own(self, readings: Array) -> Array:
+        """The columns that only this task has."""
+        return readings[..., self._columns : self._columns + OWN]
 
     def _uniform_blocks(self) -> dict[str, Block]:
         return uniform_blocks(self.config, self.mechanism)
@@ -153,8 +159,3 @@ def _whole(columns: Array) -> Array:
     (ax, ay, az), (bx, by, bz) = np.moveaxis(columns, -1, 0).reshape(2, 3, *columns.shape[:-1])
     third = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
     return np.concatenate([columns, third], axis=-1)
-
-
-def _own(readings: Array) -> Array:
-    """The columns that only this task has."""
-    return readings[..., -OWN:]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
+
+import numpy as np
 
 from rj_gym.core.settings import Range, Settings
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
+from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING
 
 PROCESSES = ("constant", "step", "ou")
 """How a load changes from step to step."""
@@ -97,6 +101,29 @@ class Randomization(Settings):
 
 
 @dataclass(frozen=True)
+class FrictionConfig(Settings):
+    """Capstan friction of the tendons in their holes, which remembers which way they slipped; it is not observed.
+
+    Args:
+        mu: coefficient of friction, 0 to 0.25: a number, or a range from which every episode draws uniformly.
+        presliding: slip over which friction builds up, 0.01 or more [mm].
+        shared: whether all tendons of an episode have the same coefficient.
+    """
+
+    _SECTION: ClassVar[str] = "friction."
+    mu: Range = (0.0, 0.1)
+    presliding: float = 0.02
+    shared: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mu, Sequence | np.ndarray):
+            self._set("mu", (self.mu, self.mu))
+        self._check(as_range, "mu", low=0.0, high=LARGEST_MU)
+        self._check(as_number, "presliding", low=SMALLEST_PRESLIDING, high=10.0)
+        self._check(as_boolean, "shared")
+
+
+@dataclass(frozen=True)
 class TaskConfig(Settings):
     """The settings that every tracking task has, and their checks.
 
@@ -114,9 +141,10 @@ class TaskConfig(Settings):
         observe_tensions: whether the observation contains the tendon tensions.
         observe_load: whether the observation contains the external force and the link where it acts.
         load, target, reward, randomization: nested settings, each also a dictionary.
+        friction: likewise; None leaves the mechanism its own friction, if it has any.
     """
 
-    MECHANISM: ClassVar[type] = object
+    MECHANISM: ClassVar[type[Any]] = object
     MECHANISMS: ClassVar[str] = "a mechanism"
     _NESTED: ClassVar[dict[str, type[Settings]]] = {}
     _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load")
@@ -134,6 +162,7 @@ class TaskConfig(Settings):
     target: TargetConfig = field(default_factory=TargetConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
     randomization: Any = None
+    friction: FrictionConfig | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, str | self.MECHANISM):
@@ -148,4 +177,8 @@ class TaskConfig(Settings):
         self._check(as_number, "start_tension", low=max(low, 1e-3), high=high)
         self._check(as_range, "start_tension_range", low=max(low, 1e-3), high=high, unit="N")
         self._check(as_boolean, *self._SWITCHES)
-        self._check_nested(self._NESTED)
+        self._check_nested(self._NESTED | ({} if self.friction is None else {"friction": FrictionConfig}))
+
+    def has_friction(self, mechanism: Any) -> bool:
+        """Whether episodes of this nominal mechanism take steps with friction."""
+        return self.friction is not None or mechanism.has_friction

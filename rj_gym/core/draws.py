@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.config import LoadSettings, TaskConfig
+from rj_gym.core.config import FrictionConfig, LoadSettings, TaskConfig
 from rj_gym.core.generators import Generators, Random
 from rj_gym.core.options import TrackingOptions
 
@@ -34,6 +34,7 @@ class TrackingDraws:
         stiffnesses: of the tendons, (B, m) [N/mm].
         actuator_offsets: what the motors add to every length command, (B, m) [mm].
         noise: measurement errors, (B, T + 1, ...) [mm, rad], or None.
+        friction_mu: coefficients of friction of the tendons, (B, m), or None: those of the mechanisms.
     """
 
     mechanisms: tuple[Any, ...]
@@ -44,6 +45,7 @@ class TrackingDraws:
     stiffnesses: Array
     actuator_offsets: Array
     noise: Array | None
+    friction_mu: Array | None
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -68,6 +70,7 @@ def shared_draws(
         "stiffnesses": of_lanes([mechanism.stiffnesses for mechanism in mechanisms], designs),
         "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
         "noise": np.array(noise) * normal(uniforms["noise"]) if randomization.sensor_noise else None,
+        "friction_mu": None if config.friction is None else friction_mu(config.friction, uniforms),
     }
 
 
@@ -118,6 +121,20 @@ def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Block]:
 def target_shape(config: TaskConfig, n_tendons: int) -> tuple[int, int]:
     """Shape of the uniform numbers from which targets come, (waypoints, m)."""
     return config.target.waypoints if config.target.process == "path" else 1, n_tendons
+
+
+def friction_shapes(config: TaskConfig, n_tendons: int) -> dict[str, tuple[int]]:
+    """Shapes of the uniform numbers from which coefficients of friction come: none where no friction is set."""
+    if config.friction is None:
+        return {}
+    return {"friction": (1 if config.friction.shared else n_tendons,)}
+
+
+def friction_mu(config: FrictionConfig, uniforms: Uniforms) -> Array:
+    """Coefficients of friction of the tendons, (B, m)."""
+    low, high = config.mu
+    drawn = low + (high - low) * uniforms["friction"]
+    return np.ascontiguousarray(np.broadcast_to(drawn, (len(uniforms), uniforms["start"].shape[1])))
 
 
 def load_shapes(config: LoadSettings, times: int, drawn: Sequence[str], walk: tuple[int, ...]) -> dict[str, Any]:

@@ -16,10 +16,13 @@ from rj_gym.core.kernels import (
     LINK,
     SMOOTHNESS,
     STATUS,
+    STICKING,
     TARGET,
     TENSIONS,
     TIP,
     TRACKING,
+    WORK,
+    friction_columns,
 )
 from rollingjoint.solution import Status
 
@@ -55,6 +58,17 @@ def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
         "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
         "tensions": readings[:, TENSIONS : TENSIONS + m],
         "command": readings[:, TENSIONS + m :],
+    }
+
+
+def friction_info(readings: Array, n_joints: int, n_tendons: int) -> dict[str, Any]:
+    """What info says of friction in every step, arrays (B, ...): parts of the readings, and copies."""
+    own = readings[:, readings.shape[1] - friction_columns(n_joints, n_tendons) :]
+    shape, middle = (len(own), n_joints, n_tendons), STICKING + n_joints * n_tendons
+    return {
+        "sticking": own[:, STICKING:middle].reshape(shape) > 0.5,
+        "gap_tensions": own[:, middle:].reshape(shape),
+        "dissipated_work": own[:, WORK],
     }
 
 

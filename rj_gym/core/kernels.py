@@ -20,6 +20,10 @@ STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET,
 )  # fmt: skip
 REWARDS = slice(REWARD, FAILURE + 1)
 
+# Columns after all others, in tasks with friction: work that it took up in the step [N·mm]; whether tendons stick in
+# their holes, (J, m); tensions of their gaps, (J, m) [N].
+WORK, STICKING = 0, 1
+
 REFUSED = -1  # what a step returns instead of a number of lanes
 
 
@@ -80,6 +84,38 @@ def settle_tendons(course, state, solved, lane):
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
     return usable
+
+
+def friction_columns(n_joints: int, n_tendons: int) -> int:
+    """How many columns of readings say what friction did."""
+    return STICKING + 2 * n_joints * n_tendons
+
+
+@kernel(nogil=True)
+def keep_history(friction, crossed, status, readings, first, last):
+    """End steps with friction: where one stands, the next goes on from it; elsewhere the history stays as it was.
+
+    crossed: (B, m) number of joints that a tendon crosses.
+    """
+    friction, crossed, status, readings = borrow(friction), borrow(crossed), borrow(status), borrow(readings)
+    before, after = friction.before, friction.after
+    n_joints, m = before.states.shape[1], before.states.shape[2]
+    at = readings.shape[1] - (STICKING + 2 * n_joints * m)
+    for lane in range(first, last):
+        readings[lane, at + WORK] = 0.0
+        if status[lane] > AT_LIMIT:
+            continue
+        readings[lane, at + WORK] = friction.work[lane]
+        place = at + STICKING
+        for i in range(n_joints):
+            before.angles[lane, i], before.rolling[lane, i] = after.angles[lane, i], after.rolling[lane, i]
+            for j in range(m):
+                z = after.states[lane, i, j]
+                before.states[lane, i, j] = z
+                before.slips[lane, i, j], before.grips[lane, i, j] = after.slips[lane, i, j], after.grips[lane, i, j]
+                readings[lane, place] = 1.0 if i < crossed[lane, j] and abs(z) < 1.0 else 0.0
+                readings[lane, place + n_joints * m] = friction.tension[lane, i, j]
+                place += 1
 
 
 @kernel(inline="always")

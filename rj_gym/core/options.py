@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from rj_gym.core.config import TaskConfig
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
+from rollingjoint.friction import LARGEST_MU
 from rollingjoint.io.mechanism_file import load_mechanism
 
 Array = NDArray[np.float64]
+
+_WITH = "Make one with friction={'mu': 0.1}."
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,7 @@ class TrackingOptions:
     mechanism: Any = None
     targets: Array | None = None
     start_tensions: Array | None = None
+    friction_mu: Array | None = None
 
 
 def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
@@ -44,13 +48,15 @@ def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Map
 def shared_options(
     options: Mapping[str, Any], known: Sequence[str], config: TaskConfig, nominal: Any
 ) -> dict[str, Any]:
-    """What "mechanism" and "start" hold fixed, fields of TrackingOptions; InvalidInput for other keys and values."""
+    """What "mechanism", "start" and "friction" hold fixed, fields of TrackingOptions; InvalidInput for others."""
     checked_keys(options, known)
     fixed: dict[str, Any] = {}
     if "mechanism" in options:
         fixed["mechanism"] = _like_mechanism(options["mechanism"], nominal, config)
     if "start" in options:
         fixed["start_tensions"] = _start_tensions(options["start"], config, nominal.n_tendons)
+    if "friction" in options:
+        fixed["friction_mu"] = _friction_mu(options["friction"], config, nominal)
     return fixed
 
 
@@ -66,6 +72,8 @@ def _like_mechanism(value: object, nominal: Any, config: TaskConfig) -> Any:
         raise InvalidInput(
             "options['mechanism'] (links, tendons)", counts, f"{expected}", "Make an environment with this mechanism."
         )
+    if mechanism.has_friction and not config.has_friction(nominal):
+        raise InvalidInput("options['mechanism'] has friction", True, "False in an environment without it", _WITH)
     return mechanism
 
 
@@ -80,6 +88,17 @@ def _start_tensions(value: object, config: TaskConfig, n_tendons: int) -> Array:
     if tensions.shape != (n_tendons,) or np.any(tensions < low) or np.any(tensions > high) or np.any(tensions <= 0):
         raise InvalidInput("options['start']", value, f"{n_tendons} tensions > 0 within [{low:g}, {high:g}] N")
     return tensions
+
+
+def _friction_mu(value: object, config: TaskConfig, nominal: Any) -> Array:
+    """The coefficients of friction of an option, (m,); InvalidInput for others, and where there is no friction."""
+    if not config.has_friction(nominal):
+        raise InvalidInput("options['friction']", value, "only in an environment with friction", _WITH)
+    m = nominal.n_tendons
+    mu = finite_floats("options['friction']", value)
+    if mu.shape not in ((), (m,)) or np.any(mu < 0.0) or np.any(mu > LARGEST_MU):
+        raise InvalidInput("options['friction']", value, f"a number or {m} numbers from 0 to {LARGEST_MU:g}")
+    return np.array(np.broadcast_to(mu, (m,)))
 
 
 def vector_series(what: str, value: object, axes: str, times: int, unit: str) -> Array:

@@ -13,28 +13,47 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.core.draws import over_time
+from rj_gym.core.draws import of_lanes, over_time
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.core.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, TIP, all_finite
+from rj_gym.core.kernels import LINK, REFUSED, REWARDS, STEP, TENSIONS, TIP, all_finite, keep_history
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.compiled import Floats, Singles, TendonLaw, machine_code, run_in_threads
+from rollingjoint.compiled import (
+    MU,
+    N_COEFFICIENTS,
+    PRESLIDING,
+    Floats,
+    FrictionArrays,
+    FrictionLaw,
+    History,
+    Integers,
+    Singles,
+    TendonLaw,
+    machine_code,
+    new_friction_arrays,
+    run_in_threads,
+)
 from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import stack
 
 Array = NDArray[np.float64]
 FLAT = Annotated[Singles, "B x entries"]  # observations as kernels fill them
+_COUNTS, _STATUS = Annotated[Integers, "B", "m"], Annotated[Integers, "B"]
+_READINGS = Annotated[Floats, "B", "columns"]
 
 
 class TrackingEpisodeBuffer(EpisodeBuffer):
     """Room for B episodes of a tracking task, as many of them in use as the last `begin` was asked for."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ()  # made by `_bind`, left out of pickles
+    _batch: ClassVar[Any]  # the module of the family that solves batches
     _FORCE: ClassVar[slice]  # columns of a load table, of the force in its last row that acts only while episodes run
     course: Any  # what is fixed when an episode begins
     state: Any  # where running episodes are
     _loads: Array  # (B, rows, columns)
     _results: Any
-    _solve: Any  # a PinnedRange, or a LaneByLane
+    _solve: Any  # a PinnedRange, or a LaneByLane; without friction
+    _rub: Any  # steps with friction: FrictionSteps, or None
     _step: Callable[..., int]  # (observation, first, last) -> lanes whose solve and `_finish` remain to be done
     _finish: Callable[..., object]  # (observation, first, last)
     _finite: Callable[[], bool]
@@ -52,6 +71,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._make_room()
         command, low, high = (np.zeros((capacity, m)) for _ in range(3))
         self._laws = TendonLaw(command, self.course.stiffnesses, low, high)
+        self._friction = _no_history(capacity, n_joints, m) if task.has_friction else None
         self._bind()
 
     def advance(self, ended: Rows = NO_ROWS) -> Observation:
@@ -95,6 +115,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         readings[:, STEP] = -1.0
         readings[:, TENSIONS : TENSIONS + m] = draws.start_tensions
         readings[:, TENSIONS + m : TENSIONS + 2 * m] = lengths - draws.start_tensions / draws.stiffnesses
+        if self._rub is not None:
+            self._begin_histories(draws, angles)
         self._laws.low[:count], self._laws.high[:count] = self.task.config.tension_range
         observation = self._advance(count)
         readings[:, REWARDS] = 0.0
@@ -126,6 +148,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     def sampled_info(self, draws: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         times, count = self.task.config.episode_steps + 1, len(draws)
+        rubbing = {} if self._friction is None else {"friction_mu": self._friction.law.tendons[:count, :, MU].copy()}
         names = np.array([mechanism.name for mechanism in draws.mechanisms], dtype=object)
         return {
             "mechanism": names[draws.designs],
@@ -135,12 +158,15 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             "start_tensions": draws.start_tensions,
             "stiffnesses": draws.stiffnesses,
             "actuator_offsets": draws.actuator_offsets,
+            **rubbing,
         }
 
     def _shared_scene(self, trail: Array, lane: int) -> dict[str, Any]:
         """The fields of a TrackingScene."""
         readings, config, d = self.readings[lane], self.task.config, self.task.dimension
+        rubbing = self.task.friction_info(self.readings[lane : lane + 1])
         return {
+            "gap_tensions": rubbing["gap_tensions"][0] if rubbing else None,
             "mechanism": self.mechanisms[self.designs[lane]],
             "poses": self.state.poses[lane],
             "tensions": readings[TENSIONS : TENSIONS + self._actions.shape[1]],
@@ -152,7 +178,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         }
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("readings", "_finite", "_step", "_solve", "_finish", "_action", "_row", *self._BOUND)
+        bound = ("readings", "_finite", "_step", "_solve", "_rub", "_finish", "_action", "_row", *self._BOUND)
         return {name: value for name, value in self.__dict__.items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -177,10 +203,6 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         """What a target specifies, of the solved first lanes' tips, (count, d) [mm]."""
 
     @abstractmethod
-    def _bound_solve(self) -> Any:
-        """The solve of a range of lanes; lane by lane where mechanisms cannot be stacked."""
-
-    @abstractmethod
     def _bind_step(self) -> None:
         """The kernels that go around the solve: `_step`, `_finish`."""
 
@@ -190,7 +212,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     def _kept(self) -> tuple[NDArray[Any], ...]:
         """The arrays (B, ...) that steps go on from."""
-        return *self.state, *self.course, self._loads
+        rubbing = () if self._friction is None else (*self._friction.law, *self._friction.before)
+        return *self.state, *self.course, self._loads, *rubbing
 
     def _advance(self, count: int) -> Observation:
         """A step of the first lanes; their fresh observations, flat."""
@@ -204,8 +227,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return observation
 
     def _complete(self, observation: Observation, first: int, last: int) -> None:
-        """A step after lanes were left to the solver for all cases."""
-        self._solve.solve_the_rest(first, last)
+        """A step after lanes were left to the solver for all cases, or to steps with friction."""
+        (self._rub or self._solve).solve_the_rest(first, last)
         self._finish(observation, first, last)
 
     def _enter(self, draws: Any) -> None:
@@ -219,11 +242,29 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         course.actuator_offsets[:count] = draws.actuator_offsets
         if draws.noise is not None:
             course.noise[:count] = draws.noise
+        if self._friction is not None:
+            self._enter_friction(self._friction, draws)
         self._enter_loads(draws)
         targets = self._aims(draws.target_tensions) if draws.targets is None else draws.targets
         self._widen(targets, draws.forces)
         self.course.targets[:count] = targets
         self.course.forces[:count] = draws.forces
+
+    def _enter_friction(self, friction: FrictionArrays, draws: Any) -> None:
+        """Put coefficients of friction into the first lanes: the drawn ones in place of the mechanisms'."""
+        law, config, count = friction.law, self.task.config.friction, len(draws)
+        law.tendons[:count] = of_lanes([each.friction_coefficients for each in draws.mechanisms], draws.designs)
+        law.rolling[:count] = of_lanes([each.rolling_coefficients for each in draws.mechanisms], draws.designs)
+        if config is not None:
+            law.tendons[:count, :, PRESLIDING] = config.presliding
+        if draws.friction_mu is not None:
+            law.tendons[:count, :, MU] = draws.friction_mu
+
+    def _begin_histories(self, draws: Any, angles: Array) -> None:
+        """Histories of the first lanes: at these poses without friction nothing has slipped."""
+        count = len(draws)
+        self._laws.low[:count], self._starts[:count] = draws.start_tensions, angles
+        self._rub.begin(0, count)
 
     def _aims(self, tensions: Array) -> Array:
         """Targets, (count, K, d) [mm]: tips of the unloaded equilibria under tensions (count, K, m)."""
@@ -283,8 +324,54 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._neutral_angles = np.array([mechanism.neutral_angles for mechanism in self.mechanisms])
         self.readings, self._action, self._row = self.state.readings, self._actions[0], self.state.readings[0]
         self._finite = partial(machine_code(all_finite, Annotated[Floats, "B", "m"]), self._actions)
-        self._solve = self._bound_solve()
+        batches = self._batches()
+        self._solve = self._on_lanes([self._batch.PinnedRange(batch) for batch in batches])
+        self._rub = None if self._friction is None else self._bound_friction(self._friction, batches)
         self._bind_step()
+
+    def _batches(self) -> list[Any]:
+        """What is solved: one batch, or one per mechanism where their tendons end on different links."""
+        arrays = self._laws, self._loads, self._starts, self._results
+        try:
+            return [self._batch.BatchArrays(stack(self.mechanisms), self.designs, *arrays)]
+        except InvalidInput:
+            alone = np.zeros_like(self.designs)
+            return [self._batch.BatchArrays(each.arrays, alone, *arrays) for each in self.mechanisms]
+
+    def _on_lanes(self, solvers: Sequence[Any]) -> Any:
+        """The only solver, or all of them, each for the lanes with its mechanism."""
+        return solvers[0] if len(solvers) == 1 else LaneByLane(solvers, self.designs)
+
+    def _bound_friction(self, friction: FrictionArrays, batches: list[Any]) -> FrictionSteps:
+        """Steps with friction of these batches."""
+        steps, begins = (
+            self._on_lanes([partial(work, batch, friction) for batch in batches])
+            for work in (self._batch.step_range, self._batch.begin_range)
+        )
+        crossed = np.array([mechanism.last_links for mechanism in self.mechanisms], np.int64)[self.designs]
+        kinds = FrictionArrays, _COUNTS, _STATUS, _READINGS, int, int
+        keep = partial(machine_code(keep_history, *kinds), friction, crossed, self._results.status, self.readings)
+        return FrictionSteps(steps, keep, begins)
+
+
+def _no_history(capacity: int, n_joints: int, n_tendons: int) -> FrictionArrays:
+    """Friction of so many lanes that has still to be filled."""
+    law = FrictionLaw(np.ones((capacity, n_tendons, N_COEFFICIENTS)), np.ones((capacity, 2)))
+    states, slips, grips = (np.zeros((capacity, n_joints, n_tendons)) for _ in range(3))
+    angles, rolling = (np.zeros((capacity, n_joints)) for _ in range(2))
+    return new_friction_arrays(law, History(states, slips, grips, angles, rolling))
+
+
+class FrictionSteps:
+    """In place of PinnedRange where steps have friction: a step that stands becomes the history of the next one."""
+
+    def __init__(self, *works: Callable[[int, int], object]) -> None:
+        self._step, self._keep, self.begin = works
+
+    def solve_the_rest(self, first: int, last: int) -> None:
+        """The steps of lanes first to last - 1."""
+        self._step(first, last)
+        self._keep(first, last)
 
 
 class LaneByLane:

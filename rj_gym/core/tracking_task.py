@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.core import info
 from rj_gym.core.config import TaskConfig
 from rj_gym.core.draws import Block
-from rj_gym.core.kernels import ERROR, TARGET, TIP
+from rj_gym.core.kernels import ERROR, TARGET, TENSIONS, TIP, friction_columns
 from rj_gym.core.observation import POSITION_BOUND
 from rj_gym.core.task import Task
+from rollingjoint.compiled import CONSTANT, MU
 from rollingjoint.io.mechanism_file import load_mechanism
 
 Array = NDArray[np.float64]
@@ -26,6 +27,7 @@ class TrackingTask(Task):
         config: its settings. mechanism: before randomisation.
         length: of the mechanism [mm]. neutral_lengths: of its tendons at rest, (m,) [mm].
         dimension: number of coordinates of a position.
+        has_friction: whether episodes take steps with friction.
     Raises:
         ConfigError, MechanismError: a mechanism that cannot be loaded, or none of this task.
     """
@@ -40,6 +42,8 @@ class TrackingTask(Task):
         self.length = float(self.mechanism.length)
         self.action_size = self.mechanism.n_tendons
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
+        self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
+        self.has_friction = bool(config.has_friction(self.mechanism))
         self._blocks = self._uniform_blocks()
 
     @abstractmethod
@@ -86,6 +90,25 @@ class TrackingTask(Task):
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
         return info.reward_info(readings)
+
+    @property
+    def friction_acts(self) -> bool:
+        """Whether poses of some episode depend on the way to them."""
+        drawn, (arm, _) = self.config.friction, self.mechanism.rolling_coefficients
+        coefficients = self.mechanism.friction_coefficients
+        highest = coefficients[:, MU].max() if drawn is None else drawn.mu[1]
+        return bool(highest > 0.0 or arm > 0.0 or np.any(coefficients[:, CONSTANT] > 0.0))
+
+    @property
+    def friction_columns(self) -> int:
+        """How many columns of readings say what friction did."""
+        return friction_columns(self.mechanism.n_joints, self.action_size) if self.has_friction else 0
+
+    def friction_info(self, readings: Array) -> dict[str, Any]:
+        """What info says of friction, arrays (B, ...): nothing where there is none."""
+        if not self.has_friction:
+            return {}
+        return info.friction_info(readings, self.mechanism.n_joints, self.action_size)
 
     def _shared_rules(self, goal: bool) -> dict[str, Any]:
         """The fields that the rules of every tracking task have."""

@@ -52,7 +52,7 @@ class RollingJointEnv(TaskEnv):
     Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied.
     Drawn per episode: a target that the unloaded mechanism reaches (`target`), and the load: a dead force at the
     origin of a random moving link, uniform in direction and in magnitude from 0 to 1 N (`load`).
-    `reset(options=...)` fixes any of "target", "load", "mechanism" and "start"; what was drawn is in
+    `reset(options=...)` fixes any of "target", "load", "mechanism", "start" and "friction"; what was drawn is in
     `info["sampled"]`.
 
     ## Episode end
@@ -63,13 +63,15 @@ class RollingJointEnv(TaskEnv):
 
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (2,) [mm], `load` {"link", "force"},
-    `tensions` (m,) [N], `command` (m,) [mm]; from `step` also `reward_terms`, from `reset` also `sampled`.
+    `tensions` (m,) [N], `command` (m,) [mm]; from `step` also `reward_terms`, from `reset` `sampled`; with friction
+    `gap_tensions` (n - 1, m) [N], `sticking` (n - 1, m), `dissipated_work` [N·mm].
 
     ## Arguments
     `RollingJointEnv(render_mode=None, config=None, **overrides)`: `config` is a TrackingConfig or a dictionary of its
     fields; overrides go on top, and nested ones change only what they name:
     `gymnasium.make("rj_gym/RollingJoint-v0", episode_steps=20, load={"magnitude": (0, 1.5)})`.
-    See TrackingConfig, LoadConfig, TargetConfig, RewardConfig and RandomizationConfig.
+    See TrackingConfig, LoadConfig, TargetConfig, RewardConfig, RandomizationConfig and FrictionConfig: tendons rub in
+    their holes (`friction`, off), by a hidden coefficient drawn per episode, and poses depend on the moves before them.
 
     ## Version history
     * v0: first version.

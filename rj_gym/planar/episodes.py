@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 from rj_gym.core.episodes import Observation
 from rj_gym.core.kernels import FORCE, LINK, TENSIONS
-from rj_gym.core.tracking_episodes import FLAT, LaneByLane, TrackingEpisodeBuffer
+from rj_gym.core.tracking_episodes import FLAT, TrackingEpisodeBuffer
 from rj_gym.planar import kernels
 from rj_gym.planar.kernels import Course, Inputs, RunningEpisodes, Solved, TaskArrays
 from rj_gym.planar.render import PlanarCanvas, PlanarScene
 from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
 from rj_gym.rendering.canvas import Screen
-from rollingjoint.compiled import BatchArrays, Pinned, PinnedRange, machine_code
-from rollingjoint.errors import InvalidInput
+from rollingjoint.compiled import Pinned, machine_code
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.mechanism import stack
-from rollingjoint.planar.batch import new_results, solve_range
+from rollingjoint.planar import batch
 from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
@@ -33,6 +31,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the planar task."""
 
     _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
+    _batch: ClassVar[Any] = batch
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
     task: PlanarTask
     mechanisms: tuple[RollingChain, ...]
@@ -69,10 +68,10 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
             np.zeros((capacity, n - 1, m)),
             np.zeros((capacity, n, 3)),
             np.zeros((capacity, 2, m)),
-            np.zeros((capacity, TENSIONS + 2 * m)),
+            np.zeros((capacity, TENSIONS + 2 * m + self.task.friction_columns)),
         )
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = new_results(capacity, n - 1, m, contacts=False, responses=True)
+        self._results = batch.new_results(capacity, n - 1, m, contacts=False, responses=True)
 
     def _enter_loads(self, draws: PlanarDraws) -> None:
         count = len(draws)
@@ -91,15 +90,6 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
         self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, inputs, solved))
         self._pins = self._pinned.address_for(TaskArrays)
-        bound = self._pins, self._solve.entry, self._solve.pins
-        self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), *bound)
+        solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
+        self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), self._pins, *solver)
         self._finish = partial(machine_code(kernels.finish, int, FLAT, int, int), self._pins)
-
-    def _bound_solve(self) -> PinnedRange | LaneByLane:
-        problem = (self._laws, self._loads, self._starts, self._results)
-        try:
-            return PinnedRange(BatchArrays(stack(self.mechanisms), self.designs, *problem))
-        except InvalidInput:  # tendons that end on different links
-            alone = np.zeros_like(self.designs)
-            problems = [BatchArrays(stack([mechanism]), alone, *problem) for mechanism in self.mechanisms]
-            return LaneByLane([partial(solve_range, each) for each in problems], self.designs)

@@ -48,8 +48,9 @@ class PlanarCanvas(TrackingCanvas):
             self.line(outline, 0.7, EDGE)
 
     def _tendons(self, scene: PlanarScene) -> None:
-        for tension, holes in zip(scene.tensions, scene.mechanism.tendon_polyline(scene.poses), strict=True):
-            self.line(holes, 1.3, tension_color(tension, scene.tension_range))
+        for j, holes in enumerate(scene.mechanism.tendon_polyline(scene.poses)):
+            for part, tension in scene.tendon_parts(j, holes, from_hole=True):
+                self.line(part, 1.3, tension_color(tension, scene.tension_range))
             for hole in holes:
                 self.disc(hole, 1.1, INK)
 

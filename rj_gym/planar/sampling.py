@@ -2,7 +2,7 @@
 
 A generator is asked once per episode (`Uniforms`); everything after that is arithmetic on (B, ...) arrays. So an
 episode depends on its own row alone, whatever the batch around it, and a scalar and a native vector environment share
-this code. What randomisation needs comes last: switching it on leaves the loads of a seed as they are.
+this code. What randomisation and friction need comes last: switching them on leaves the loads of a seed as they are.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rj_gym.core.draws import (
     Uniforms,
     blocks_of,
     fading_walk,
+    friction_shapes,
     hold,
     load_shapes,
     loads_over_time,
@@ -59,7 +60,7 @@ def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str,
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
-    return blocks_of(shapes)
+    return blocks_of(shapes | friction_shapes(config, m))
 
 
 def sample_episodes(

@@ -32,12 +32,23 @@ class PlanarTask(TrackingTask):
     dimension: ClassVar[int] = 2
     config: TrackingConfig
     mechanism: RollingChain
-    state_info = staticmethod(info.state_info)
-    single_info = staticmethod(info.single_info)
 
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves target and tip error out."""
         return observation_entries(self.config, self.mechanism, goal)
+
+    def state_info(self, readings: Array) -> dict[str, Any]:
+        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        if not self.has_friction:
+            return info.state_info(readings)
+        return info.state_info(readings[:, : self._columns]) | self.friction_info(readings)
+
+    def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
+        """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+        if not self.has_friction:
+            return info.single_info(readings, numbers)
+        said = info.single_info(readings[: self._columns], numbers[: self._columns])
+        return said | info.only_lane(self.friction_info(readings[None]))
 
     def rules(self, goal: bool = False) -> Rules:
         """The parameters that all lanes share, as the kernels take them."""

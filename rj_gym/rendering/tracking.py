@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,10 +20,11 @@ class TrackingScene:
 
     Args:
         mechanism: the mechanism. poses: of its links [mm, rad].
-        tensions: (m,) [N]. tension_range: minimum and maximum tendon tension [N].
+        tensions: (m,) at the motors [N]. tension_range: minimum and maximum tendon tension [N].
         targets: of the tip over the episode, (T + 1, d) [mm].
         tip: where it is, (d,) [mm]. trail: where it has been, (K, d) [mm].
         step: steps taken.
+        gap_tensions: (n - 1, m) [N], None where there is no friction: there the tensions are those of every gap.
     """
 
     mechanism: Any
@@ -34,6 +35,26 @@ class TrackingScene:
     tip: Array
     trail: Array
     step: int
+    gap_tensions: Array | None = None
+
+    def tendon_parts(self, j: int, points: Array, from_hole: bool) -> Iterator[tuple[Array, float]]:
+        """Parts of a tendon's line and the tension of each [N]: the whole line; with friction every gap and every link.
+
+        Friction acts at the holes: inside a link the tension is shown as the mean of those around it.
+
+        Args:
+            j: the tendon.
+            points: its line from the base to its end, (K, d) [mm].
+            from_hole: whether the line begins inside the base, and not with the first gap.
+        """
+        if self.gap_tensions is None:
+            yield points, float(self.tensions[j])
+            return
+        gaps = self.gap_tensions[: (len(points) - 1) // 2, j]
+        along = np.append(self.tensions[j], np.repeat(gaps, 2))
+        along[::2] = 0.5 * (along[::2] + np.append(gaps, gaps[-1]))
+        for k, tension in enumerate(along[0 if from_hole else 1 :]):
+            yield points[k : k + 2], float(tension)
 
     @property
     def target(self) -> Array:

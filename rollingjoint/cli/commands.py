@@ -19,7 +19,8 @@ from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
 from rollingjoint.cli import loop_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
-from rollingjoint.errors import InvalidInput, one_line
+from rollingjoint.cli.identify import add_identify, run_identify
+from rollingjoint.errors import InvalidInput, SolverError, one_line
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.mechanism import AnyMechanism
@@ -46,6 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InvalidInput, OSError) as error:
         print(f"rj {args.command}: error: {one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
+    except SolverError as error:
+        print(f"rj {args.command}: {error}", file=sys.stderr)
+        return NOT_USABLE
 
 
 def _solve(args: argparse.Namespace) -> int:
@@ -86,6 +90,11 @@ def _export(args: argparse.Namespace) -> int:
     if found is not None and not found.ok:
         return _unusable(args, found)
     print(*command.export_files(found or mechanism, args), sep="\n")
+    return OK
+
+
+def _identify(args: argparse.Namespace) -> int:
+    run_identify(args)
     return OK
 
 
@@ -177,6 +186,9 @@ def _parser() -> argparse.ArgumentParser:
     add_case(export, required=False)
     command.add_options(export)
     export.set_defaults(run=_export)
+    identify = commands.add_parser("identify", help="parameters from measurements: friction, stiffness, offsets ...")
+    add_identify(identify)
+    identify.set_defaults(run=_identify)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
     commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
     check = commands.add_parser("check", help="validate mechanism files")

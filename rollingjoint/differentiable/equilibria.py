@@ -112,7 +112,8 @@ class Equilibria:
         """`friction_state`; where nothing has slipped yet, in terms of the friction of the step to come."""
         state, before = self._state, self._state.law.history
         friction = friction or state.law.friction or DifferentiableFriction(0.0)
-        rubbing = state.rubbing or state.rubbing_under(friction.each(lambda tensor: tensor.to(state.phi)))
+        friction = friction.where(friction.usable()).each(lambda tensor: tensor.to(state.phi))
+        rubbing = state.rubbing or state.rubbing_under(friction)
         found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
             lambda tensor, _: self._shown(tensor)
         )

@@ -19,11 +19,11 @@ from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.rubbed import step_lanes
+from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
 from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
 from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
@@ -35,6 +35,7 @@ __all__ = [
     "BatchArrays",
     "PinnedRange",
     "TendonLaw",
+    "begin_range",
     "new_results",
     "pack",
     "solve_one",
@@ -106,6 +107,12 @@ def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: i
     if everything or _on_batch(step_side_by_side, FrictionArrays, int, int)(*batch, friction, first, last):
         left = _left(batch, first, last, everything)
         _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, left)
+
+
+def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
+    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
+    rows, (law, history) = slice(first, last), histories_of(friction, first, last)
+    begin_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
 
 
 @functools.cache

@@ -17,18 +17,18 @@ from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import fields
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
-from rollingjoint.kernels.spatial.rubbed import step_hinge_lanes
+from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, step_hinge_lanes
 from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 
 Array = NDArray[np.float64]
 
-__all__ = ["BatchArrays", "PinnedRange", "new_results", "pack", "solve_one", "solve_range", "step_range"]
+__all__ = ["BatchArrays", "PinnedRange", "begin_range", "new_results", "pack", "solve_one", "solve_range", "step_range"]
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
@@ -100,6 +100,12 @@ def solve_range(batch: BatchArrays, first: int, last: int) -> None:
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """`solve_range` of steps with friction."""
     _on_batch(step_hinge_lanes, FrictionArrays)(*batch, friction, first, last)
+
+
+def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
+    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
+    rows, (law, history) = slice(first, last), histories_of(friction, first, last)
+    begin_hinge_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
 
 
 class PinnedRange:

@@ -26,7 +26,9 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
         return start.joint_angles
     if start is not None:
         return start
-    return history.angles if isinstance(history, FrictionState) else getattr(history, "joint_angles", None)
+    if isinstance(history, Solution):  # a step that failed leaves its own history as it was
+        return history.joint_angles if history.friction is None else history.friction.state.angles
+    return getattr(history, "angles", None)
 
 
 def checked_history(
@@ -57,7 +59,9 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
     if isinstance(history, FrictionState):
         return history
     if not isinstance(history, Solution):
-        raise InvalidInput("history", history, _ALLOWED, "solve_tensions and solve_lengths return equilibria.")
+        raise InvalidInput(
+            "history", type(history).__name__, _ALLOWED, "solve_tensions and solve_lengths return equilibria."
+        )
     if history.friction is not None or history.mechanism is mechanism:
         return history.friction_state
     one = mechanism[0] if isinstance(mechanism, tuple) else mechanism

@@ -1,8 +1,9 @@
 """Derivatives of an equilibrium by the implicit function theorem: dphi/dx = -H⁻¹ dr/dx.
 
-Joints at a limit stay there. Every function takes one Solution or a batch; it raises SolverError unless all are
-stable equilibria, and InvalidInput where their stiffness is singular.
-Source: docs/theory.md, sections 4 and 5.
+Joints at a limit stay there. After a step with friction they hold for inputs and loads under which the holes that stick
+go on sticking, and the others sliding. Every function takes one Solution or a batch; it raises SolverError unless all
+are stable equilibria, and InvalidInput where their stiffness is singular, or after a step with rolling resistance.
+Source: docs/theory.md, sections 4, 5 and 9.
 """
 
 from __future__ import annotations
@@ -109,6 +110,7 @@ def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Ar
 
 def _respond(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
     """joint_response of a stable equilibrium."""
+    _refuse_rolling(equilibrium)
     try:
         return joint_response(equilibrium.require(), stiffness, torque)
     except np.linalg.LinAlgError:
@@ -118,6 +120,13 @@ def _respond(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
             "a stiffness that can be inverted",
             "At constant tensions it is singular.",
         ) from None
+
+
+def _refuse_rolling(equilibrium: Solution) -> None:
+    """Raise InvalidInput after a step with rolling resistance: the stiffness leaves out how the normal forces turn."""
+    every = equilibrium.mechanism if isinstance(equilibrium.mechanism, tuple) else (equilibrium.mechanism,)
+    if equilibrium.friction is not None and any(each.rolling_coefficients[0] > 0.0 for each in every):
+        raise InvalidInput("equilibrium", equilibrium, "one without rolling resistance", "Its stiffness is not exact.")
 
 
 def _dposes(equilibrium: Solution, dangles: Array) -> Array:

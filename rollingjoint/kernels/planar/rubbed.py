@@ -78,19 +78,20 @@ def _begin_each(chain, designs, law, tensions, angles, history, state, space, si
 
 
 @kernel
-def rubbed_stiffness_of(chain, designs, law, tensions, elastic, loads, history, A, torques):
-    """Fill A, (B, J, J), and d residual / d tension, (B, J, m), after a step that left this history."""
+def rubbed_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, A, torques):
+    """Fill A, (B, J, J), and d residual / d tension, (B, J, m), at the angles after a step that left this history."""
     sizes = MemorySizes(history.angles.shape[1], tensions.shape[1])
     memory, state = np.zeros(size_of(Memory, sizes)), new_state(sizes.J, sizes.m)
-    _stiffness_each(chain, designs, law, tensions, elastic, loads, history, A, torques, state, memory, sizes)
+    _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, memory, sizes)
 
 
 @part
-def _stiffness_each(chain, designs, law, tensions, elastic, loads, history, A, torques, state, space, sizes):
+def _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, space, sizes):
     chain, law, history, state = borrow(chain), borrow(law), borrow(history), borrow(state)
     designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
-    A, torques, memory = borrow(A), borrow(torques), carve_tuple(borrow(space), 0, Memory, sizes)
+    angles, A, torques = borrow(angles), borrow(A), borrow(torques)
+    memory = carve_tuple(borrow(space), 0, Memory, sizes)
     for lane in range(tensions.shape[0]):
         one, past = design(chain, designs[lane]), history_of(history, lane)
-        evaluate_at(one, tensions[lane], elastic[lane], loads[lane], past.angles, state)
+        evaluate_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
         rubbed_stiffness(one, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])

@@ -82,6 +82,12 @@ def new_friction_arrays(law: FrictionLaw, before: History) -> FrictionArrays:
     return FrictionArrays(law, before, History(*after), tension, work)
 
 
+def histories_of(friction: FrictionArrays, first: int, last: int) -> tuple[FrictionLaw, History]:
+    """Coefficients and histories of lanes first to last - 1."""
+    law, before = ([array[first:last] for array in arrays] for arrays in (friction.law, friction.before))
+    return FrictionLaw(*law), History(*before)
+
+
 @part(inline=True)
 def slide(before, way, presliding):
     """The friction state after slipping so far."""

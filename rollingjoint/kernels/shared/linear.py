@@ -196,3 +196,39 @@ def lu_step(H, free, residual, out):
             value -= A[i, m] * out[index[m]]
         out[index[i]] = value / A[i, i]
     return True
+
+
+@part
+def downhill_step(A, free, residual, L, out):
+    """Newton step A out = -r on the free joints by elimination without exchange of rows; L: memory for the factors.
+
+    False where a pivot is not positive, as it is where the symmetric part of A is positive definite, or where the step
+    does not descend: out . r >= 0.
+    """
+    n = free.size
+    floor = 1e-10 * largest(A, free)
+    for i in range(n):
+        out[i] = 0.0
+        if not free[i]:
+            continue
+        value = -residual[i]
+        for m in range(n):
+            L[i, m] = A[i, m]
+        for k in range(i):
+            if free[k]:
+                L[i, k] /= L[k, k]
+                value -= L[i, k] * out[k]
+                for m in range(k + 1, n):
+                    L[i, m] -= L[i, k] * L[k, m]
+        if not L[i, i] > floor:
+            return False
+        out[i] = value
+    slope = 0.0
+    for i in range(n - 1, -1, -1):
+        if free[i]:
+            value = out[i]
+            for m in range(i + 1, n):
+                value -= L[i, m] * out[m]
+            out[i] = value / L[i, i]
+            slope += out[i] * residual[i]
+    return slope < 0.0

@@ -93,15 +93,22 @@ def substitute(sweep, free, residual, out):
 
 
 @part
+def first_shift(sweep, free):
+    """Factor H with the first shift that makes it positive definite; returns the shift."""
+    size = 0.0
+    for i in range(sweep.diagonal.size):
+        size = max(size, abs(sweep.diagonal[i]))
+    shift = 1e-6 * size if size > 0.0 else 1.0
+    while factor(sweep, free, shift) <= 1e-10:
+        shift *= 4.0
+    return shift
+
+
+@part
 def long_step(sweep, free, residual, out):
     """Newton step H out = -r on the free joints, with the first shift that makes H positive definite."""
     if factor(sweep, free, 0.0) <= 1e-10:
-        size = 0.0
-        for i in range(sweep.diagonal.size):
-            size = max(size, abs(sweep.diagonal[i]))
-        shift = 1e-6 * size if size > 0.0 else 1.0
-        while factor(sweep, free, shift) <= 1e-10:
-            shift *= 4.0
+        first_shift(sweep, free)
     substitute(sweep, free, residual, out)
 
 

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint._numba.jit import part
-
-_MOST_SHIFTS = 60
+from rollingjoint.kernels.shared.long_chain import first_shift
 
 
 class LongLu(NamedTuple):
@@ -108,18 +107,17 @@ def substitute_lu(lu, free, residual, out):
 
 
 @part
-def lu_long_step(lu, diagonal, free, residual, out):
-    """Newton step A out = -r on the free joints, with the first shift under which it descends."""
-    size = 0.0
-    for i in range(diagonal.size):
-        size = max(size, abs(diagonal[i]))
-    shift, more = 0.0, 1e-6 * size if size > 0.0 else 1.0
-    for _ in range(_MOST_SHIFTS):
-        if factor_lu(lu, diagonal, free, shift) > 1e-10:
-            substitute_lu(lu, free, residual, out)
-            slope = 0.0
-            for i in range(free.size):
-                slope += residual[i] * out[i] if free[i] else 0.0
-            if slope < 0.0:
-                return
-        shift, more = shift + more, 4.0 * more
+def lu_long_step(lu, sweep, free, residual, out):
+    """Newton step A out = -r on the free joints; where a pivot is not positive or the step does not descend, shifted.
+
+    The Sweep has the symmetric part of A, and the shift is the first that makes that positive definite.
+    """
+    if factor_lu(lu, sweep.diagonal, free, 0.0) > 1e-10:
+        substitute_lu(lu, free, residual, out)
+        slope = 0.0
+        for i in range(free.size):
+            slope += residual[i] * out[i]
+        if slope < 0.0:
+            return
+    factor_lu(lu, sweep.diagonal, free, first_shift(sweep, free))
+    substitute_lu(lu, free, residual, out)

@@ -1,9 +1,9 @@
 """A chain with friction: the formulas of its family, and on top of them what friction changes.
 
 Newton's method runs on it as on any chain. Residual r and Jacobian A = dr/dangle are exact but for one term: how the
-loads' share of the normal force changes where there is rolling resistance. A is not symmetric. The line search goes by
-the incremental potential, whose gradient is r as long as the grips of the holes are held at their values where the
-search begins (`renew`). Source: docs/theory.md, section 9.
+normal forces between the links change as tendons, loads and contacts turn, where there is rolling resistance. A is not
+symmetric. The line search goes by the incremental potential, whose gradient is r as long as the grips of the holes are
+held at their values where the search begins (`renew`). Source: docs/theory.md, section 9.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED
-from rollingjoint.kernels.shared.bounds import begin
+from rollingjoint.kernels.shared.bounds import begin, moved
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
@@ -39,7 +39,7 @@ from rollingjoint.kernels.shared.friction import (
     tension_rate,
     work_per_grip,
 )
-from rollingjoint.kernels.shared.linear import cholesky, descent_step, lu_step
+from rollingjoint.kernels.shared.linear import descent_step, downhill_step
 from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
 from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
 from rollingjoint.kernels.shared.newton import classify, minimise
@@ -263,13 +263,13 @@ def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
 
 @formula(formulas.direction, Rubbed)
 def direction(chain, H, sweep, free, residual, L, step):
-    """Newton's step on A; where its symmetric part is not positive definite, with |eigenvalues| of that or a shift."""
+    """Newton's step on A; where that does not descend, with |eigenvalues| of its symmetric part, or a shift."""
     if sweep.diagonal.size > 0:
-        lu_long_step(chain.lu, sweep.diagonal, free, residual, step)
+        lu_long_step(chain.lu, sweep, free, residual, step)
         return
     for i in range(free.size):
         chain.A[i, i] = H[i, i]  # with the proximal term
-    if not (cholesky(H, free, 0.0, L) > 1e-10 and lu_step(chain.A, free, residual, step)):
+    if not downhill_step(chain.A, free, residual, L, step):
         descent_step(H, free, residual, L, step)
 
 
@@ -370,10 +370,15 @@ def _hold(chain, state, memory, history):
 def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques):
     """Fill A, and d residual / d tension at the motor, (J, m), at an evaluated state.
 
-    The history gives the friction states; the rest of it is filled.
+    That is the state that left this history, or another one, which a step from this history did not bring to rest.
     """
     _soften(friction, 1.0, memory.law)
-    _hold(chain, state, memory, history)
+    if moved(state.angle, history.angles):
+        formulas.fill_turns(chain, state, memory.now.turn)
+        evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
+        evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
+    else:
+        _hold(chain, state, memory, history)
     one = rubbed(chain, history, memory, 0, 0, False)
     if friction.rolling[ARM] > 0.0:
         _evaluate_rolling(one, state)

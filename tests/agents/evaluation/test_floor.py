@@ -6,8 +6,9 @@ import pytest
 from scipy.optimize import least_squares
 
 import rj_gym  # noqa: F401  (registers its ids)
-from agents.evaluation.floor import episode_floor, floor
+from agents.evaluation.floor import episode_floor, floor, why_no_floor
 from agents.runs.environment import EnvConfig
+from rollingjoint import CapstanFriction
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.load import WorldForce, load_table, spatial_load_table
 from rollingjoint.presets import preset, small_arm
@@ -259,3 +260,20 @@ def test_four_times_the_starts_find_next_to_nothing_better(settings):
     better = gain_of_more_starts(settings, 500, starts=64, candidates=16)
     print(f"more than 1e-6 mm better in {np.sum(better > 1e-6)} of 500, at most {better.max():.1e} mm: {settings}")
     assert np.mean(better > 1e-4) <= 0.004
+
+
+@pytest.mark.parametrize("settings", [{"friction": {"mu": [0.0, 0.1]}}, {"mechanism": "rubbed"}], ids=["set", "own"])
+def test_with_friction_no_floor_is_claimed(settings):
+    if "mechanism" in settings:
+        settings = {"mechanism": preset("five_link").replace(friction=CapstanFriction(0.0, constant=0.1))}
+    env = EnvConfig(settings=settings)
+    assert "depends on the moves before it" in why_no_floor(env)
+    with pytest.raises(ConfigError, match="every path"):
+        episode_floor(env, [0])
+
+
+def test_friction_that_does_nothing_leaves_the_floors_as_they_are():
+    seeds = range(4)
+    env, plain = EnvConfig(settings={"friction": {"mu": 0.0}}), EnvConfig()
+    assert why_no_floor(env) == why_no_floor(plain) == ""
+    np.testing.assert_array_equal(episode_floor(env, seeds).errors, episode_floor(plain, seeds).errors)

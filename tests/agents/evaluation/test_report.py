@@ -77,6 +77,15 @@ def test_controllers_are_scored_on_the_same_episodes_and_against_their_floors():
     assert evaluate_controllers(env, {"nothing": DoNothing()}, seeds, with_floor=False).floors is None
 
 
+def test_with_friction_a_report_says_why_there_is_no_floor():
+    env = EnvConfig(settings={"episode_steps": 5, "friction": {"mu": 0.1}})
+    report = evaluate_controllers(env, {"nothing": DoNothing(), "feedback": JacobianFeedback()}, range(3))
+    assert report.floors is None and report.scores["nothing"].regret_mm is None
+    for text in (report.text(), report.markdown({}, {}), report.to_dict()["no_floor"]):
+        assert "no floor is known that holds for every path" in text
+    assert "floor" not in evaluate_controllers(env, {"nothing": DoNothing()}, [0], with_floor=False).text()
+
+
 def test_pictures_are_drawn_with_and_without_floors():
     errors = {f"controller {k}": episodes(np.geomspace(1e-5, 10, 20)).errors for k in range(9)}
     assert error_over_time(errors, np.geomspace(1e-6, 1, 20)).startswith(b"\x89PNG")

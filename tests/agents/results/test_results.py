@@ -17,7 +17,7 @@ from agents.evaluation.score import Score
 from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
 from agents.results.description import description
-from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, verdict, verdict_text
+from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, score_table, verdict, verdict_text
 from agents.results.runs import Benchmark, Recipe, Run, find_benchmarks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
 from agents.runs.config import TrainConfig
@@ -287,6 +287,19 @@ def test_the_verdict_follows_from_paired_differences(gain, feedback, expected):
     text = verdict_text(scores)
     assert f"{abs(scores.compare('learned', scores.best_baseline).gain_mm):.2g} mm" in text
     assert "of 2 seeds" in text and ("pays here" in text) == (expected == PAYS)
+
+
+def test_a_benchmark_with_friction_is_described_and_its_floor_is_unknown():
+    env = EnvConfig(settings={"friction": {"mu": [0.02, 0.1], "shared": False}})
+    text = description(env.arguments()["config"])
+    assert "hidden coefficient between 0.02 and 0.1, its own for every tendon." in text
+    benchmark = Benchmark(
+        "some", [Recipe("one", [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1)))])]
+    )
+    errors = episodes(np.array([1.0, 2.0]))
+    scores = Scores({"one": [errors]}, {"do nothing": errors}, np.full(2, np.nan))
+    *_, last = score_table(benchmark, scores).strip().splitlines()
+    assert last.startswith("| floor | unknown |")
 
 
 def test_a_comparison_is_paired_over_episodes_and_counts_seeds():

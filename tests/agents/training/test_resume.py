@@ -31,6 +31,7 @@ HER += ["--set", "env.id=rj_gym/RollingJointGoal-v0", "--set", "algorithm=tqc"]
 HER += ["--set", "parameters={learning_starts: 20, batch_size: 16, buffer_size: 60, gradient_steps: 2}"]
 for words in (PPO, HER):
     words += [word for override in ENV for word in ("--set", override)]
+PPO += ["--set", "env.settings.episode_steps=15", "--set", "env.settings.friction.mu=[0.02, 0.1]"]  # history goes on
 
 # Kills its own process when a file of this name is about to be written for the n-th time.
 KILLED_WHILE_WRITING = """

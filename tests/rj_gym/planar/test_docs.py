@@ -18,7 +18,7 @@ EXAMPLES = examples(PAGE)
 SETTINGS = {
     name: page
     for page, names in {
-        PAGE: ("TrackingConfig", "LoadConfig", "TargetConfig", "RewardConfig", "RandomizationConfig"),
+        PAGE: ("TrackingConfig", "LoadConfig", "TargetConfig", "RewardConfig", "RandomizationConfig", "FrictionConfig"),
         ARM_PAGE: (
             "FlexibleArmConfig",
             "GravityConfig",
@@ -42,7 +42,7 @@ def test_example_prints_what_the_page_says(program, output, capsys):
 
 
 def test_every_python_block_has_its_output():
-    assert PAGE.count("```python") == len(EXAMPLES) == 4
+    assert PAGE.count("```python") == len(EXAMPLES) == 5
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -64,6 +64,14 @@ def test_info_table_is_complete():
     info = env.step([0.0, 0.0])[-1]
     named = {name for key, *_ in rows(PAGE, "## Info")[1:] for name in re.findall(r"\w+", key)}
     assert named == start.keys() | info.keys()
+
+
+def test_info_table_of_friction_is_complete():
+    plain, rubbed = (env.reset(seed=0)[1] for env in (rj_gym.RollingJointEnv(), rj_gym.RollingJointEnv(friction={})))
+    named = dict(rows(PAGE, "\n## Friction\n")[1:])
+    assert named.keys() - {"sampled"} == rubbed.keys() - plain.keys()
+    drawn = set(re.findall(r"`(\w+)`", named["sampled"]))
+    assert drawn == rubbed["sampled"].keys() - plain["sampled"].keys()
 
 
 def test_info_of_the_arm_is_that_of_the_planar_task_and_what_its_table_adds():
@@ -92,6 +100,11 @@ def test_class_docstring_tables_every_kind_of_entry_with_its_bounds(page, stem, 
     for entry in env.task.entries():
         name = re.sub(r"(link) \d", r"\1 k", re.sub(r"(tendon) \d", r"\1 j", entry.name))
         assert table[name] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
+
+
+def test_the_configuration_with_friction_is_the_default_task_with_default_friction():
+    settings = yaml.safe_load((DOCS.parent / "configs/env/friction.yaml").read_text())
+    assert rj_gym.TrackingConfig.from_dict(settings) == rj_gym.TrackingConfig(friction={})
 
 
 def test_the_configuration_of_the_arm_is_the_documented_task():

@@ -18,6 +18,7 @@ from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 EVERYTHING = {
     "start": "random",
+    "friction": {"shared": False},
     "load": {"process": "step"},
     "target": {"process": "path"},
     "randomization": {

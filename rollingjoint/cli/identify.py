@@ -1,0 +1,60 @@
+"""The command `rj identify`: parameters from measurements."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from rollingjoint.errors import InvalidInput
+
+_DEFAULT = "mu"
+
+
+def add_identify(parser: argparse.ArgumentParser) -> None:
+    """Adds the options."""
+    parser.add_argument("measurements", metavar="FILE", help="YAML file of measurements")
+    text = f"what to find, separated by commas; NAME:run gives every run its own value (default {_DEFAULT})"
+    parser.add_argument("--parameters", default=_DEFAULT, metavar="NAMES", help=text)
+    text = "what the motors were given (default: as the file says)"
+    parser.add_argument("--given", choices=("tensions", "lengths"), help=text)
+    text = "how given lengths are understood (default: as the file says)"
+    parser.add_argument("--method", choices=("elastic", "least_squares"), help=text)
+    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (default 0.95)")
+    text = "intervals from profile likelihoods, or faster and rougher (default profile)"
+    parser.add_argument("--intervals", choices=("profile", "linear"), default="profile", help=text)
+    text = "folder for pictures, identification.json and ranges.yaml"
+    parser.add_argument("--output", metavar="FOLDER", help=text)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run_identify(args: argparse.Namespace) -> None:
+    """Print what was found, and write it into the folder."""
+    from rollingjoint.identify import identify, load_measurements  # SciPy's optimisers are slow to import
+
+    folder = _folder(args.output)
+    measurements = load_measurements(args.measurements)
+    if args.given or args.method:
+        measurements = measurements.input_given(args.given or measurements.given, args.method)
+    parameters = [name.strip() for name in args.parameters.split(",") if name.strip()]
+    found = identify(measurements, parameters, args.confidence, args.intervals)
+    content = json.dumps(found.as_dict(), indent=2)
+    if folder is not None:
+        from rollingjoint.identify.pictures import save_pictures
+        from rollingjoint.identify.report import ranges_text
+
+        (folder / "identification.json").write_text(content + "\n", encoding="utf-8")
+        (folder / "ranges.yaml").write_text(ranges_text(found.ranges), encoding="utf-8")
+        save_pictures(found, folder)
+    print(content if args.json else found.report())
+
+
+def _folder(name: str | None) -> Path | None:
+    """The folder, made if it is not there."""
+    if name is None:
+        return None
+    path = Path(name)
+    if path.exists() and not path.is_dir():
+        raise InvalidInput("--output", name, "a folder, not a file")
+    path.mkdir(parents=True, exist_ok=True)
+    return path

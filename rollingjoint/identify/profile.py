@@ -1,0 +1,133 @@
+"""Profiles of a fit and the intervals that they give.
+
+Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, ch. 6.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.identify.fit import Fit, minimise
+
+Array = NDArray[np.float64]
+
+_POINTS = 11
+_TOLERANCE = 1e-7  # of a sum of squares
+_ROOM = 1.3  # of the interval's half-widths that a curve shows
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How much worse the data fit at fixed values of one coefficient, the others fitted anew.
+
+    Args:
+        values: of the coefficient, (c,).
+        deviances: increase of the sum of squares over its scale and inflation, (c,).
+        threshold: the deviance at the ends of the interval.
+        interval: the values within; an end of the searched range where the data set none.
+        bounded: whether the data set the lower and the upper end.
+    """
+
+    values: Array
+    deviances: Array
+    threshold: float
+    interval: tuple[float, float]
+    bounded: tuple[bool, bool]
+
+
+def linear_profile(fit: Fit, place: int, confidence: float) -> Profile:
+    """The profile of one coefficient if the model were linear: much faster, and right where intervals are small."""
+    low, high = (float(bound) for bound in fit.model.bounds[:, place])
+    threshold, best = _threshold(fit, confidence), float(fit.values[place])
+    if not _known(fit, place):
+        return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
+    spread = math.sqrt(_inflation(fit, place) * float(fit.variances[place]))
+    ends = best - math.sqrt(threshold) * spread, best + math.sqrt(threshold) * spread
+    first, last = max(best - _ROOM * (best - ends[0]), low), min(best + _ROOM * (ends[1] - best), high)
+    values = np.linspace(first, last, _POINTS)
+    interval = max(ends[0], low), min(ends[1], high)
+    return Profile(values, ((values - best) / spread) ** 2, threshold, interval, (ends[0] > low, ends[1] < high))
+
+
+def profile(fit: Fit, place: int, confidence: float) -> Profile:
+    """The profile of one coefficient.
+
+    With deviations that are true ones the deviance has the chi-squared distribution. Otherwise its scale comes from
+    the residuals, inflated as Fit.inflations says, and the square root of it has Student's distribution with as many
+    degrees of freedom as there are steps, less one.
+    """
+    low, high = (float(bound) for bound in fit.model.bounds[:, place])
+    threshold = _threshold(fit, confidence)
+    if not _known(fit, place):
+        return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
+    inflation = _inflation(fit, place)
+    width = math.sqrt(threshold * inflation * float(fit.variances[place]))
+    deviance = _Deviance(fit, place, fit.scale * inflation)
+    best = float(fit.values[place])
+    lower, left = _end(deviance, best, -width, low, threshold)
+    upper, right = _end(deviance, best, width, high, threshold)
+    first, last = max(best - _ROOM * (best - lower), low), min(best + _ROOM * (upper - best), high)
+    values = np.union1d(np.linspace(first, last, _POINTS), [best])
+    return Profile(values, np.array([deviance(v) for v in values]), threshold, (lower, upper), (left, right))
+
+
+def _known(fit: Fit, place: int) -> bool:
+    """Whether the data say anything about a coefficient, and more than one step of them."""
+    return bool(fit.determined[place]) and math.isfinite(_inflation(fit, place))
+
+
+def _inflation(fit: Fit, place: int) -> float:
+    """What the variance is multiplied by, since the readings of a step share their causes."""
+    return 1.0 if fit.model.measurements.absolute else float(fit.inflations[place])
+
+
+class _Deviance:
+    """The deviance as a function of one coefficient; every fit starts from the nearest one before."""
+
+    def __init__(self, fit: Fit, place: int, scale: float) -> None:
+        self._fit, self._place, self._scale = fit, place, scale
+        self._free = ~fit.silent
+        self._free[place] = False
+        self._known = [fit.values]
+
+    def __call__(self, value: float) -> float:
+        nearest = min(self._known, key=lambda values: abs(values[self._place] - value)).copy()
+        nearest[self._place] = value
+        values = minimise(self._fit.model, nearest, self._free, _TOLERANCE)
+        self._known.append(values)
+        return float(np.sum(self._fit.model.residuals(values) ** 2) - self._fit.cost) / self._scale
+
+
+def _end(
+    deviance: Callable[[float], float], best: float, width: float, bound: float, threshold: float
+) -> tuple[float, bool]:
+    """Where the deviance reaches the threshold on one side of the best value, and whether it does before the bound."""
+    from scipy.optimize import brentq
+
+    inside, step = best, width
+    while True:
+        outside = best + step
+        if (outside - bound) * math.copysign(1.0, width) >= 0:
+            outside = bound
+        if outside == inside or deviance(outside) >= threshold:
+            break
+        inside, step = outside, 1.6 * step
+    if outside == inside:
+        return bound, False
+    root = brentq(lambda v: deviance(v) - threshold, inside, outside, xtol=1e-3 * abs(width), rtol=1e-9)
+    return float(root), True
+
+
+def _threshold(fit: Fit, confidence: float) -> float:
+    """The deviance at the ends of an interval."""
+    from scipy.stats import chi2, t
+
+    if fit.model.measurements.absolute:
+        return float(chi2.ppf(confidence, 1))
+    freedom = fit.n_steps - 1 if fit.n_steps > 1 else max(len(fit.residuals) - len(fit.values), 1)
+    return float(t.ppf((1 + confidence) / 2, freedom) ** 2)
