@@ -12,6 +12,7 @@ Modules:
     options: options of reset that the tasks share.
     registry: the table of registered environments, their settings and tasks.
     settings: the base of every settings class.
+    sole_use: one caller of an environment at a time.
     spaces: observation spaces and observations, plain and with goals.
     task: the interface of a task.
     tracking_episodes: running episodes of a tracking task.

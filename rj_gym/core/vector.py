@@ -19,6 +19,7 @@ from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
 from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
 from rj_gym.core.registry import task_of
 from rj_gym.core.settings import Settings
+from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
 from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
 from rollingjoint.checks import as_integer
@@ -31,6 +32,8 @@ Vectors = NDArray[np.float32]
 
 class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     """Base of the native vector environments; a task's class names its settings and episode buffer.
+
+    It computes on several threads itself; used from several threads at once, the later call raises EnvironmentInUse.
 
     Args:
         num_envs: number of lanes, at least 1.
@@ -78,12 +81,14 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
         self._renderer: Any = None
+        self._calls: dict[str, Any] = {}
 
     @property
     def config(self) -> Any:
         """The settings."""
         return self.task.config
 
+    @used_alone
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -112,6 +117,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         info = self.task.state_info(readings) | {"sampled": sampled}
         return self._observation(vectors, readings), masked_info(info, mask)
 
+    @used_alone
     def step(self, actions: ArrayLike) -> tuple[Any, Array, Mask, Mask, dict[str, Any]]:
         """Observations, rewards, terminations, truncations and infos after one step of every lane.
 
@@ -142,6 +148,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             observations, infos = self._restart(vectors, observations, infos)
         return observations, rewards, terminated, truncated, infos
 
+    @used_alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (H, W, 3) per lane in `render_lanes`."""
         if self.render_mode is None:
@@ -152,14 +159,16 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             self._renderer = self._buffer.renderer()
         return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
+    @used_alone
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
+    @used_alone
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_renderer": None}
+        return self.__dict__ | {"_renderer": None, "_calls": {}}
 
     def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
         """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
