@@ -1,6 +1,7 @@
 """What every task shares: the environments around it, its episodes, its settings, and the table of ids.
 
 Modules:
+    arguments: checks of seeds, and of what vector environments are given.
     config: settings that the tracking tasks share.
     draws: random episodes, and what every tracking task makes of uniform numbers.
     env: the scalar environment of every task, plain and with goals.
@@ -18,5 +19,4 @@ Modules:
     tracking_episodes: running episodes of a tracking task.
     tracking_task: the base of the tracking tasks.
     vector: the native vector environment of every task, plain and with goals.
-    vector_arguments: checks of seeds, reset masks and autoreset modes.
 """

@@ -143,6 +143,13 @@ def test_invalid_actions_change_nothing(actions):
     [
         lambda: rj_gym.RollingJointVectorEnv(0),
         lambda: rj_gym.RollingJointVectorEnv("many"),
+        lambda: rj_gym.RollingJointVectorEnv(2**70),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[2]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[-1]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[0.5]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=1),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes="01"),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[[0], [1, 0]]),
         lambda: rj_gym.RollingJointVectorEnv(2, autoreset_mode="never"),
         lambda: rj_gym.RollingJointVectorEnv(2, render_mode="human"),
         lambda: rj_gym.RollingJointVectorEnv(2).reset(seed=[1, 2, 3]),
@@ -152,8 +159,26 @@ def test_invalid_actions_change_nothing(actions):
     ],
 )
 def test_unusable_arguments_are_refused(call):
-    with pytest.raises(InvalidInput):
+    with pytest.raises(InvalidInput) as raised:
         call()
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("seed", [[4, 5, 1.5], [4, 5, -1], [4, "5", 6], [4, 5], "456", -1, 1.5, True, {4, 5, 6}])
+def test_refused_seeds_reseed_no_lane(seed):
+    env, untouched = rj_gym.RollingJointVectorEnv(3), rj_gym.RollingJointVectorEnv(3)
+    env.reset(seed=0), untouched.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^seed.*: expected a whole number, 0 or more, or None"):
+        env.reset(seed=seed)
+    for one, other in zip(env.reset(), untouched.reset(), strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("seed", [np.int64(4), [np.int64(4), 5, np.uint8(6)], np.array([4, 5, 6]), (4, 5.0, 6), 4.0])
+def test_whole_numbers_of_any_type_are_seeds(seed):
+    given, plain = (rj_gym.RollingJointVectorEnv(3).reset(seed=each) for each in (seed, 4))
+    for one, other in zip(given, plain, strict=True):
+        assert_same(one, other)
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
