@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
@@ -46,6 +47,7 @@ class TrackingTask(Task):
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
         self.has_friction = bool(config.has_friction(self.mechanism))
+        self._goal_size = len(self.goal_bounds())
         self._blocks = self._uniform_blocks()
 
     @abstractmethod
@@ -78,12 +80,12 @@ class TrackingTask(Task):
 
     def checked_goals(self, achieved: ArrayLike, desired: ArrayLike) -> tuple[Array, Array]:
         """Goals (..., d) as floats; InvalidInput unless they are finite numbers of shapes that fit each other."""
-        d = len(self.goal_bounds())
+        d = self._goal_size
         allowed = f"finite numbers of shape ({d},), or (..., {d}) in batches of one size"
         goals = as_floats("achieved_goal", achieved, allowed), as_floats("desired_goal", desired, allowed)
         for what, goal in zip(("achieved_goal", "desired_goal"), goals, strict=True):
-            if goal.shape[-1:] != (d,) or not np.isfinite(goal).all():
-                raise InvalidInput(what, goal, allowed)
+            if goal.shape[-1:] != (d,) or not math.isfinite(np.vdot(goal, goal)):
+                raise InvalidInput(what, goal.tolist(), allowed)
         if goals[0].shape != goals[1].shape and not _broadcast(*goals):
             raise InvalidInput("shapes of achieved_goal and desired_goal", (goals[0].shape, goals[1].shape), allowed)
         return goals
