@@ -124,7 +124,8 @@ def _no_friction(one: Solution) -> FrictionStep:
 
 def friction_step(arrays: FrictionArrays) -> FrictionStep:
     """What friction did, from the outputs of a batch."""
-    slip = arrays.after.slips - arrays.before.slips
+    before = arrays.before.slips
+    slip = np.subtract(arrays.after.slips, before, out=np.zeros_like(before), where=np.isfinite(before))
     return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
 
 

@@ -18,16 +18,20 @@ ROOT = Path(__file__).resolve().parent.parent
 # Two halves of the kernels that take about the same time to compile and share none.
 KERNELS = (
     """
-from rollingjoint import five_link, solve_lengths, solve_tensions
+from rollingjoint import CapstanFriction, five_link, solve_lengths, solve_tensions
 chain = five_link()
 solve_lengths(chain, chain.neutral_lengths + 10.0)
 taut = solve_tensions(chain, [1.0, 1.0])
 taut.stiffness, taut.arc_lengths
+for friction in (CapstanFriction(0.1), CapstanFriction(0.1, rolling=0.1)):
+    solve_tensions(chain.replace(friction=friction), [2.0, 1.0], history=taut).stiffness
 """,
     """
 import gymnasium, rj_gym
-from rollingjoint import small_arm, solve_tensions
-solve_tensions(small_arm(), [1.0] * 4).stiffness
+from rollingjoint import CapstanFriction, small_arm, solve_tensions
+straight = solve_tensions(small_arm(), [1.0] * 4)
+straight.stiffness
+solve_tensions(small_arm().replace(friction=CapstanFriction(0.1)), [2.0, 1.0, 1.0, 1.0], history=straight).stiffness
 for name in ("FlexibleArm-v0", "RollingJoint-v0"):
     envs = gymnasium.make_vec(f"rj_gym/{name}", 2, "vector_entry_point")
     envs.reset(seed=0)

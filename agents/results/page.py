@@ -244,8 +244,8 @@ def _floor_figures(scores: Scores) -> tuple[str, str, str, str]:
     floors = _finite(scores.floors)
     if len(floors) == 0:
         return "unknown", "", "", ""
-    errors = floors.mean(), np.median(floors), np.percentile(floors, 95)
-    return *map(_mm, errors), _share(float(np.mean(floors <= CLOSE_MM)))  # type: ignore[return-value]
+    high, share = np.percentile(floors, 95), float(np.mean(floors <= CLOSE_MM))
+    return _mm(floors.mean()), _mm(np.median(floors)), _mm(high), _share(share)
 
 
 def _mm(value: float) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
+from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
 from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
+from rollingjoint.solution import stacked
 from rollingjoint.statics.families import KINDS, family_of, family_of_kind
 from rollingjoint.statics.history import History, Start, checked_history, start_of
 
@@ -56,12 +58,25 @@ class Batch:
         if history is None or not any(rub):
             return self.family.solve_batch(*inputs)
         before = checked_history(self.mechanism, history, len(self.inputs))
-        if not all(rub):
-            allowed = "all with friction or all without, in a step from a history"
-            raise InvalidInput(
-                "mechanisms", self.chains, allowed, "Solve those without friction in a batch of their own."
-            )
-        return self.family.step_batch(*inputs, before)
+        if all(rub):
+            return self.family.step_batch(*inputs, before)
+        return self._solve_apart(np.array(rub)[self.designs], laws, tables, phi, before)
+
+    def _solve_apart(
+        self, rub: NDArray[np.bool_], laws: TendonLaw, tables: Array, phi: Array, before: FrictionState
+    ) -> Any:
+        """The equilibria where only some rows have friction: each kind in a batch of its own."""
+        every = cast("tuple[AnyMechanism, ...]", self.mechanism)
+        found: dict[int, Any] = {}
+        for kind in (True, False):
+            rows = np.flatnonzero(rub == kind)
+            mechanisms = tuple(every[row] for row in rows)
+            law = TendonLaw(*(values[rows] for values in laws))
+            inputs = mechanisms, *designs_of(mechanisms, len(rows)), law, tables[rows], phi[rows]
+            past = FrictionState(*(values[rows] for values in before))
+            solved = self.family.step_batch(*inputs, past) if kind else self.family.solve_batch(*inputs)
+            found |= {int(row): solved.row(place) for place, row in enumerate(rows)}
+        return replace(stacked([found[row] for row in range(len(rub))]), mechanism=every)
 
     def _tables(self, loads: Sequence[Load] | Array) -> Array:
         """Load tables of all rows, (B, rows, columns)."""

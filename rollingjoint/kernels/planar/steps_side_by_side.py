@@ -106,6 +106,7 @@ def _fill_friction(friction, rubbed, lane, source):
         for column in range(N_COEFFICIENTS):
             tendons[j, column, lane] = law.tendons[j, column]
     for i in range(states.shape[0]):
+        usual = usual and resolvable(before.angles[i]) and abs(before.rolling[i]) <= 1.0
         for j in range(states.shape[1]):
             z, slip, grip = before.states[i, j], before.slips[i, j], before.grips[i, j]
             states[i, j, lane], slips[i, j, lane], grips[i, j, lane], frozen[i, j, lane] = z, slip, grip, 0.0

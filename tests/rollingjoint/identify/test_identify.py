@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
-from rj_gym.planar.config import RandomizationConfig
+from rj_gym.planar.config import RandomizationConfig, TrackingConfig
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.identify import Measurements, Run, Step, identify, load_measurements
 from rollingjoint.identify.fit import fit
@@ -153,7 +153,8 @@ def test_a_run_is_predicted_from_the_others_alone():
     assert found.errors("position", "held out", "B").mean > found.errors("position", "alone", "B").mean
     assert any(line.startswith("mu differs between the runs A and B") for line in found.warnings)
     assert not any("runs A and C" in line for line in found.warnings)
-    low, high = found.ranges["friction"]["mu"]
+    settings = TrackingConfig(friction=found.ranges["friction"])
+    low, high = settings.friction.mu
     assert low < 0.05 and high > 0.15
 
 

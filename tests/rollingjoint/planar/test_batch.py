@@ -31,7 +31,8 @@ from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.batch import BatchArrays, TendonLaw, new_results, solve_range
 from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 
-FIELDS = [field.name for field in dataclasses.fields(Equilibrium) if field.name not in ("mechanism", "loads")]
+NOT_NUMBERS = ("mechanism", "loads", "friction")
+FIELDS = [field.name for field in dataclasses.fields(Equilibrium) if field.name not in NOT_NUMBERS]
 DERIVED = ["arc_lengths", "free_joints", "stiffness", "smallest_eigenvalue"]
 MOMENT = LOAD_COLUMNS.index("moment")
 LANES = 8  # per random mechanism

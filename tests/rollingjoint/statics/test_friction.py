@@ -111,6 +111,17 @@ def test_rows_of_a_batch_are_single_solves_to_the_last_bit(begin, command):
         assert two.stiffness == pytest.approx(second.stiffness[row], abs=1e-10)
 
 
+def test_rows_without_friction_stand_beside_rows_with_it():
+    chains = [five_link().replace(friction=CapstanFriction(mu)) for mu in (0.0, 0.1, 0.0, 0.2)]
+    starts = solve_tensions_batch(chains, np.full((4, 2), 3.0))
+    steps = solve_tensions_batch(chains, np.full((4, 2), (5.0, 3.0)), history=starts)
+    assert steps.mechanism == tuple(chains)
+    for row, chain in enumerate(chains):
+        one = solve_tensions(chain, (5.0, 3.0), history=solve_tensions(chain, (3.0, 3.0)))
+        for name in FIELDS + OF_FRICTION:
+            assert np.array_equal(getattr(one, name), getattr(steps, name)[row]), name
+
+
 def test_a_long_batch_and_its_rows_agree_whatever_stands_beside_them(chain, begin, command):
     commands, tables = random_rows(begin, command, 64, 2)
     history = begin.friction_state
@@ -227,8 +238,6 @@ def test_histories_of_another_number_of_rows_are_refused(chain, begin, command):
     two = solve_lengths_batch(chain, [command] * 2, history=begin.friction_state)
     with pytest.raises(InvalidInput, match="history"):
         solve_lengths_batch(chain, [command] * 3, starts=begin.joint_angles, history=two)
-    with pytest.raises(InvalidInput, match="all with friction"):
-        solve_lengths_batch([chain, five_link()], [command] * 2, history=begin.friction_state)
     with pytest.raises(InvalidInput, match="least_squares"):
         solve_lengths(chain, command, method="least_squares", history=begin)
 
