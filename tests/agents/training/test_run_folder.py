@@ -1,9 +1,10 @@
 import json
+import os
 
 import pytest
 
 from agents.runs.config import TrainConfig
-from agents.runs.files import RunFolderError, write_file, write_text
+from agents.runs.files import RunFolderError, is_as_written, write_file, write_hashed_bytes, write_text
 from agents.runs.folder import RunFolder
 from agents.train import main
 from rollingjoint.io.mechanism_file import dump_mechanism
@@ -78,3 +79,33 @@ def test_a_broken_config_ends_with_one_line_and_no_run_folder(arguments, tmp_pat
     assert error.startswith("error: ")
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_that_is_broken_off_after_its_hash_is_no_damage(tmp_path, monkeypatch):
+    path, replace = tmp_path / "file", os.replace
+    write_hashed_bytes(path, b"before")
+
+    def broken_off(source, target):
+        if target == path:
+            raise OSError
+        replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", broken_off)
+        for _ in range(3):
+            with pytest.raises(OSError):
+                write_hashed_bytes(path, b"after")
+            assert path.read_bytes() == b"before" and is_as_written(path)
+    write_hashed_bytes(path, b"after")
+    assert path.read_bytes() == b"after" and is_as_written(path)
+
+
+def test_a_damaged_file_does_not_become_known_when_its_replacement_is_broken_off(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_hashed_bytes(path, b"before")
+    path.write_bytes(b"befone")
+    replace = os.replace
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr(os, "replace", lambda source, target: replace(source, target) if target != path else os.stat(""))
+        write_hashed_bytes(path, b"after")
+    assert not is_as_written(path)
