@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.controller import Seen
 from agents.runs.algorithms import algorithm_class, schedules
-from agents.runs.files import RunFolderError
+from agents.runs.files import RunFolderError, check_as_written
 from agents.runs.folder import RunFolder
 from rj_gym.core.tracking_task import TrackingTask
 
@@ -34,6 +34,7 @@ class Policy:
         policy, normaliser = run.policy_files(which)
         if not policy.is_file():
             raise RunFolderError("policy", str(policy), "a saved policy", "Has the training run got that far?")
+        check_as_written(policy, normaliser)
         objects = {"lr_schedule": None, **schedules(config.parameters)}  # whose classes may have moved since
         try:
             model = algorithm_class(config.algorithm).load(policy, device="cpu", custom_objects=objects)

@@ -1,13 +1,18 @@
-"""Files that are written whole or not at all, and tables read back."""
+"""Files that are written whole or not at all, hashes that tell whether they are still as written, tables read back.
+
+The hash of FILE is in FILE.sha256, which is written first. It also keeps the hash of the file before: a process killed
+between the two leaves a file that is still known.
+"""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from rollingjoint.errors import InvalidInput, naming
 
@@ -45,6 +50,82 @@ def write_json(path: Path, values: Any) -> None:
     write_text(path, json.dumps(values, indent=2) + "\n")
 
 
+def write_hashed(path: Path, write: Callable[[Any], Any]) -> None:
+    """As write_file, with a hash beside the file."""
+    hashing = _Hashing()
+
+    def both(stream: BinaryIO) -> None:
+        hashing.stream = stream
+        write(hashing)
+        before = [_hash(path)] if path.is_file() and is_as_written(path) else []
+        write_text(hash_file(path), "\n".join([hashing.digest.hexdigest(), *before]) + "\n")
+
+    write_file(path, both)
+
+
+def write_hashed_bytes(path: Path, content: bytes) -> None:
+    """Write a file of these bytes with a hash beside it."""
+    write_hashed(path, lambda stream: stream.write(content))
+
+
+def write_hashed_text(path: Path, text: str) -> None:
+    """Write a text file with a hash beside it."""
+    write_hashed_bytes(path, text.encode())
+
+
+def seal(*tables: Path) -> None:
+    """Write the hashes of files that have grown and no longer will."""
+    for table in tables:
+        if table.is_file():
+            write_text(hash_file(table), _hash(table) + "\n")
+
+
+def unseal(*tables: Path) -> None:
+    """Remove the hashes of files that go on growing."""
+    for table in tables:
+        hash_file(table).unlink(missing_ok=True)
+
+
+def hash_file(path: Path) -> Path:
+    """Where the hash of a file is."""
+    return path.with_name(f"{path.name}.sha256")
+
+
+def is_as_written(path: Path) -> bool:
+    """Whether a file is what `write_hashed` wrote; also where there is no hash, as in folders of older versions."""
+    beside = hash_file(path)
+    if not beside.is_file():
+        return True
+    return path.is_file() and _hash(path) in beside.read_text(errors="replace").split()
+
+
+def check_as_written(*paths: Path) -> None:
+    """Raise RunFolderError for the first file that is not as `write_hashed` wrote it."""
+    for path in paths:
+        if not is_as_written(path):
+            hint = f"Bring it back from a copy; if it was changed on purpose, delete {hash_file(path).name} beside it."
+            raise RunFolderError("damaged file", str(path), "the content that was written, which its hash tells", hint)
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+class _Hashing:
+    """A binary stream that hashes what it is given."""
+
+    stream: BinaryIO
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+
+    def write(self, content: bytes | memoryview) -> int:
+        """Write the content."""
+        self.digest.update(content)
+        return self.stream.write(content)
+
+
 def cut_off_unfinished_line(path: Path) -> None:
     """Remove what a killed process or a full disk left of a last line; nothing where there is no file."""
     content = path.read_bytes() if path.is_file() else b""
@@ -54,7 +135,8 @@ def cut_off_unfinished_line(path: Path) -> None:
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file; none if there is no file."""
+    """The rows of a CSV file; none if there is no file. Raises RunFolderError if it is damaged."""
+    check_as_written(table)
     if not table.is_file():
         return []
     with table.open(newline="") as stream:

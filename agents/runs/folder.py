@@ -7,13 +7,15 @@
     seeds.json           seeds of training and of the evaluations during training
     policy.zip           the policy at the end (or where training was stopped), with normaliser.pkl
     best/                the policy with the smallest tip error in the evaluations, with its normaliser.pkl
-    checkpoints/         STEPS/ with the policy at that time; the newest one holds all that --resume needs
+    checkpoints/         STEPS/ with the policy at that time; the newest two hold all that --resume needs
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
     evaluation/          report, pictures and animation, written by agents.evaluate
     error.txt            the traceback, if training failed
     lock                 held by the training that runs
 
+Beside these files FILE.sha256 has the hash of FILE, beside tables from the end of training on: what has changed is
+refused where it is read. TensorBoard events have checksums of their own; evaluation/, error.txt and lock have none.
 Policies and normalisers are pickles: load only run folders that you trust.
 """
 
@@ -33,12 +35,13 @@ from pathlib import Path
 from typing import Any
 
 from agents.runs.config import TrainConfig, filled, load_config
-from agents.runs.files import RunFolderError, read_rows, write_json, write_text
+from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
+_BEGUN_WITH = ("config.yaml", "command.txt", "mechanism.yaml", "versions.json", "seeds.json")
 PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which does not depend on other work
 
 
@@ -58,10 +61,10 @@ class RunFolder:
         partial = path.with_name(f".{path.name}.{os.getpid()}")
         try:
             partial.mkdir(parents=True)
-            write_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
-            write_text(partial / "command.txt", shlex.join(command) + "\n")
-            write_json(partial / "versions.json", versions())
-            write_json(partial / "seeds.json", _seeds(config))
+            write_hashed_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
+            write_hashed_text(partial / "command.txt", shlex.join(command) + "\n")
+            write_hashed_text(partial / "versions.json", json.dumps(versions(), indent=2) + "\n")
+            write_hashed_text(partial / "seeds.json", json.dumps(_seeds(config), indent=2) + "\n")
             if force and path.exists():
                 cls(path)._give_way_to(partial)
             else:
@@ -119,12 +122,13 @@ class RunFolder:
     def extend(self, total_timesteps: int, command: Sequence[str]) -> None:
         """Record the new end of the run, and the command that set it."""
         values = filled(self.path / "config.yaml")
-        write_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
+        write_hashed_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
         commands = self.path / "command.txt"
-        write_text(commands, commands.read_text() + shlex.join(command) + "\n")
+        write_hashed_text(commands, commands.read_text() + shlex.join(command) + "\n")
 
     def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
-        """The configuration of the run, with overrides on top."""
+        """The configuration of the run, with overrides on top; raises RunFolderError for damaged files."""
+        check_as_written(*(self.path / name for name in _BEGUN_WITH))
         return load_config(self.path / "config.yaml", overrides)
 
     @property
@@ -173,6 +177,11 @@ class RunFolder:
         return self.path / "evaluations.csv"
 
     @property
+    def tables(self) -> tuple[Path, Path]:
+        """What grows during training, sealed when it ends."""
+        return self.evaluations, self.progress
+
+    @property
     def evaluation(self) -> Path:
         """Folder of the report that agents.evaluate writes."""
         return self.path / "evaluation"
@@ -188,7 +197,7 @@ def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The plain configuration; a mechanism file that it names is copied into `folder` and named there."""
     mechanism = values["env"]["settings"].get("mechanism")
     if isinstance(mechanism, str) and Path(mechanism).is_file():
-        shutil.copyfile(mechanism, folder / "mechanism.yaml")
+        write_hashed_bytes(folder / "mechanism.yaml", Path(mechanism).read_bytes())
         values["env"]["settings"]["mechanism"] = "mechanism.yaml"
     return values
 

@@ -3,11 +3,12 @@
 A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by renaming, or not at all.
 
     policy.zip, normaliser.pkl              the policy as it was
-    resume/                                 what else resuming needs; deleted from older checkpoints
+    resume/                                 what else resuming needs; deleted from all but the newest two checkpoints
         training.pkl                        model, optimisers, environments, random numbers, the pending row of the log
         replay_buffer.pkl                   where the algorithm has one
         evaluations.csv, progress.csv, best/     copies of those in the run folder
 
+Every file has its hash beside it. Where the newest checkpoint is damaged, a run goes on from the one before.
 Checkpoints are taken where a rollout begins: there the loops of Stable-Baselines3 hold nothing in local variables.
 """
 
@@ -18,6 +19,7 @@ import os
 import pickle
 import random
 import shutil
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,12 +33,21 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.runs.config import TrainConfig
-from agents.runs.files import RunFolderError, write_bytes, write_file
+from agents.runs.files import (
+    RunFolderError,
+    check_as_written,
+    is_as_written,
+    unseal,
+    write_bytes,
+    write_hashed,
+    write_hashed_bytes,
+)
 from agents.runs.folder import RunFolder
 from agents.training.build import build_model
 
 NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
 NO_PART_OF_A_POLICY = ("replay_buffer_class", "replay_buffer_kwargs")  # hindsight would ask for environments
+KEPT = 2  # checkpoints from which a run can be resumed: the second one for the day that the newest is damaged
 PENDING = ("name_to_value", "name_to_count", "name_to_excluded")
 UNREADABLE = (pickle.PickleError, RuntimeError, AttributeError, ImportError, LookupError, TypeError, EOFError)
 
@@ -85,10 +96,10 @@ def save_policy(model: BaseAlgorithm, files: tuple[Path, Path]) -> None:
     """Save model and normaliser in two files, each whole or not at all."""
     policy, normaliser = files
     if model.get_vec_normalize_env() is not None:
-        write_bytes(normaliser, pickle.dumps(model.get_vec_normalize_env()))
+        write_hashed_bytes(normaliser, pickle.dumps(model.get_vec_normalize_env()))
     stream = io.BytesIO()  # so that a full disk is an OSError: torch would make something else of it
     model.save(stream, exclude=NO_PART_OF_A_POLICY)
-    write_bytes(policy, stream.getvalue())
+    write_hashed_bytes(policy, stream.getvalue())
 
 
 def save(model: BaseAlgorithm, run: RunFolder) -> bool:
@@ -100,21 +111,51 @@ def save(model: BaseAlgorithm, run: RunFolder) -> bool:
     partial = folder.with_name(f".{folder.name}")
     try:
         save_policy(model, (partial / "policy.zip", partial / "normaliser.pkl"))
-        resumable = _save_rest(model, run, partial / "resume")
+        can_resume = _save_rest(model, run, partial / "resume")
         shutil.rmtree(folder, ignore_errors=True)
         os.rename(partial, folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    for older in run.checkpoint_folders:
-        if older != folder:
-            shutil.rmtree(older / "resume", ignore_errors=True)
-    return resumable
+    for older in resumable(run)[KEPT:]:
+        _delete(older / "resume")
+    return can_resume
+
+
+def resumable(run: RunFolder) -> list[Path]:
+    """The checkpoints from which the run can be resumed unless they are damaged, the newest first."""
+    complete = [folder for folder in run.checkpoint_folders if (folder / "resume").is_dir()]
+    return sorted(complete, key=steps_of, reverse=True)
 
 
 def newest(run: RunFolder) -> Path | None:
-    """The newest checkpoint from which the run can be resumed; None if there is none."""
-    complete = [folder for folder in run.checkpoint_folders if (folder / "resume").is_dir()]
-    return max(complete, key=steps_of, default=None)
+    """The newest checkpoint from which the run can be resumed; None if there is none.
+
+    Damaged ones that are newer become checkpoints/damaged-STEPS, and a line on standard error says what is lost.
+
+    Raises:
+        RunFolderError: all are damaged; they stay where they are.
+    """
+    there = resumable(run)
+    damages = [damaged_file(checkpoint) for checkpoint in there]
+    if there and None not in damages:
+        hint = f"Its policies can still be evaluated. To train again: {_again(run)}"
+        raise RunFolderError("damaged file", str(damages[0]), "the content that was written", hint)
+    for checkpoint, damage, before in zip(there, damages, there[1:], strict=False):
+        if damage is None:
+            return checkpoint
+        first, lost = steps_of(before), steps_of(checkpoint) - steps_of(before)
+        print(f"note: {damage} is damaged: from step {first} on, {lost} steps are lost and done again", file=sys.stderr)
+        aside = checkpoint.with_name(f"damaged-{checkpoint.name}")
+        shutil.rmtree(aside, ignore_errors=True)
+        os.rename(checkpoint, aside)
+    return there[-1] if there else None
+
+
+def damaged_file(checkpoint: Path) -> Path | None:
+    """A file of a checkpoint that is not as it was written, or that is missing; None where all is well."""
+    model, hashes = checkpoint / "resume" / "training.pkl", sorted(checkpoint.rglob("*.sha256"))
+    hashed = (path.with_suffix("") for path in hashes)
+    return next((path for path in hashed if not is_as_written(path)), None if model.is_file() else model)
 
 
 def steps_of(checkpoint: Path) -> int:
@@ -140,19 +181,25 @@ def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
     run = RunFolder(checkpoint.parents[1])
     hint = (
         f"{type(error).__name__}: {error}. The run was begun with {run.begun_with}: a resumed run needs the same code. "
-        f"Its policies can still be evaluated and exported; to train again: python -m agents.train --config "
-        f"{run.path / 'config.yaml'} --run-dir NEW"
+        f"Its policies can still be evaluated and exported; to train again: {_again(run)}"
     )
     return RunFolderError("checkpoint", str(checkpoint), "a checkpoint that this version can read", hint)
+
+
+def _again(run: RunFolder) -> str:
+    return f"python -m agents.train --config {run.path / 'config.yaml'} --run-dir NEW"
 
 
 def bring_back_files(checkpoint: Path, run: RunFolder) -> None:
     """Restore log, evaluations and best policy from the checkpoint; whatever came after it is deleted."""
     for copy, original in _copies(run, checkpoint / "resume"):
-        if copy.is_file():
+        if not copy.is_file():
+            original.unlink(missing_ok=True)
+            unseal(original)
+        elif original.suffix == ".csv":  # which grow
             write_bytes(original, copy.read_bytes())
         else:
-            original.unlink(missing_ok=True)
+            write_hashed_bytes(original, copy.read_bytes())
 
 
 def _save_rest(model: BaseAlgorithm, run: RunFolder, folder: Path) -> bool:
@@ -166,20 +213,29 @@ def _save_rest(model: BaseAlgorithm, run: RunFolder, folder: Path) -> bool:
         torch.save(content, stream, pickle_module=cloudpickle)
     except (pickle.PickleError, TypeError, AttributeError):
         return False
-    write_bytes(folder / "training.pkl", stream.getvalue())
+    write_hashed_bytes(folder / "training.pkl", stream.getvalue())
     replay_buffer = getattr(model, "replay_buffer", None)
     if replay_buffer is not None:
-        write_file(folder / "replay_buffer.pkl", lambda stream: pickle.dump(replay_buffer, stream))
+        write_hashed(folder / "replay_buffer.pkl", lambda stream: pickle.dump(replay_buffer, stream))
     for copy, original in _copies(run, folder):
+        check_as_written(original)
         if original.is_file():
-            write_bytes(copy, original.read_bytes())
+            write_hashed_bytes(copy, original.read_bytes())
     return True
+
+
+def _delete(folder: Path) -> None:
+    """Delete a folder that others may look for: it is gone at once."""
+    gone = folder.with_name(".0")  # one that RunFolder.tidy deletes
+    shutil.rmtree(gone, ignore_errors=True)
+    os.rename(folder, gone)
+    shutil.rmtree(gone, ignore_errors=True)
 
 
 def _copies(run: RunFolder, folder: Path) -> list[tuple[Path, Path]]:
     """Files of a checkpoint that are copies, each with its original in the run folder."""
     best = [(folder / "best" / path.name, path) for path in run.policy_files("best")]
-    return [(folder / path.name, path) for path in (run.evaluations, run.progress)] + best
+    return [(folder / path.name, path) for path in run.tables] + best
 
 
 def _taken_apart(env: VecEnv | None) -> tuple[list[dict[str, Any]], VecEnv | None]:

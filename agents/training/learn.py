@@ -13,7 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.runs.config import TrainConfig
-from agents.runs.files import RunFolderError, write_text
+from agents.runs.files import RunFolderError, seal, unseal, write_text
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
 from agents.training.build import build_model, close
@@ -94,7 +94,7 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
             close(model)
     if stop.signal is not None:
         print(f"stopped by {stop.signal.name} after {model.num_timesteps} steps; the policy so far is saved.")
-        if checkpoint.newest(run):
+        if checkpoint.resumable(run):
             print(f"To go on: python -m agents.train --resume {run.path}")
     print(f"The run is in {run.path}\nNext: python -m agents.evaluate {run.path}")
     return 0 if stop.signal is None else 128 + stop.signal
@@ -103,6 +103,7 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
 def _learn_and_save(
     model: BaseAlgorithm, config: TrainConfig, run: RunFolder, stop: StopOnSignal, moment: Moment | None
 ) -> None:
+    unseal(*run.tables)
     logger = training_log(run, model.num_timesteps)
     model.set_logger(logger)
     checkpoints = Checkpoints(run, config.checkpoint_every, stop, moment)
@@ -114,6 +115,7 @@ def _learn_and_save(
     finally:
         logger.close()
     checkpoint.save_policy(model, run.policy_files("last"))
+    seal(*run.tables)
     if model.num_timesteps >= config.total_timesteps:
         checkpoint.save(model, run)
 
@@ -134,7 +136,7 @@ def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> Train
         with suppress(OSError):
             write_text(run.path / "error.txt", traceback.format_exc())
         text += f"{error!r}; all of it is in {run.path}/error.txt"
-    newest = checkpoint.newest(run)
-    if newest:
-        text += f". From step {checkpoint.steps_of(newest)} on: python -m agents.train --resume {run.path}"
+    kept = checkpoint.resumable(run)
+    if kept:
+        text += f". From step {checkpoint.steps_of(kept[0])} on: python -m agents.train --resume {run.path}"
     return TrainingError(text)

@@ -1,6 +1,7 @@
 """What every task shares: the environments around it, its episodes, its settings, and the table of ids.
 
 Modules:
+    arguments: checks of seeds, and of what vector environments are given.
     config: settings that the tracking tasks share.
     draws: random episodes, and what every tracking task makes of uniform numbers.
     env: the scalar environment of every task, plain and with goals.
@@ -12,10 +13,10 @@ Modules:
     options: options of reset that the tasks share.
     registry: the table of registered environments, their settings and tasks.
     settings: the base of every settings class.
+    sole_use: one caller of an environment at a time.
     spaces: observation spaces and observations, plain and with goals.
     task: the interface of a task.
     tracking_episodes: running episodes of a tracking task.
     tracking_task: the base of the tracking tasks.
     vector: the native vector environment of every task, plain and with goals.
-    vector_arguments: checks of seeds, reset masks and autoreset modes.
 """

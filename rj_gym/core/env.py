@@ -11,6 +11,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.arguments import checked_seed
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.info import only_lane
 from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
@@ -71,11 +72,15 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             seed: of the environment's random numbers.
             options: what to hold fixed; see the task's checked_options.
         Raises:
-            InvalidInput: options that cannot be used; nothing has changed then.
+            InvalidInput: a seed or options that cannot be used; nothing has changed then.
         """
-        fixed = self.task.checked_options(options)
-        super().reset(seed=seed)
-        sampled, observation = self._buffer.restart(_ALONE, [self.np_random], fixed)
+        fixed, before = self.task.checked_options(options), (self._np_random, self._np_random_seed)
+        super().reset(seed=checked_seed(seed))
+        try:
+            sampled, observation = self._buffer.restart(_ALONE, [self.np_random], fixed)
+        except InvalidInput:
+            self._np_random, self._np_random_seed = before
+            raise
         readings = self._buffer.read_alone()
         self._begun, self._over = True, False
         self._trail = []
@@ -146,8 +151,12 @@ class GoalTaskEnv(TaskEnv):
     goal: ClassVar[bool] = True
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
-        """Reward for goals (..., d), a float for one pair and (...) for batches; info is not used."""
-        reward = self.task.goal_reward(achieved_goal, desired_goal)
+        """Reward for goals (..., d), a float for one pair and (...) for batches; info is not used.
+
+        Raises:
+            InvalidInput: goals that are not finite numbers of such shapes.
+        """
+        reward = self.task.goal_reward(*self.task.checked_goals(achieved_goal, desired_goal))
         return float(reward) if np.ndim(reward) == 0 else reward
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:

@@ -28,7 +28,7 @@ class Generators:
     def __getitem__(self, lane: int) -> np.random.Generator | None:
         return self._each[lane]
 
-    def __setitem__(self, lane: int, rng: np.random.Generator) -> None:
+    def __setitem__(self, lane: int, rng: np.random.Generator | None) -> None:
         self._each[lane], self._sources[lane] = rng, _source(rng)
 
     def of(self, lanes: NDArray[np.int64]) -> Generators:

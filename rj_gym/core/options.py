@@ -17,6 +17,8 @@ from rollingjoint.io.mechanism_file import load_mechanism
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e12  # in millimetres and newtons; the solvers take no more
+
 _WITH = "Make one with friction={'mu': 0.1}."
 
 
@@ -111,8 +113,8 @@ def vector_series(what: str, value: object, axes: str, times: int, unit: str) ->
 
 
 def finite_floats(what: str, value: object) -> Array:
-    """The values as an array; InvalidInput for anything but finite numbers."""
+    """The values as an array; InvalidInput for anything but numbers of size LARGEST at most."""
     array = as_floats(what, value, "numbers")
-    if not np.all(np.isfinite(array)):
-        raise InvalidInput(what, value, "finite numbers")
+    if not np.all(np.abs(array) <= LARGEST):
+        raise InvalidInput(what, value, f"finite numbers from -{LARGEST:g} to {LARGEST:g}")
     return array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
@@ -14,7 +15,9 @@ from rj_gym.core.draws import Block
 from rj_gym.core.kernels import ERROR, TARGET, TENSIONS, TIP, friction_columns
 from rj_gym.core.observation import POSITION_BOUND
 from rj_gym.core.task import Task
+from rollingjoint.checks import as_floats
 from rollingjoint.compiled import CONSTANT, MU
+from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism
 
 Array = NDArray[np.float64]
@@ -44,6 +47,7 @@ class TrackingTask(Task):
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
         self.has_friction = bool(config.has_friction(self.mechanism))
+        self._goal_size = len(self.goal_bounds())
         self._blocks = self._uniform_blocks()
 
     @abstractmethod
@@ -73,6 +77,18 @@ class TrackingTask(Task):
     def desired_goals(self, readings: Array) -> NDArray[np.float32]:
         """Where they should be."""
         return self.goals(readings[..., TARGET : TARGET + self.dimension])
+
+    def checked_goals(self, achieved: ArrayLike, desired: ArrayLike) -> tuple[Array, Array]:
+        """Goals (..., d) as floats; InvalidInput unless they are finite numbers of shapes that fit each other."""
+        d = self._goal_size
+        allowed = f"finite numbers of shape ({d},), or (..., {d}) in batches of one size"
+        goals = as_floats("achieved_goal", achieved, allowed), as_floats("desired_goal", desired, allowed)
+        for what, goal in zip(("achieved_goal", "desired_goal"), goals, strict=True):
+            if goal.shape[-1:] != (d,) or not math.isfinite(np.vdot(goal, goal)):
+                raise InvalidInput(what, goal.tolist(), allowed)
+        if goals[0].shape != goals[1].shape and not _broadcast(*goals):
+            raise InvalidInput("shapes of achieved_goal and desired_goal", (goals[0].shape, goals[1].shape), allowed)
+        return goals
 
     def goal_reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Reward of the Goal environment for goals (..., d), (...)."""
@@ -134,3 +150,12 @@ class TrackingTask(Task):
     @abstractmethod
     def _uniform_blocks(self) -> dict[str, Block]:
         """The blocks of uniform numbers that one episode needs."""
+
+
+def _broadcast(first: Array, second: Array) -> bool:
+    """Whether arrays of these shapes fit each other."""
+    try:
+        np.broadcast_shapes(first.shape, second.shape)
+    except ValueError:
+        return False
+    return True

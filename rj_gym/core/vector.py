@@ -13,15 +13,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.arguments import (
+    checked_autoreset_mode,
+    checked_count,
+    checked_lanes,
+    checked_mask,
+    checked_seeds,
+)
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.generators import Generators
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
 from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
 from rj_gym.core.registry import task_of
 from rj_gym.core.settings import Settings
+from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
-from rj_gym.core.vector_arguments import checked_autoreset_mode, checked_mask, checked_seeds
-from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -32,8 +38,10 @@ Vectors = NDArray[np.float32]
 class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     """Base of the native vector environments; a task's class names its settings and episode buffer.
 
+    It computes on several threads itself; used from several threads at once, the later call raises EnvironmentInUse.
+
     Args:
-        num_envs: number of lanes, at least 1.
+        num_envs: number of lanes, 1 to 2^20.
         render_mode: None or "rgb_array"; `render` then returns one picture per lane in `render_lanes`.
         config, overrides: as for the scalar environment.
         autoreset_mode: an AutoresetMode or its value ("NextStep", "SameStep", "Disabled").
@@ -58,14 +66,14 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
     ) -> None:
-        self.num_envs = as_integer("num_envs", num_envs, 1, allowed="a whole number of lanes, 1 or more")
+        self.num_envs = checked_count(num_envs)
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         if not isinstance(config, self.settings):
             config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
         self.task: Any = task_of(config.updated(overrides))
         self.render_mode = render_mode
-        self.render_lanes = range(self.num_envs) if render_lanes is None else tuple(render_lanes)
+        self.render_lanes = checked_lanes(render_lanes, self.num_envs)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
@@ -78,12 +86,14 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
         self._renderer: Any = None
+        self._calls: dict[str, Any] = {}
 
     @property
     def config(self) -> Any:
         """The settings."""
         return self.task.config
 
+    @used_alone
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -99,10 +109,13 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         fixed_options = dict(options or {})
         mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
         fixed = self.task.checked_options(fixed_options)
-        for lane, lane_seed in enumerate(checked_seeds(seed, self.num_envs)):
-            if mask[lane] and (lane_seed is not None or self._generators[lane] is None):
-                self._generators[lane] = seeding.np_random(lane_seed)[0]
-        sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
+        replaced = self._seed(checked_seeds(seed, self.num_envs), mask)
+        try:
+            sampled, vectors = self._begin(np.flatnonzero(mask), fixed)
+        except InvalidInput:
+            for lane, rng in replaced.items():
+                self._generators[lane] = rng
+            raise
         if not mask.all():
             vectors = self._buffer.observe()
         readings = self._buffer.readings.copy()
@@ -112,6 +125,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         info = self.task.state_info(readings) | {"sampled": sampled}
         return self._observation(vectors, readings), masked_info(info, mask)
 
+    @used_alone
     def step(self, actions: ArrayLike) -> tuple[Any, Array, Mask, Mask, dict[str, Any]]:
         """Observations, rewards, terminations, truncations and infos after one step of every lane.
 
@@ -142,6 +156,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             observations, infos = self._restart(vectors, observations, infos)
         return observations, rewards, terminated, truncated, infos
 
+    @used_alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (H, W, 3) per lane in `render_lanes`."""
         if self.render_mode is None:
@@ -152,14 +167,25 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             self._renderer = self._buffer.renderer()
         return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
+    @used_alone
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
+    @used_alone
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_renderer": None}
+        return self.__dict__ | {"_renderer": None, "_calls": {}}
+
+    def _seed(self, seeds: Sequence[int | None], mask: Mask) -> dict[int, np.random.Generator | None]:
+        """New generators where lanes to reset have a seed, or none yet; those that they replace."""
+        replaced = {}
+        for lane, seed in enumerate(seeds):
+            if mask[lane] and (seed is not None or self._generators[lane] is None):
+                replaced[lane] = self._generators[lane]
+                self._generators[lane] = seeding.np_random(seed)[0]
+        return replaced
 
     def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
         """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
@@ -241,8 +267,8 @@ class GoalTaskVectorEnv(TaskVectorEnv):
     goal: ClassVar[bool] = True
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> NDArray[np.float64]:
-        """Reward for goals (..., d), (...); info is not used."""
-        return self.task.goal_reward(achieved_goal, desired_goal)
+        """Reward for goals (..., d), (...); info is not used. Raises InvalidInput for other goals."""
+        return self.task.goal_reward(*self.task.checked_goals(achieved_goal, desired_goal))
 
     def _observation(self, vectors: Vectors, readings: Array) -> Any:
         return goal_observation(self.task, vectors, readings)

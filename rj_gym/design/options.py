@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.options import checked_keys
+from rj_gym.core.options import LARGEST, checked_keys
 from rj_gym.design.config import DesignConfig
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
@@ -41,8 +41,8 @@ def checked_options(options: Mapping[str, Any] | None, config: DesignConfig) -> 
     return DesignOptions(
         _numbers(options, "design", vector, -1.0, 1.0),
         _numbers(options, "target_design", vector, -1.0, 1.0),
-        _numbers(options, "tensions", pairs, np.nextafter(0.0, 1.0), 1e12),
-        _numbers(options, "forces", pairs, -1e12, 1e12),
+        _numbers(options, "tensions", pairs, np.nextafter(0.0, 1.0), LARGEST),
+        _numbers(options, "forces", pairs, -LARGEST, LARGEST),
     )
 
 

@@ -167,14 +167,25 @@ class DesignTask(Task):
         """One episode per generator. An episode depends on its own generator alone, whatever the batch around it.
 
         Raises:
-            InvalidInput: no equilibrium of the hidden design under the forces, however often they are drawn.
+            InvalidInput: no equilibrium of the hidden design under the forces, however often they are drawn; the
+                generators are then as they were.
         """
-        fixed, drawn = fixed or DesignOptions(), blank_draws(self.config, len(rngs))
+        each: list[Any] = [rngs[lane] for lane in range(len(rngs))]
+        before = [rng.bit_generator.state for rng in each]
+        try:
+            return self._sample(each, fixed)
+        except InvalidInput:
+            for rng, state in zip(each, before, strict=True):
+                rng.bit_generator.state = state
+            raise
+
+    def _sample(self, each: list[Any], fixed: DesignOptions | None) -> DesignDraws:
+        fixed, drawn = fixed or DesignOptions(), blank_draws(self.config, len(each))
         if fixed.tensions is not None:
             drawn.tensions[:] = fixed.tensions
-        left = list(range(len(rngs)))
+        left = list(range(len(each)))
         for _ in range(_MOST_TARGETS):
-            own: list[Any] = [rngs[lane] for lane in left]
+            own = [each[lane] for lane in left]
             drawn.forces[left] = tip_forces(self.config, own) if fixed.forces is None else fixed.forces
             pairs = valid_pairs(self.margins, self.space.dimensions, own)
             drawn.target_design[left] = pairs[:, 0] if fixed.target_design is None else fixed.target_design

@@ -22,7 +22,7 @@ from agents.policies.file import unpack
 from agents.policies.network import PolicyError
 from agents.runs.config import load_config
 from agents.runs.environment import EnvConfig
-from agents.runs.files import write_file
+from agents.runs.files import hash_file, write_file
 from agents.runs.folder import RunFolder
 from agents.shipped import ShippedPolicy, list_policies, load_policy
 from agents.training.build import build_model
@@ -237,12 +237,17 @@ def without(name):
 
 
 def overwritten(name, text):
-    return lambda folder: (folder / name).write_text(text)
+    def harm(folder):
+        (folder / name).write_text(text)
+        hash_file(folder / name).unlink(missing_ok=True)
+
+    return harm
 
 
 def with_seed(folder):
     path = folder / "config.yaml"
     path.write_text(path.read_text().replace("\nseed: 1\n", "\nseed: 19999\n"))
+    hash_file(path).unlink()
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from agents.results.runs import Benchmark, Recipe, Run, find_benchmarks, heavier
 from agents.results.scores import Comparison, Scores, driving, score
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
+from agents.runs.files import hash_file
 from agents.runs.folder import RunFolder
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.planar.config import TrackingConfig
@@ -60,6 +61,7 @@ def runs(tmp_path_factory) -> Path:
     shutil.rmtree(folder / "unfinished/seed_9/checkpoints")
     (folder / "damaged/seed_9/best/policy.zip").write_bytes(b"PK")
     (folder / "empty/seed_9/config.yaml").write_text("algorithm: [")
+    hash_file(folder / "empty/seed_9/config.yaml").unlink()
     shutil.copytree(folder / "ppo_near/seed_1", folder / "second/seed_1")
     (folder / "command.txt").write_text("python -m agents.campaign list.yaml\n")
     return folder
@@ -161,7 +163,7 @@ def test_run_folders_that_are_broken_unfinished_or_double_are_left_out_and_named
         "empty",
         "second",
     }
-    assert "--resume" in flat and "valid YAML" in flat and "files that can be read" in flat
+    assert "--resume" in flat and "valid YAML" in flat and "which its hash tells" in flat
 
 
 def test_pictures_are_of_sensible_size_and_all_on_the_page(page, out):

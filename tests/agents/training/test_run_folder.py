@@ -5,7 +5,14 @@ import os
 import pytest
 
 from agents.runs.config import TrainConfig
-from agents.runs.files import RunFolderError, write_file, write_text
+from agents.runs.files import (
+    RunFolderError,
+    is_as_written,
+    write_file,
+    write_hashed_bytes,
+    write_hashed_text,
+    write_text,
+)
 from agents.runs.folder import RunFolder
 from agents.train import main
 from agents.training import checkpoint
@@ -91,6 +98,7 @@ def test_other_folders_under_checkpoints_are_left_alone(tmp_path, name):
     other.mkdir(parents=True)
     whole = run.checkpoints / "000000010"
     (whole / "resume").mkdir(parents=True)
+    (whole / "resume" / "training.pkl").touch()
     assert checkpoint.newest(run) == whole
     assert not run.is_finished
     assert [path.name for path in run.checkpoint_folders] == [whole.name]
@@ -99,7 +107,7 @@ def test_other_folders_under_checkpoints_are_left_alone(tmp_path, name):
 @pytest.mark.parametrize("text", ["", "# nothing\n", "{}"])
 def test_an_empty_config_is_named_with_its_keys(tmp_path, text):
     run = RunFolder.create(tmp_path / "run", TrainConfig(), [])
-    (run.path / "config.yaml").write_text(text)
+    write_hashed_text(run.path / "config.yaml", text)
     for read in (run.config, lambda: run.extend(100, [])):
         with pytest.raises(
             ConfigError, match=r"config.yaml = None: expected keys and values, with the keys algorithm, "
@@ -114,3 +122,33 @@ def test_a_file_too_large_names_itself(tmp_path):
 
 def _too_large(stream):
     raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+
+
+def test_a_write_that_is_broken_off_after_its_hash_is_no_damage(tmp_path, monkeypatch):
+    path, replace = tmp_path / "file", os.replace
+    write_hashed_bytes(path, b"before")
+
+    def broken_off(source, target):
+        if target == path:
+            raise OSError
+        replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", broken_off)
+        for _ in range(3):
+            with pytest.raises(OSError):
+                write_hashed_bytes(path, b"after")
+            assert path.read_bytes() == b"before" and is_as_written(path)
+    write_hashed_bytes(path, b"after")
+    assert path.read_bytes() == b"after" and is_as_written(path)
+
+
+def test_a_damaged_file_does_not_become_known_when_its_replacement_is_broken_off(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_hashed_bytes(path, b"before")
+    path.write_bytes(b"befone")
+    replace = os.replace
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr(os, "replace", lambda source, target: replace(source, target) if target != path else os.stat(""))
+        write_hashed_bytes(path, b"after")
+    assert not is_as_written(path)

@@ -1,6 +1,7 @@
 """The native vector environments equal their scalar siblings, lane by lane and step by step."""
 
 import pickle
+import threading
 from dataclasses import replace
 
 import gymnasium
@@ -10,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
-from rollingjoint import InvalidInput, Status
+from rollingjoint import InvalidInput, RollingJointError, Status
 from rollingjoint.presets import five_link
 from tests.rj_gym.watched_solver import watch_solver
 
@@ -142,6 +143,13 @@ def test_invalid_actions_change_nothing(actions):
     [
         lambda: rj_gym.RollingJointVectorEnv(0),
         lambda: rj_gym.RollingJointVectorEnv("many"),
+        lambda: rj_gym.RollingJointVectorEnv(2**70),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[2]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[-1]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[0.5]),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=1),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes="01"),
+        lambda: rj_gym.RollingJointVectorEnv(2, render_lanes=[[0], [1, 0]]),
         lambda: rj_gym.RollingJointVectorEnv(2, autoreset_mode="never"),
         lambda: rj_gym.RollingJointVectorEnv(2, render_mode="human"),
         lambda: rj_gym.RollingJointVectorEnv(2).reset(seed=[1, 2, 3]),
@@ -151,8 +159,26 @@ def test_invalid_actions_change_nothing(actions):
     ],
 )
 def test_unusable_arguments_are_refused(call):
-    with pytest.raises(InvalidInput):
+    with pytest.raises(InvalidInput) as raised:
         call()
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("seed", [[4, 5, 1.5], [4, 5, -1], [4, "5", 6], [4, 5], "456", -1, 1.5, True, {4, 5, 6}])
+def test_refused_seeds_reseed_no_lane(seed):
+    env, untouched = rj_gym.RollingJointVectorEnv(3), rj_gym.RollingJointVectorEnv(3)
+    env.reset(seed=0), untouched.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^seed.*: expected a whole number, 0 or more, or None"):
+        env.reset(seed=seed)
+    for one, other in zip(env.reset(), untouched.reset(), strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("seed", [np.int64(4), [np.int64(4), 5, np.uint8(6)], np.array([4, 5, 6]), (4, 5.0, 6), 4.0])
+def test_whole_numbers_of_any_type_are_seeds(seed):
+    given, plain = (rj_gym.RollingJointVectorEnv(3).reset(seed=each) for each in (seed, 4))
+    for one, other in zip(given, plain, strict=True):
+        assert_same(one, other)
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
@@ -212,3 +238,54 @@ def test_pictures_of_chosen_lanes_equal_those_of_scalar_environments():
     (picture,) = env.render()
     assert np.array_equal(picture, scalar.render())
     env.close()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda env: env.step(np.zeros((2, 2))),
+        lambda env: env.reset(seed=5),
+        lambda env: env.render(),
+        lambda env: env.close(),
+        lambda env: pickle.dumps(env),
+    ],
+    ids=["step", "reset", "render", "close", "pickle"],
+)
+def test_a_second_thread_gets_an_error_and_changes_nothing(call, monkeypatch):
+    env, untouched = (rj_gym.RollingJointVectorEnv(2, render_mode="rgb_array") for _ in range(2))
+    env.reset(seed=0), untouched.reset(seed=0)
+    begun, go_on, stepped = threading.Event(), threading.Event(), []
+    advance = env._buffer.advance
+
+    def slow(ended):
+        begun.set()
+        assert go_on.wait(10)
+        return advance(ended)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(env._buffer, "advance", slow, raising=False)
+        first = threading.Thread(target=lambda: stepped.append(env.step(np.ones((2, 2)))))
+        first.start()
+        assert begun.wait(10)
+        patch.setattr(env._buffer, "advance", advance)
+        try:
+            with pytest.raises(RollingJointError, match="one thread at a time") as raised:
+                call(env)
+        finally:
+            go_on.set()
+            first.join()
+    assert "\n" not in str(raised.value)
+    assert_same(stepped[0][0], untouched.step(np.ones((2, 2)))[0])
+    again = pickle.loads(pickle.dumps(env))  # free again, and so is the copy
+    assert_same(again.step(np.ones((2, 2)))[0], untouched.step(np.ones((2, 2)))[0])
+
+
+def test_a_refused_or_interrupted_call_leaves_the_environment_free(monkeypatch):
+    env = rj_gym.RollingJointVectorEnv(2)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros((2, 2)))
+    with monkeypatch.context() as patch:
+        patch.setattr(env._buffer, "restart", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            env.reset()
+    env.reset(seed=0)

@@ -218,14 +218,19 @@ def test_a_failed_equilibrium_costs_the_penalty_and_counts_as_the_largest_error(
     del env.task.shapes
 
 
-def test_targets_that_no_design_can_have_are_refused_without_a_change():
-    env = make()
-    rollout(env, seed=0, steps=1)
+@pytest.mark.parametrize("seed", [None, 7])
+@pytest.mark.parametrize("lanes", [None, 3])
+def test_targets_that_no_design_can_have_are_refused_without_a_change(lanes, seed):
+    env, untouched = (make_vec(lanes) if lanes else make() for _ in range(2))
+    rollout(env, seed=0, steps=1), rollout(untouched, seed=0, steps=1)
     env.task.shapes = lambda designs, *_: (np.zeros((len(designs), 3, 4, 2)), np.full((len(designs), 3), 2))
-    with pytest.raises(InvalidInput, match="forces"):
-        env.reset()
-    del env.task.shapes
-    assert env.step(np.zeros(6))[4]["valid"]
+    try:
+        with pytest.raises(InvalidInput, match="forces"):
+            env.reset(seed=seed)
+    finally:
+        del env.task.shapes
+    assert same(env.step(np.zeros(env.action_space.shape)), untouched.step(np.zeros(env.action_space.shape)))
+    assert same(env.reset(), untouched.reset())
 
 
 def test_huge_forces_and_wild_actions_stay_within_the_bounds():

@@ -212,12 +212,15 @@ def test_sampled_values_put_back_as_options_repeat_the_episode():
         {"target": "far"},
         {"target": (np.nan, 0)},
         {"target": np.zeros((50, 2))},
+        {"target": (1e300, 1e300)},
+        {"target": (0, -2e12)},
         {"load": (0, 1)},
         {"load": {"force": (0, 1)}},
         {"load": {"link": 0, "force": (0, 1)}},
         {"load": {"link": 9, "force": (0, 1)}},
         {"load": {"link": 1.5, "force": (0, 1)}},
         {"load": {"link": 1, "force": (0, np.inf)}},
+        {"load": {"link": 1, "force": (0, 1e300)}},
         {"mechanism": "two_segment"},
         {"mechanism": "no such mechanism"},
         {"mechanism": 3},
@@ -237,6 +240,23 @@ def test_bad_reset_options_are_refused_before_anything_changes(options):
         env.reset(seed=7, options=options)
     assert same(env.step(np.ones(2)), untouched.step(np.ones(2)))
     assert same(env.reset(), untouched.reset())
+
+
+@pytest.mark.parametrize("seed", [1.5, -1, "1", True, np.float64("nan"), [1], np.arange(2)])
+def test_a_bad_seed_is_refused_before_anything_changes(seed):
+    env, untouched = make().unwrapped, make().unwrapped
+    rollout(env, seed=2, steps=3)
+    rollout(untouched, seed=2, steps=3)
+    with pytest.raises(InvalidInput, match=r"seed.*: expected a whole number, 0 or more, or None") as raised:
+        env.reset(seed=seed)
+    assert "\n" not in str(raised.value)
+    assert same(env.step(np.ones(2)), untouched.step(np.ones(2)))
+    assert same(env.reset(), untouched.reset())
+
+
+@pytest.mark.parametrize("seed", [np.int64(7), np.uint8(7), 7.0])
+def test_whole_numbers_of_any_type_are_seeds(seed):
+    assert same(make().reset(seed=seed), make().reset(seed=7))
 
 
 def test_settings_come_as_object_dictionary_or_keywords():
@@ -317,3 +337,22 @@ def test_goals_are_tip_and_target_over_the_length_and_observation_hides_the_goal
     observation, reward, *_, info = env.step(np.zeros(2, np.float32))
     assert reward == env.unwrapped.compute_reward(observation["achieved_goal"], observation["desired_goal"], {})
     assert reward == pytest.approx(-info["error_mm"] / 10, abs=1e-5) and info["is_success"] is False
+
+
+@pytest.mark.parametrize(
+    "goals",
+    [
+        ("x", "x"),
+        ("x", (0.0, 1.0)),
+        ((0.0, 1.0), None),
+        ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
+        (0.5, 0.5),
+        ((0.0, np.nan), (0.0, 1.0)),
+        (np.zeros((3, 2)), np.zeros((4, 2))),
+    ],
+)
+def test_goals_without_a_reward_are_refused_with_one_line(goals):
+    for env in (RollingJointGoalEnv(reward={"goal": "sparse"}), rj_gym.RollingJointGoalVectorEnv(2)):
+        with pytest.raises(InvalidInput, match=r"_goal.*finite numbers of shape \(2,\)") as raised:
+            env.compute_reward(*goals, {})
+        assert "\n" not in str(raised.value)
