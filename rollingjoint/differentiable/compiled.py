@@ -62,9 +62,9 @@ def solve_compiled(
         rolling = np.tile([NO_FRICTION.rolling, ROLLING_PRESLIDING], (len(begin), 1))
         history = FrictionState(**before, rolling=np.zeros_like(begin))
         equilibrium = PLANAR.step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
-    phi[mask] = torch.as_tensor(equilibrium.joint_angles).to(phi)
-    held[mask] = torch.as_tensor(~equilibrium.free_joints).to(held.device)
-    status[mask] = torch.as_tensor(np.asarray(equilibrium.status)).to(status)
+    phi[mask] = torch.tensor(equilibrium.joint_angles).to(phi)
+    held[mask] = torch.tensor(~equilibrium.free_joints).to(held.device)
+    status[mask] = torch.tensor(np.asarray(equilibrium.status)).to(status)
     return phi, held, status
 
 

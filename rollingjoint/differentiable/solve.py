@@ -257,7 +257,9 @@ def _history(design: DifferentiableChain, friction: DifferentiableFriction | Non
     shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(
         ("states", "slips", "grips"), (design.n_links - 1, design.n_tendons)
     )
-    tensors = {name: torch.as_tensor(getattr(before, name)).to(design.starts) for name in HISTORY}
+    given = {name: getattr(before, name) for name in HISTORY}
+    copied = {name: values if isinstance(values, Tensor) else torch.tensor(values) for name, values in given.items()}
+    tensors = {name: tensor.to(design.starts) for name, tensor in copied.items()}
     for name, tensor in tensors.items():
         if tuple(tensor.shape[-HISTORY[name] :]) != shapes[name]:
             expected = f"(..., {str(shapes[name])[1:-1].rstrip(',')}), as of this mechanism"

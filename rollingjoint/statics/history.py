@@ -45,7 +45,7 @@ def checked_history(
     per_hole, per_joint = (*leading, one.n_joints, one.n_tendons), (*leading, one.n_joints)
     if isinstance(history, Solution) and state.states.shape == per_hole:
         return state
-    arrays = [as_floats("history", array, "numbers") for array in state]
+    arrays = [_floats(array) for array in state]
     if rows is not None and np.ndim(state.angles) == 1:
         arrays = [np.repeat(array[None], rows, axis=0) for array in arrays]
     shapes = [array.shape for array in arrays]
@@ -72,3 +72,10 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
     taking = mechanism if isinstance(mechanism, tuple) and len(mechanism) == rows else one
     designs = designs_of(taking, rows)
     return virgin_state(type(history)._begin_histories, taking, designs, history.tensions, history.joint_angles)
+
+
+def _floats(values: object) -> np.ndarray:
+    """The values as contiguous floats; not copied where they are, since a step only reads its history."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.flags.c_contiguous:
+        return values
+    return as_floats("history", values, "numbers")
