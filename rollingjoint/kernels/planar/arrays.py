@@ -111,7 +111,7 @@ def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = Tr
         (n_lanes if responses else 0, n_joints, n_tendons),
         (n_lanes,),
     )
-    return Results(*empty_arrays(shapes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
+    return Results(*empty_arrays(shapes, n_lanes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
 
 
 def aligned(values: np.ndarray) -> np.ndarray:

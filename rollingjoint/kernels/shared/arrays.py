@@ -11,7 +11,7 @@ import numpy as np
 
 from rollingjoint._numba.layout import Floats
 
-_ONE_PIECE = 8192  # numbers from which on arrays are allocated together
+_MANY_LANES = 1024
 
 # Status codes, the values of solution.Status
 CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
@@ -26,10 +26,10 @@ class TendonLaw(NamedTuple):
     high: Annotated[Floats, "m"]
 
 
-def empty_arrays(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
-    """Empty arrays of floats; many numbers in one allocation: large memory comes in large pages, which is faster."""
-    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
-    if ends[-1] < _ONE_PIECE:
+def empty_arrays(shapes: Sequence[tuple[int, ...]], n_lanes: int) -> list[np.ndarray]:
+    """Empty arrays of floats; those of many lanes in one allocation: large memory comes in large pages, much faster."""
+    if n_lanes < _MANY_LANES:
         return [np.empty(shape) for shape in shapes]
+    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
     memory = np.empty(ends[-1])
     return [memory[end - math.prod(shape) : end].reshape(shape) for shape, end in zip(shapes, ends, strict=True)]

@@ -78,7 +78,7 @@ class Rubbing(NamedTuple):
 def new_friction_arrays(law: FrictionLaw, before: History) -> FrictionArrays:
     """Friction of B lanes with empty outputs."""
     holes, joints = before.states.shape, before.angles.shape
-    *after, tension, work = empty_arrays([holes, holes, holes, joints, joints, holes, joints[:1]])
+    *after, tension, work = empty_arrays([holes, holes, holes, joints, joints, holes, joints[:1]], joints[0])
     return FrictionArrays(law, before, History(*after), tension, work)
 
 
