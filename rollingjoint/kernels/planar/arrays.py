@@ -13,7 +13,6 @@ import numpy as np
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
 from rollingjoint.kernels.shared.arrays import TendonLaw, empty_arrays
-from rollingjoint.kernels.shared.friction import FrictionArrays
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
@@ -87,13 +86,6 @@ class BatchArrays(NamedTuple):
     loads: Annotated[Floats, "B", "rows", "columns"]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
     results: Results
-
-
-class RubbedArrays(NamedTuple):
-    """Steps with friction to be solved as a batch."""
-
-    batch: BatchArrays
-    friction: FrictionArrays
 
 
 def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:

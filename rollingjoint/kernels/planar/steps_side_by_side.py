@@ -1,8 +1,9 @@
 """Steps with friction, eight lanes side by side: side_by_side.py with the terms of friction.
 
-The Jacobian is not symmetric: it is factored without exchange of rows, and must have positive pivots on the way and a
-positive definite symmetric part at the end. The line search goes by the incremental potential with the grips of the
-holes as they were where it began (shared/rubbed_chain.py). Rolling resistance is left to the solver for all cases.
+The Jacobian is not symmetric: it is factored without exchange of rows, and pivots that are not positive are replaced on
+the way; at the end its symmetric part must be positive definite. The line search goes by the incremental potential with
+the grips of the holes as they were where it began (shared/rubbed_chain.py). Rolling resistance and stretch in the
+channels are left to the solver for all cases.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.pins import carve_tuple, size_of, unpin
+from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint._numba.simd import WIDTH, any_lane, where
 from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
 from rollingjoint.kernels.planar import block_formulas
-from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays, RubbedArrays
+from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays
 from rollingjoint.kernels.planar.block import (
     ARRIVED,
     ENERGY,
@@ -333,25 +334,13 @@ def store_row(rubbed, batch, friction, lane, row):
 @kernel(nogil=True)
 def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of rows first to last - 1; returns how many are PENDING."""
-    return _step_in(BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
-
-
-@kernel(nogil=True)
-def step_pinned(pins, first, last):
-    """step_side_by_side on pinned RubbedArrays."""
-    arrays = unpin(pins, RubbedArrays)
-    return _step_in(arrays.batch, arrays.friction, first, last)
-
-
-@part(inline=True)
-def _step_in(batch, friction, first, last):
-    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory = np.zeros((size_of(RubbedBlock, sizes) + 3) * WIDTH)
-    return _step_with(memory, sizes, batch, friction, first, last)
+    return _step_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
 
 
 @part(inline=True)
-def _step_with(memory, sizes, batch, friction, first, last):
+def _step_in(memory, sizes, batch, friction, first, last):
     space = aligned_simd(borrow(memory))
     rubbed, size = carve_tuple(space, 0, RubbedBlock, sizes), size_of(RubbedBlock, sizes)
     rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
