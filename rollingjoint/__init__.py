@@ -17,6 +17,7 @@ Modules:
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
     mechanism: the base class of all mechanisms, and stacks of several.
+    mujoco: mechanisms as MuJoCo models.
     planar: chains of links that roll on each other.
     plotting: pictures with matplotlib.
     presets: named mechanisms of every family.
@@ -31,7 +32,7 @@ Modules:
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.load import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
+from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform

@@ -8,6 +8,7 @@ Kernels:
     machine_code: a kernel for arguments of declared kinds, without numba's look at them. Nothing checks the arguments
         of a call, so bind it where they are made.
     entry_address: where the machine code of a kernel lies, for call_range.
+    cache_directory: where compiled kernels are kept, a folder named after their sources.
 Arrays in kernels:
     borrow: arrays, and NamedTuples of them, without reference counts. Whoever owns them must outlive what is borrowed:
         borrow from arguments, not from arrays that the same function makes.
@@ -34,6 +35,7 @@ ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checke
 """
 
 from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.cache import cache_directory
 from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, standalone
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
@@ -70,6 +72,7 @@ __all__ = [
     "TendonLaw",
     "WrongLayout",
     "borrow",
+    "cache_directory",
     "call_range",
     "carve",
     "entry_address",

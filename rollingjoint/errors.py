@@ -45,6 +45,9 @@ _EXTRAS = {  # of pyproject.toml, and the packages that only they bring
     "train": ("stable_baselines3", "sb3_contrib", "optuna", "tensorboard", "tqdm", "rich", "filelock"),
     "design": ("torch",),
     "search": ("cma", "ribs"),
+    "cluster": ("ray",),
+    "onnx": ("onnx", "onnxruntime"),
+    "data": ("minari", "h5py"),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d"),
 }
 

@@ -128,7 +128,7 @@ class Family:
         """The equilibria of a batch, unchecked; arguments as of BatchArrays, mechanism: one, or one per row."""
         results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
-        run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1])
+        run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1], abandon=True)
         return self.batch.pack(mechanism, tables, results)
 
     def step_batch(
@@ -149,5 +149,5 @@ class Family:
         results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
         steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
-        run_in_threads(partial(self.batch.step_range, arrays, steps), len(starts), starts.shape[1])
+        run_in_threads(partial(self.batch.step_range, arrays, steps), len(starts), starts.shape[1], abandon=True)
         return self.batch.pack(mechanism, tables, results, friction_step(steps))

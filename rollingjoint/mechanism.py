@@ -143,6 +143,55 @@ class Mechanism(ABC, Generic[S]):
 
 
 AnyMechanism = Mechanism[Any]
+M = TypeVar("M", bound=AnyMechanism)
+
+
+class Variations(Sequence[M]):
+    """D variations of one nominal mechanism, whose arrays are filled all at once and which are built when asked for.
+
+    Attributes:
+        nominal: what they vary. They have its names, friction and numbers of links, tendons and crossed joints.
+        stiffnesses: of their tendons, (D, m) [N/mm].
+        arrays: of all of them, as one stack. designs: which of the stacked designs each has, (D,).
+        neutral_angles: (D, n - 1) [rad].
+    """
+
+    arrays: Any
+    designs: NDArray[np.int64]
+    neutral_angles: Array
+
+    def __init__(self, nominal: M, count: int, stiffnesses: Array) -> None:
+        self.nominal, self.stiffnesses = nominal, stiffnesses
+        self._built: list[M | None] = [None] * count
+
+    def __len__(self) -> int:
+        return len(self._built)
+
+    def __getitem__(self, place: Any) -> Any:
+        if isinstance(place, slice):
+            return [self[each] for each in range(*place.indices(len(self)))]
+        built = self._built[place]
+        if built is None:
+            built = self._built[place] = self._build(place)
+        return built
+
+    def take(self, rows: NDArray[np.int64], other: Variations[M], places: NDArray[np.int64]) -> bool:
+        """Replace those in these rows by others, in place; whether that could be done."""
+        if other.nominal is not self.nominal or not self._take(rows, other, places):
+            return False
+        self.stiffnesses[rows] = other.stiffnesses[places]
+        self.neutral_angles[rows] = other.neutral_angles[places]
+        for row, place in zip(rows.tolist(), places.tolist(), strict=True):
+            self._built[row] = other._built[place]
+        return True
+
+    @abstractmethod
+    def _take(self, rows: NDArray[np.int64], other: Any, places: NDArray[np.int64]) -> bool:
+        """Replace what a family has of its own."""
+
+    @abstractmethod
+    def _build(self, place: int) -> M:
+        """One of them, as a mechanism of its own."""
 
 
 def designs_of(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) -> tuple[Any, NDArray[np.int64]]:
@@ -171,6 +220,8 @@ def stack(mechanisms: Sequence[AnyMechanism]) -> Any:
     Raises:
         InvalidInput: mechanisms with different numbers of links, tendons or crossed joints.
     """
+    if isinstance(mechanisms, Variations):
+        return mechanisms.arrays
     first = mechanisms[0]
     for each in mechanisms[1:]:
         if (each.n_links, each.last_links) != (first.n_links, first.last_links):

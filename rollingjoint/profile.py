@@ -31,7 +31,7 @@ _PANEL_TURN = 0.5  # rad a quadrature panel may turn; 16 nodes are then exact to
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Curvature as a piecewise polynomial of arc length.
+    """Curvature as a piecewise polynomial of arc length; profiles of the same numbers are equal.
 
     Args:
         breaks: piece borders, (p + 1,), increasing, containing 0 [mm].
@@ -107,6 +107,20 @@ class Profile:
     def __repr__(self) -> str:
         pieces, order = self.coefficients.shape
         return f"<Profile: degree {order - 1}, pieces: {pieces}, s from {self.breaks[0]:g} to {self.breaks[-1]:g} mm>"
+
+    @cached_property
+    def _numbers(self) -> tuple[bytes, bytes]:
+        return (self.breaks + 0.0).tobytes(), (self.coefficients + 0.0).tobytes()  # 0 is -0
+
+    def __eq__(self, other: object) -> bool:
+        return self._numbers == other._numbers if isinstance(other, Profile) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._numbers)
+
+    def __reduce__(self) -> tuple[type[Profile], tuple[Array, Array]]:
+        """Copies are made anew: read-only as this one, without what has been computed of it."""
+        return type(self), (self.breaks, self.coefficients)
 
     @property
     def limits(self) -> tuple[float, float]:

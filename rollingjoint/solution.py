@@ -46,10 +46,12 @@ _MESSAGES = {
     Status.AT_LIMIT: "equilibrium with a joint at its limit, as at the end of a surface: a stop would have to hold it",
     Status.INDETERMINATE: "slack: nothing holds some joints; the pose is the admissible one nearest the start",
     Status.UNSTABLE: "unstable equilibrium: the smallest eigenvalue of the stiffness is negative",
-    Status.NOT_CONVERGED: "not converged: the residual is above 1e-8 N·mm; try another start or smaller loads",
+    Status.NOT_CONVERGED: "not converged: a residual above 1e-8 N·mm, or follower forces on over 1,000 joints; "
+    "try another start or smaller loads",
     Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
 }
 
+_AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
 _FAR = 1e15  # eigenvalue assigned to joints that are held
 
 
@@ -60,8 +62,13 @@ def friction_laws(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int)
         return FrictionLaw(tendons, np.array([each.rolling_coefficients for each in mechanism]))
     tendons, rolling = mechanism.friction_coefficients[None], mechanism.rolling_coefficients[None]
     if n_rows == 1:
-        return FrictionLaw(tendons, rolling)
+        return FrictionLaw(tendons.copy(), rolling.copy())  # for arrays that are read-only kernels are compiled again
     return FrictionLaw(np.repeat(tendons, n_rows, axis=0), np.repeat(rolling, n_rows, axis=0))
+
+
+def strictly_within(angles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Whether joint angles are between their limits and not at them, all of one shape [rad]."""
+    return (angles > low + _AT_LIMIT) & (angles < high - _AT_LIMIT)
 
 
 def virgin_state(
@@ -284,7 +291,7 @@ class Solution(ABC):
         """(n - 1,) False where a joint is at its limit."""
         chain, designs = self._designs
         low, high = np.moveaxis(chain.joints[designs, :, :2], -1, 0).reshape(2, *self.joint_angles.shape)
-        return (self.joint_angles > low + 1e-12) & (self.joint_angles < high - 1e-12)
+        return strictly_within(self.joint_angles, low, high)
 
     @cached_property
     def stiffness(self) -> Array:

@@ -1,7 +1,9 @@
-"""Tables of text cells, aligned for a terminal or as Markdown."""
+"""Tables of text cells, aligned for a terminal or as Markdown, and printing where some characters are unknown."""
 
 from __future__ import annotations
 
+import io
+import sys
 from collections.abc import Iterable, Sequence
 
 
@@ -41,3 +43,10 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: 
 def _fixed(value: float, digits: int) -> str:
     """Fixed-point text without a negative zero."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def print_any_character() -> None:
+    """Let standard output and standard error show "?" for characters that their encoding lacks, as on Windows."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

@@ -1,7 +1,8 @@
 """Rows of a batch spread over threads of this process; the kernels release Python's lock.
 
 Plain threads, not numba's parallel loops: those compile a second time, and abort a process that was forked after one
-ran.
+ran. Ranges are cut into pieces, between which Python looks at signals, so that Ctrl-C ends a batch of any size. One
+solve of a long chain may take seconds: a thread works on it while the caller's waits, and Ctrl-C does not wait for it.
 """
 
 from __future__ import annotations
@@ -10,14 +11,21 @@ import functools
 import itertools
 import os
 import threading
+import time
 from collections.abc import Callable
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
 from rollingjoint.checks import as_integer
 
 _JOINTS_WORTH_A_THREAD = 1024  # of all its rows: some 60 µs of work, about what it takes to wake a thread
+_JOINTS_OF_A_PIECE = 8192  # at first; of all its rows
+_BRIEF, _LONG = 0.01, 0.05  # s of processor time: below, the next piece is a larger one, above, a smaller one
+_ROWS_SIDE_BY_SIDE = 8  # pieces are multiples of that
+_SHORT_CHAIN = 64  # joints; a solve of a longer chain may take more than a second
+_LOOK_FOR_SIGNALS = 0.1  # s: where waiting cannot be interrupted, as on Windows
 
-_Job = tuple[Callable[[int, int], object], int, int, SimpleQueue[BaseException | None]]
+_Work = Callable[[int, int], object]
 
 _threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -32,42 +40,133 @@ def set_threads(count: int) -> None:
     _threads = as_integer("threads", count, 1, allowed="a whole number, 1 or more")
 
 
-def run_in_threads(work: Callable[[int, int], object], n_rows: int, n_joints: int) -> None:
-    """Call work(first, last) on ranges that cover all rows of a batch of chains with n_joints joints."""
+def run_in_threads(work: _Work, n_rows: int, n_joints: int, abandon: bool = False) -> None:
+    """Call work(first, last) on ranges that cover all rows of a batch of chains with n_joints joints.
+
+    Ctrl-C ends it after the pieces that are being worked on, and no thread works on after the call has ended; a second
+    Ctrl-C does not wait for them. An error of the work ends it likewise, and is raised: of several errors, one.
+
+    Args:
+        abandon: with long chains not to wait even for the pieces: for work whose arrays nobody uses afterwards.
+    """
     count = max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
-    if count == 1:
+    if n_joints > _SHORT_CHAIN:
+        _run_apart(_Call(work), n_rows, count, abandon)
+    elif n_rows * n_joints <= _JOINTS_OF_A_PIECE and count == 1:
         work(0, n_rows)
-        return
-    borders = [n_rows * i // count for i in range(count + 1)]
-    jobs, done = _jobs(os.getpid(), count - 1), SimpleQueue[BaseException | None]()
-    for first, last in itertools.pairwise(borders[:-1]):
-        jobs.put((work, first, last, done))
-    outcomes: list[BaseException | None] = []
+    else:
+        rows = _ROWS_SIDE_BY_SIDE * (1 + _JOINTS_OF_A_PIECE // (_ROWS_SIDE_BY_SIDE * max(n_joints, 1)))
+        _run_together(_Call(work), n_rows, count, rows)
+
+
+def _run_together(call: _Call, n_rows: int, count: int, rows: int) -> None:
+    """Run the call on this thread and count - 1 others, in pieces that begin with so many rows."""
+    *others, (first, last) = _ranges(n_rows, count)
+    pool = _pool(os.getpid())
+    pool.grow_to(len(others))
     try:
-        work(*borders[-2:])
+        for job in others:
+            pool.jobs.put(functools.partial(call.run, *job, rows))
+        call.work_on(first, last, rows)
+        call.wait_for(len(others))
     finally:
-        outcomes = [done.get() for _ in range(count - 1)]
-    for error in outcomes:
-        if error is not None:
-            raise error
+        call.stop = True
+        call.wait_for_begun()
+    call.raise_error()
+
+
+def _run_apart(call: _Call, n_rows: int, count: int, abandon: bool) -> None:
+    """Run the call on threads of its own, row by row at first."""
+    try:
+        for job in _ranges(n_rows, count):
+            threading.Thread(target=call.run, args=(*job, 1), name="rollingjoint", daemon=True).start()
+        call.wait_for(count)
+    finally:
+        call.stop = True
+        if not abandon:
+            call.wait_for_begun()
+    call.raise_error()
+
+
+def _ranges(n_rows: int, count: int) -> list[tuple[int, int]]:
+    """All rows in so many ranges (first, last)."""
+    return list(itertools.pairwise(n_rows * i // count for i in range(count + 1)))
+
+
+class _Call:
+    """One call of run_in_threads: its work, whether that is to stop, which jobs have begun and how they ended.
+
+    A signal may interrupt the caller between any two instructions, so the caller does not count the jobs that it gave
+    away: a job itself says that it begins, and only then looks whether it is to stop.
+    """
+
+    def __init__(self, work: _Work) -> None:
+        self.stop = False
+        self._work = work
+        self._begun: list[None] = []
+        self._errors: list[BaseException | None] = []  # of the jobs that ended
+        self._wake: SimpleQueue[None] = SimpleQueue()  # a signal may lose what is in it
+
+    def run(self, first: int, last: int, rows: int) -> None:
+        """A job, on another thread than the caller's."""
+        self._begun.append(None)
+        error: BaseException | None = None
+        try:
+            self.work_on(first, last, rows)
+        except BaseException as found:  # it belongs to the caller
+            self.stop, error = True, found
+        self._errors.append(error)
+        self._wake.put(None)
+
+    def work_on(self, first: int, last: int, rows: int) -> None:
+        """Do the work in pieces that begin with so many rows, until all are done or it is to stop."""
+        while first < last and not self.stop:
+            begin, end = time.thread_time(), min(first + rows, last)
+            self._work(first, end)
+            took, first = time.thread_time() - begin, end
+            if took < _BRIEF:
+                rows *= 2
+            elif took > _LONG:
+                rows = max(min(rows, _ROWS_SIDE_BY_SIDE), rows // 2)
+
+    def wait_for(self, count: int) -> None:
+        """Wait until so many jobs have ended; signals are looked at meanwhile."""
+        while len(self._errors) < count:
+            with suppress(Empty):
+                self._wake.get(timeout=_LOOK_FOR_SIGNALS)
+
+    def wait_for_begun(self) -> None:
+        """Once it is to stop: wait until no job works any more; those that begin later do nothing."""
+        while len(self._errors) < len(self._begun):
+            self.wait_for(len(self._begun))
+
+    def raise_error(self) -> None:
+        """Raise the first error of a job, if there was one."""
+        for error in self._errors:
+            if error is not None:
+                raise error
+
+
+class _Pool:
+    """Threads that wait for jobs, as many as the largest call so far could use."""
+
+    def __init__(self) -> None:
+        self.jobs: SimpleQueue[Callable[[], object]] = SimpleQueue()
+        self._threads: list[threading.Thread] = []
+
+    def grow_to(self, count: int) -> None:
+        """Start threads until there are so many."""
+        while len(self._threads) < count:
+            thread = threading.Thread(target=self._work, name="rollingjoint", daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def _work(self) -> None:
+        while True:
+            self.jobs.get()()  # nothing of the caller is kept while this thread waits
 
 
 @functools.cache
-def _jobs(process: int, count: int) -> SimpleQueue[_Job]:
-    """Where threads of this process wait for work; a forked one must not wait for those of its parent."""
-    jobs: SimpleQueue[_Job] = SimpleQueue()
-    for _ in range(count):
-        threading.Thread(target=_work, args=(jobs,), name="rollingjoint", daemon=True).start()
-    return jobs
-
-
-def _work(jobs: SimpleQueue[_Job]) -> None:
-    while True:
-        work, first, last, done = jobs.get()
-        try:
-            work(first, last)
-        except BaseException as error:  # it belongs to the caller
-            done.put(error)
-        else:
-            done.put(None)
-        del work, done  # nothing of the caller is kept while this thread waits
+def _pool(process: int) -> _Pool:
+    """The pool of this process; a forked one has none of the threads of its parent."""
+    return _Pool()

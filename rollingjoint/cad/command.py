@@ -20,7 +20,7 @@ _SIZES = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options for folder, formats and sizes."""
-    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the files; created if missing")
+    parser.add_argument("--out", metavar="FOLDER", help="folder of the files; created if missing")
     known, default = ", ".join(FORMATS), " ".join(DEFAULT_FORMATS)
     parser.add_argument(
         "--format", nargs="+", default=DEFAULT_FORMATS, metavar="F", help=f"some of {known} (default {default})"

@@ -9,7 +9,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import metadata
 from typing import NoReturn
 
@@ -17,8 +17,9 @@ import numpy as np
 
 from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
-from rollingjoint.cli import loop_command
+from rollingjoint.cli import loop_command, mjcf
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
+from rollingjoint.cli.extensions import extensions, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
 from rollingjoint.errors import InvalidInput, SolverError, one_line
 from rollingjoint.io import report
@@ -29,6 +30,7 @@ from rollingjoint.presets import PRESETS
 from rollingjoint.solution import Solution
 from rollingjoint.statics.families import FAMILIES, family_of
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
+from rollingjoint.tables import print_any_character
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
 _LARGEST_FRICTION = 100.0
@@ -36,7 +38,15 @@ _LARGEST_FRICTION = 100.0
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command line argv (default: that of the process)."""
-    args = _parser().parse_args(_with_negative_numbers(sys.argv[1:] if argv is None else argv))
+    print_any_character()
+    argv = sys.argv[1:] if argv is None else argv
+    parser, own = _parser()
+    if not argv or argv[0] not in own:
+        others = extensions()
+        if argv and argv[0] in others:
+            return run_extension(others[argv[0]], argv[1:])
+        parser.epilog = f"Other packages add: {', '.join(others)}." if others else None
+    args = parser.parse_args(_with_negative_numbers(argv))
     try:
         code = args.run(args)
         sys.stdout.flush()
@@ -85,6 +95,12 @@ def _loop(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    if args.mjcf is not None:
+        print(mjcf.write(load_mechanism(args.mechanism), args.mjcf, args.overwrite))
+        if args.out is None:
+            return OK
+    if args.out is None:
+        raise InvalidInput("--out", None, "a folder for manufacturing files; or --mjcf FILE.xml")
     mechanism = load_mechanism(args.mechanism, RollingChain)
     found = equilibrium(args, mechanism) if actuated(args) else None
     if found is not None and not found.ok:
@@ -165,7 +181,8 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
+    """The parser, and the names of the commands that it knows."""
     parser = _Parser(prog="rj", description="Statics of tendon-driven mechanisms. mm, N, N·mm, rad.")
     parser.add_argument("--version", action="version", version=f"rj {_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -182,9 +199,10 @@ def _parser() -> argparse.ArgumentParser:
     loop = commands.add_parser("loop", help="hysteresis: drive it back and forth with friction in the tendons' holes")
     loop_command.add_options(loop)
     loop.set_defaults(run=_loop)
-    export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL and an assembly drawing")
+    export = commands.add_parser("export", help="manufacturing files: DXF, SVG, STL, a drawing; MuJoCo model")
     add_case(export, required=False)
     command.add_options(export)
+    mjcf.add_option(export)
     export.set_defaults(run=_export)
     identify = commands.add_parser("identify", help="parameters from measurements: friction, stiffness, offsets ...")
     add_identify(identify)
@@ -194,7 +212,7 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="validate mechanism files")
     check.add_argument("file", nargs="+", metavar="FILE", help="YAML file")
     check.set_defaults(run=_check)
-    return parser
+    return parser, commands.choices
 
 
 def _version() -> str:

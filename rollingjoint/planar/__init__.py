@@ -14,4 +14,5 @@ Modules:
     random_chain: random valid chains, loads and inputs.
     report: equilibria in words, tables and JSON.
     se2: planar rigid-body motions.
+    variations: many chains that differ by surfaces and stiffness, as one stack of arrays.
 """

@@ -27,6 +27,7 @@ from rollingjoint.kernels.shared.friction import FrictionArrays, History, histor
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
+from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
 
@@ -57,11 +58,11 @@ def solve_one(
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
     if before is None:
-        solve_range(batch, 0, 1)
+        run_in_threads(partial(solve_range, batch), 1, len(start), abandon=True)
     else:
         history = History(*(array[None] for array in before))
         friction = new_friction_arrays(friction_laws(mechanism, 1), history)
-        step_range(batch, friction, 0, 1)
+        run_in_threads(partial(step_range, batch, friction), 1, len(start), abandon=True)
         step = friction_step(friction).row(0)
     *arrays, residual, iterations, status = results
     numbers = residual.item(), iterations.item(), Status(status.item())

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.errors import MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, N_COEFFICIENTS
+from rollingjoint.mechanism import read_only
 from rollingjoint.profile import Profile, Surface
 
 Array = NDArray[np.float64]
@@ -26,6 +27,7 @@ _POLE_TOLERANCE = 1e-10  # of the contact's rate e / kappa, relative: only the s
 _LARGEST_CELL = 4.0  # mm; largest cell of the first fit
 _SMALLEST_CELL = 1e-5  # mm
 _MOST_CELLS = 4000  # about a second; ordinary joints have a few dozen
+CROSSING = 1e-9  # mm: how far holes may change places, for rounding
 _ANGLE_ROUNDING = 2e-15  # rad; over the relative curvature it is the rounding of a contact's place
 _NODES = np.cos(np.pi * (np.arange(N_COEFFICIENTS) + 0.5) / N_COEFFICIENTS)
 _PROBES = np.cos(np.pi * np.arange(N_COEFFICIENTS + 1) / N_COEFFICIENTS)
@@ -59,27 +61,50 @@ def tabulate(child: Surface, parent: Surface) -> JointTable:
         MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch, or so long or
             uneven that the table would not end.
     """
-    cells, coefficients, arcs = _tabulate_profiles(child.profile, parent.profile)
-    turn = child.angle - parent.angle
-    (cos, sin), (c, s) = _direction(turn), _direction(child.angle)
-    x, y = parent.start
-    placed = np.zeros((8, 8))
-    placed[0:2, 0:2] = [[cos, -sin], [sin, cos]]
-    for row in (2, 4, 6):
-        placed[row : row + 2, row : row + 2] = [[c, -s], [s, c]]
-    placed[4:6, 0:2] = [[sin * y - cos * x, cos * y + sin * x], [-sin * x - cos * y, sin * y - cos * x]]
-    moved = coefficients @ placed.T
-    moved[:, 0, 2:4] += child.start
-    moved[:, 0, 4:6] += child.start
-    return JointTable(cells + np.array([turn, turn, turn, 0.0]), moved, arcs)
+    table = profile_table(child.profile, parent.profile)
+    angles = np.array([child.angle]), np.array([parent.angle])
+    cells, coefficients = np.empty((1, *table.cells.shape)), np.empty((1, *table.coefficients.shape))
+    place(table, angles, (np.array([child.start]), np.array([parent.start])), cells, coefficients)
+    return JointTable(cells[0], coefficients[0], table.arc_coefficients)
 
 
-def _direction(angle: float) -> tuple[float, float]:
-    return float(np.cos(angle)), float(np.sin(angle))
+def place(
+    table: JointTable, angles: tuple[Array, Array], starts: tuple[Array, Array], cells: Array, coefficients: Array
+) -> None:
+    """Fill cells (D, cells, 4) and coefficients (D, cells, 10, 8) of two profiles in D places.
+
+    Args:
+        table: that of the profiles at the origins of their links.
+        angles, starts: of the child and of the parent surface, (D,) [rad] and (D, 2) [mm].
+        cells, coefficients: to be filled; each design's in one piece of memory.
+    """
+    (child_angle, parent_angle), (child_start, parent_start) = angles, starts
+    turn = child_angle - parent_angle
+    cos, sin, c, s = np.cos(turn), np.sin(turn), np.cos(child_angle), np.sin(child_angle)
+    x, y = parent_start[:, 0], parent_start[:, 1]
+    change = np.zeros((len(turn), 8, 8))  # transposed: rows are multiplied from the right
+    change[:, 0, 0], change[:, 1, 0], change[:, 0, 1], change[:, 1, 1] = cos, -sin, sin, cos
+    for k in (2, 4, 6):
+        change[:, k, k], change[:, k + 1, k], change[:, k, k + 1], change[:, k + 1, k + 1] = c, -s, s, c
+    change[:, 0, 4], change[:, 1, 4] = sin * y - cos * x, cos * y + sin * x
+    change[:, 0, 5], change[:, 1, 5] = -sin * x - cos * y, sin * y - cos * x
+    np.matmul(table.coefficients.reshape(-1, 8), change, out=_flat(coefficients))
+    coefficients[:, :, 0, 2:4] += child_start[:, None]
+    coefficients[:, :, 0, 4:6] += child_start[:, None]
+    cells[...] = table.cells
+    cells[..., :3] += turn[:, None, None]
+
+
+def _flat(coefficients: Array) -> Array:
+    """A view of coefficients (D, cells, 10, 8), (D, 10 cells, 8)."""
+    view = coefficients.view()
+    count, cells, powers, columns = coefficients.shape
+    view.shape = (count, cells * powers, columns)
+    return view
 
 
 @functools.lru_cache(maxsize=256)
-def _tabulate_profiles(child_profile: Profile, parent_profile: Profile) -> JointTable:
+def profile_table(child_profile: Profile, parent_profile: Profile) -> JointTable:
     """The table of two profiles that begin at the origins of their links, along the x axis."""
     child, parent = (Surface(profile, (0.0, 0.0), 0.0) for profile in (child_profile, parent_profile))
     pending = [
@@ -110,7 +135,7 @@ def _tabulate_profiles(child_profile: Profile, parent_profile: Profile) -> Joint
     low, high = _angle(child, parent, high_s), _angle(child, parent, low_s)
     coefficients = np.stack([cell for _, _, cell in done])
     cells = np.stack([low, high, 0.5 * (low + high), 2.0 / (high - low)], axis=1)
-    return JointTable(cells, coefficients[..., :8], coefficients[..., 8])
+    return JointTable(*map(read_only, (cells, coefficients[..., :8], coefficients[..., 8])))  # all mechanisms share it
 
 
 def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
@@ -148,16 +173,11 @@ def check_gaps(
     joint: int, tendons: Sequence[int], child: Surface, parent: Surface, child_holes: Array, parent_holes: Array
 ) -> None:
     """Raise MechanismError where the distal hole of a tendon falls below the proximal one; holes (tendons, 2)."""
-    contact = _contacts(child.profile, parent.profile)
-    theta = child.angle + contact.child_turning
-    phi = theta - parent.angle - contact.parent_turning
-    arm = parent_holes[:, None] - parent.placed(contact.parent_curve)
-    turned_x = np.cos(phi) * arm[..., 0] - np.sin(phi) * arm[..., 1]
-    turned_y = np.sin(phi) * arm[..., 0] + np.cos(phi) * arm[..., 1]
-    gap = child.placed(contact.child_curve) - child_holes[:, None]
-    height = np.cos(theta) * (gap[..., 1] + turned_y) - np.sin(theta) * (gap[..., 0] + turned_x)
+    contact = contacts(child.profile, parent.profile)
+    places = child.placed(contact.child_curve), parent.placed(contact.parent_curve)
+    height = heights(contact, (child.angle, parent.angle), places, (child_holes, parent_holes))
     tendon, worst = (int(place) for place in np.unravel_index(np.argmin(height), height.shape))
-    if height[tendon, worst] < -1e-9:
+    if height[tendon, worst] < -CROSSING:
         raise MechanismError(
             f"gap of tendon {tendons[tendon]} across joint {joint} with the contact at s = {contact.s[worst]:.4g} mm",
             float(height[tendon, worst]),
@@ -166,7 +186,29 @@ def check_gaps(
         )
 
 
-class _Contacts(NamedTuple):
+def heights(
+    contact: Contacts, angles: tuple[Any, Any], places: tuple[Array, Array], holes: tuple[Array, Array]
+) -> Array:
+    """How far distal holes of tendons are above the proximal ones, (..., tendons, contacts) [mm].
+
+    Args:
+        contact: of the two profiles.
+        angles: of the child and of the parent surface, (...) [rad].
+        places: of the contacts on them, (..., contacts, 2) [mm]. holes: (..., tendons, 2) [mm].
+    """
+    (child_angle, parent_angle), (on_child, on_parent), (child_holes, parent_holes) = angles, places, holes
+    theta = np.asarray(child_angle)[..., None] + contact.child_turning
+    phi = theta - np.asarray(parent_angle)[..., None] - contact.parent_turning
+    theta, phi = theta[..., None, :], phi[..., None, :]
+    arm = parent_holes[..., :, None, :] - on_parent[..., None, :, :]
+    turned_x = np.cos(phi) * arm[..., 0] - np.sin(phi) * arm[..., 1]
+    turned_y = np.sin(phi) * arm[..., 0] + np.cos(phi) * arm[..., 1]
+    gap = on_child[..., None, :, :] - child_holes[..., :, None, :]
+    height: Array = np.cos(theta) * (gap[..., 1] + turned_y) - np.sin(theta) * (gap[..., 0] + turned_x)
+    return height
+
+
+class Contacts(NamedTuple):
     """Contacts all over a joint, on the curves of its two profiles: (61 or 62, ...)."""
 
     s: Array
@@ -177,9 +219,10 @@ class _Contacts(NamedTuple):
 
 
 @functools.lru_cache(maxsize=256)
-def _contacts(child: Profile, parent: Profile) -> _Contacts:
+def contacts(child: Profile, parent: Profile) -> Contacts:
+    """Contacts of two profiles, evenly over the arc lengths that both have."""
     s = np.unique(np.concatenate([np.linspace(*common_range(child, parent), 61), [0.0]]))
-    return _Contacts(s, child.turning(s), parent.turning(s), child.curve(s), parent.curve(s))
+    return Contacts(s, child.turning(s), parent.turning(s), child.curve(s), parent.curve(s))
 
 
 def _borders(child: Profile, parent: Profile) -> Array:

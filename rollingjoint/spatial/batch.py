@@ -20,15 +20,27 @@ from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
-from rollingjoint.kernels.spatial.batch import solve_hinge_lanes
-from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, step_hinge_lanes
-from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
+from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
+from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
+from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
+from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
 
-__all__ = ["BatchArrays", "PinnedRange", "begin_range", "new_results", "pack", "solve_one", "solve_range", "step_range"]
+__all__ = [
+    "BatchArrays",
+    "PinnedRange",
+    "begin_range",
+    "free_joints",
+    "new_results",
+    "pack",
+    "solve_one",
+    "solve_range",
+    "step_range",
+    "stiffnesses",
+]
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
@@ -44,11 +56,11 @@ def solve_one(
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
     if before is None:
-        solve_range(batch, 0, 1)
+        run_in_threads(partial(solve_range, batch), 1, len(start), abandon=True)
     else:
         history = History(*(array[None] for array in before))
         friction = new_friction_arrays(friction_laws(mechanism, 1), history)
-        step_range(batch, friction, 0, 1)
+        run_in_threads(partial(step_range, batch, friction), 1, len(start), abandon=True)
         step = friction_step(friction).row(0)
     *arrays, residual, iterations, status, escapes = results
     numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
@@ -106,6 +118,28 @@ def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: 
     """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
     rows, (law, history) = slice(first, last), histories_of(friction, first, last)
     begin_hinge_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
+
+
+def stiffnesses(batch: BatchArrays, friction: FrictionArrays | None = None) -> tuple[Array, Array]:
+    """Stiffness (B, J, J) [N·mm/rad] and d residual / d tension (B, J, m) [mm] of the solved rows.
+
+    With friction, those after the steps that left its histories: holes that stick go on sticking, the others sliding.
+    """
+    results, H = batch.results, np.empty((*batch.starts.shape, batch.starts.shape[1]))
+    known = batch.chain, batch.designs
+    there = results.tensions, results.elastic, batch.loads, results.joint_angles
+    if friction is None:
+        hinge_stiffness_of(*known, *there, H)
+        return H, results.torques
+    torques = np.empty_like(results.torques)
+    rubbed_hinge_stiffness_of(*known, friction.law, *there, friction.after, H, torques)
+    return H, torques
+
+
+def free_joints(batch: BatchArrays) -> NDArray[np.bool_]:
+    """False where a joint of a solved row is at its limit, (B, J)."""
+    low, high = np.moveaxis(batch.chain.joints[batch.designs, :, :2], -1, 0)
+    return strictly_within(batch.results.joint_angles, low, high)
 
 
 class PinnedRange:

@@ -1,6 +1,10 @@
 """Surfaces are integrated exactly, whatever their curvature."""
 
 import contextlib
+import copy
+import io
+import multiprocessing
+import pickle
 import time
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from scipy.integrate import quad
 
 from rollingjoint import InvalidInput, Link, MechanismError, Profile, RollingChain, Surface, Tendon
+from rollingjoint.planar.joint_table import profile_table
 
 PROFILES = {
     "constant": Profile.constant(-0.07),
@@ -40,6 +45,66 @@ def test_turning_is_the_integral_of_curvature(profile):
     smooth = np.min(np.abs(middle[:, None] - profile.breaks), axis=1) > 0.01
     slope = np.diff(profile.turning(s)) / np.diff(s)
     assert slope[smooth] == pytest.approx(profile.curvature(middle)[smooth], abs=1e-6)
+
+
+def test_profiles_of_the_same_numbers_are_equal_and_share_their_table():
+    one, same, other = (Profile.polynomial([-0.05, 0.001], (-12, high)) for high in (12, 12, 12 + 1e-12))
+    assert one == same != other and hash(one) == hash(same) and len({one, same, other}) == 2
+    assert one != "profile" and Profile.constant(-0.05) != Profile.piecewise_constant([-15, 0, 15], [-0.05, -0.05])
+    tables = [profile_table(profile, Profile.constant(0.0)) for profile in (one, same, other)]
+    assert tables[0] is tables[1] is not tables[2]
+    with pytest.raises(ValueError, match="read-only"):
+        tables[0].cells[0, 0] = 0.0
+
+
+COPIES = {"pickle": lambda profile: pickle.loads(pickle.dumps(profile)), "copy": copy.copy, "deepcopy": copy.deepcopy}
+
+
+@pytest.mark.parametrize("kind", COPIES)
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_copy_is_equal_read_only_and_without_what_was_computed(name, kind):
+    profile = Profile(PROFILES[name].breaks, PROFILES[name].coefficients)
+    points = profile.curve([-3.0, 2.0])
+    copied = COPIES[kind](profile)
+    assert type(copied) is Profile and set(copied.__dict__) == {"breaks", "coefficients"} < set(profile.__dict__)
+    assert copied is not profile and copied == profile and hash(copied) == hash(profile)
+    assert np.array_equal(copied.curve([-3.0, 2.0]), points)
+    for array in (copied.breaks, copied.coefficients):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+def test_another_process_gets_and_returns_equal_profiles():
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.map(copy.deepcopy, PROFILES.values()) == list(PROFILES.values())
+
+
+class Calls(pickle.Unpickler):
+    """Keeps what a pickle looks up."""
+
+    def __init__(self, pickled):
+        super().__init__(io.BytesIO(pickled))
+        self.found = []
+
+    def find_class(self, module, name):
+        self.found.append(f"{module}.{name}")
+        return super().find_class(module, name)
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+def test_a_pickled_profile_calls_nothing_but_its_class_and_numpy(protocol):
+    calls = Calls(pickle.dumps(PROFILES["spline"], protocol))
+    assert calls.load() == PROFILES["spline"]
+    assert [name for name in calls.found if not name.startswith(("numpy.", "_codecs."))] == [
+        "rollingjoint.profile.Profile"
+    ]
+
+
+def test_a_pickle_of_unusable_numbers_is_refused_as_it_is_read():
+    pickled = pickle.dumps(Profile.constant(-0.05, (-15.0, 15.0)))
+    assert pickled.count(np.float64(15.0).tobytes()) == 1
+    with pytest.raises(MechanismError, match="breaks"):
+        pickle.loads(pickled.replace(np.float64(15.0).tobytes(), np.float64(-16.0).tobytes()))
 
 
 def test_constant_curvature_is_a_circular_arc():

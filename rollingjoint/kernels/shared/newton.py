@@ -45,6 +45,8 @@ from rollingjoint.kernels.shared.tolerances import (
 MAX_ITERATIONS = 200
 _FEWEST_ITERATIONS = 80
 _ALL_ITERATIONS_JOINTS = 220  # up to here; a dense step takes the cube of the joints
+_MOST_DENSE_JOINTS = 1000  # beyond, a single step takes too long
+_STAGED_ITERATIONS = 1000  # with 300 joints, in all the stages of a load that grows
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
 _MAX_HALVINGS = 40
 
@@ -54,7 +56,15 @@ def most_iterations(n_dense):
     """How many dense steps with so many joints: all of MAX_ITERATIONS for 0, fewer where they would take too long."""
     if n_dense <= _ALL_ITERATIONS_JOINTS:
         return MAX_ITERATIONS
+    if n_dense > _MOST_DENSE_JOINTS:
+        return 0
     return max(_FEWEST_ITERATIONS, int(MAX_ITERATIONS * (_ALL_ITERATIONS_JOINTS / n_dense) ** 3))
+
+
+@part
+def most_staged_iterations(n_joints):
+    """How many dense steps with so many joints in all the stages of a load that grows from nothing."""
+    return int(_STAGED_ITERATIONS * (300.0 / max(n_joints, 1)) ** 3)
 
 
 @part

@@ -15,7 +15,7 @@ from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.shared.bounds import begin, mark_free, move
 from rollingjoint.kernels.shared.formulas import evaluate, stiffness
 from rollingjoint.kernels.shared.long_chain import new_sweep
-from rollingjoint.kernels.shared.newton import escape_direction, minimise
+from rollingjoint.kernels.shared.newton import escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.shared.relaxation import relax
 from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints
@@ -24,6 +24,7 @@ from rollingjoint.kernels.spatial.springs import has_springs
 
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
+_STEPS_PER_ESCAPE = 10  # dense steps that take as long as the eigenvectors of an escape
 
 
 @part
@@ -84,6 +85,7 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
     Without a potential an unstable equilibrium is followed too. The last two arguments are scratch space.
     """
     n, m = state.angle.size, state.length.size
+    spent, most = 0, most_staged_iterations(n)
     last, slack = np.empty(n), np.empty(m)
     part_loads = borrow(share_of_loads)
     scratch = borrow(share_of_law)
@@ -106,6 +108,7 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
             last[i] = state.angle[i]
         status, iterations, worst, left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
         count += iterations
+        spent += _STEPS_PER_ESCAPE * left + (iterations if H.size > 0 else 0)
         if status < UNSTABLE or (status == UNSTABLE and not conservative):
             done, stage, escapes = share, 2.0 * stage, escapes + left
             if share == 1.0:
@@ -115,6 +118,8 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
             for i in range(n):
                 state.angle[i] = last[i]
         else:
+            break
+        if spent > most:
             break
     if done < 1.0:
         status, iterations, worst, left = _descend(chain, law, loads, conservative, state, H, sweep)

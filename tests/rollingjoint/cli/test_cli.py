@@ -7,11 +7,13 @@ import json
 import re
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rollingjoint.cli import extensions, main
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
@@ -356,6 +358,32 @@ def test_mechanisms_gives_one_line_per_preset(capsys: pytest.CaptureFixture[str]
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert rj("--version") == 0
     assert re.fullmatch(r"rj \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+
+
+@pytest.fixture
+def extended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A working directory in which a package has added `rj greet`, and has tried to replace `rj solve`."""
+    (tmp_path / "greeting.py").write_text("def main(argv):\n    print('hello', *argv)\n    return 7\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    added = [EntryPoint(name, "greeting:main", extensions.GROUP) for name in ("greet", "solve")]
+    monkeypatch.setattr(extensions, "entry_points", lambda group: [one for one in added if one.group == group])
+    return tmp_path
+
+
+def test_another_package_adds_a_command_that_gets_its_arguments_as_they_are(
+    extended: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["greet", "--loud", "-1"]) == 7
+    assert capsys.readouterr().out == "hello --loud -1\n"
+    assert sys.path[-1] == str(extended)  # after all that is installed
+    assert rj("--help") == 0
+    assert "Other packages add: greet, solve." in capsys.readouterr().out
+
+
+def test_no_package_replaces_a_command_of_rj(extended: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", "five_link", "--tensions", "6", "3"]) == 0
+    assert "hello" not in capsys.readouterr().out
 
 
 def test_closed_pipe_ends_quietly() -> None:

@@ -101,6 +101,7 @@ def _found() -> Path:
     return cache.cache_directory.__wrapped__()
 
 
+@pytest.mark.posix
 def test_the_folder_of_kernels_belongs_to_its_user_alone(only_scratch):
     folder = _found()
     assert folder.parent.parent == only_scratch
@@ -129,6 +130,7 @@ def _a_link(folder: Path) -> None:
     folder.symlink_to(folder.parent / "elsewhere")
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("spoil", [_open_to_all, _open_above, _of_another_user, _above_of_another_user, _a_link])
 def test_kernels_are_not_read_where_others_could_have_put_them(only_scratch, spoil):
     if "another_user" in spoil.__name__ and os.getuid() != 0:
@@ -148,6 +150,7 @@ class _Evil:
         return Path.write_text, (self.marker, "code of another user")
 
 
+@pytest.mark.posix
 def test_a_planted_file_is_not_run(tmp_path):
     chosen = tmp_path / "cache"
     folder, marker = Path(run(chosen)[1]), tmp_path / "marker"

@@ -111,7 +111,7 @@ def test_side_by_side_and_lane_by_lane_agree():
     command = lengths(64) - 1.0  # no tendon is slack at the start
     tables = np.repeat(load_table([FORCE, *SPRINGS], 5)[None], 64, axis=0)
     starts, designs = np.repeat(FIVE.neutral_angles[None], 64, axis=0), np.zeros(64, np.int64)
-    laws = TendonLaw(*(np.ascontiguousarray(np.broadcast_to(values, (64, 2))) for values in law_of(command)))
+    laws = TendonLaw(*(np.broadcast_to(values, (64, 2)).copy() for values in law_of(command)))  # writable, as compiled
     fast, slow = (BatchArrays(FIVE.arrays, designs, laws, tables, starts, new_results(64, 4, 2)) for _ in range(2))
     assert solve_side_by_side(*fast, 0, 64) == 0
     solve_lanes(*slow, np.arange(64))

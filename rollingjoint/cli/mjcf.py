@@ -1,0 +1,30 @@
+"""`rj export MECHANISM --mjcf FILE`: the mechanism as a MuJoCo model, and how near it comes to its poses."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.mujoco import accuracy, mjcf
+from rollingjoint.planar.chain import RollingChain
+
+
+def add_option(parser: argparse.ArgumentParser) -> None:
+    """Adds the option for the file."""
+    parser.add_argument("--mjcf", type=Path, metavar="FILE.xml", help="a MuJoCo model, of a chain or an arm")
+
+
+def write(mechanism: AnyMechanism, path: Path, overwrite: bool) -> str:
+    """Writes the file; returns the line that says so, and how accurate it is.
+
+    Raises:
+        InvalidInput: a file that is there, or a mechanism that cannot be written.
+    """
+    text = mjcf(mechanism)
+    if path.exists() and not overwrite:
+        raise InvalidInput("--mjcf", str(path), "a new file", "--overwrite replaces it.")
+    path.write_text(text + "\n", encoding="utf-8")
+    exact = str(accuracy(mechanism)) if isinstance(mechanism, RollingChain) else "an arm, exactly"
+    return f"{path}: {exact}"

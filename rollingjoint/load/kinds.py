@@ -1,0 +1,243 @@
+"""The kinds of loads.
+
+Each is one dataclass: its fields, and its rows of planar and spatial tables; OPTIONS says how `rj` takes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.checks import as_floats
+from rollingjoint.errors import InvalidInput
+from rollingjoint.load.columns import SPATIAL_LOAD_COLUMNS
+from rollingjoint.load.rows import (
+    Pair,
+    Row,
+    Triple,
+    along,
+    at_planar,
+    at_spatial,
+    body_point,
+    link_index,
+    number,
+    pair,
+    triple,
+    wrench,
+)
+
+_POINT, _FORCE = (slice(first, first + 3) for first in map(SPATIAL_LOAD_COLUMNS.index, ("px", "fx")))
+
+
+class Option(NamedTuple):
+    """An option of `rj` for a load at the origin of a link: --name LINK NUMBERS."""
+
+    name: str
+    metavar: str
+    help: str
+    numbers: tuple[str, ...]  # on a planar chain
+    spatial: tuple[str, ...]  # on an arm; empty: arms take no such load
+    make: Callable[[int, Any], Load]
+    optional: int = 0  # how many of the last numbers may be left out
+
+    def names(self, dimension: int) -> tuple[str, ...]:
+        """The numbers that follow LINK, on a mechanism in 2 or 3 dimensions."""
+        return self.spatial if dimension == 3 else self.numbers
+
+
+class Load:
+    """Base class of all loads. A row holds the columns that are not zero, by name."""
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        raise InvalidInput("load", self, f"a load that acts on planar chains: {in_words(*LOADS)}")
+
+    def spatial_rows(self, n_links: int) -> list[Row] | NDArray[np.float64]:
+        """Rows of a spatial table, or such a table."""
+        raise InvalidInput("load", self, f"a load that acts on arms: {in_words(*_SPATIAL_LOADS)}")
+
+
+@dataclass(frozen=True)
+class WorldForce(Load):
+    """A force of fixed direction (a dead load) at a body point, and a moment [N, N·mm, mm]."""
+
+    link: int
+    force: Pair | Triple
+    moment: float | Triple = 0.0
+    point: Pair | Triple = (0.0, 0.0)
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        moment, (fx, fy) = number("load moment", self.moment), pair("load force", self.force)
+        return [at_planar(self, n_links) | {"fx": fx, "fy": fy, "moment": moment}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return [at_spatial(self, n_links) | wrench("f", "m", self)]
+
+
+@dataclass(frozen=True)
+class BodyWrench(Load):
+    """A force that turns with the link (a follower load) at a body point, and a moment [N, N·mm, mm]."""
+
+    link: int
+    force: Pair | Triple
+    moment: float | Triple = 0.0
+    point: Pair | Triple = (0.0, 0.0)
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        moment, (bx, by) = number("load moment", self.moment), pair("load force", self.force)
+        return [at_planar(self, n_links) | {"bx": bx, "by": by, "moment": moment}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return [at_spatial(self, n_links) | wrench("b", "n", self)]
+
+
+@dataclass(frozen=True)
+class Spring(Load):
+    """A linear spring of zero rest length from a body point to a world point [N/mm, mm]."""
+
+    link: int
+    stiffness: float
+    anchor: Pair | Triple
+    point: Pair | Triple = (0.0, 0.0)
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        ax, ay = pair("spring anchor", self.anchor)
+        return [at_planar(self, n_links) | {"k": number("spring stiffness", self.stiffness), "ax": ax, "ay": ay}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        at, k = at_spatial(self, n_links), number("spring stiffness", self.stiffness)
+        return [at | {"k": k} | along("a", triple("spring anchor", self.anchor))]
+
+
+@dataclass(frozen=True)
+class TorsionSpring(Load):
+    """A linear torsion spring between two links of a planar chain; between neighbours it acts about their joint.
+
+    Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
+    in the base frame. The other link is the base unless it is given; -1 is the tip.
+    """
+
+    link: int
+    stiffness: float
+    rest_angle: float = 0.0
+    other: int = 0
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        link, other = link_index(self.link, n_links), link_index(self.other, n_links)
+        if link == other:
+            raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
+        k, rest = number("torsion spring stiffness", self.stiffness), number("rest angle", self.rest_angle)
+        return [{"link": link, "torsion": k, "rest": rest, "other": other}]
+
+
+@dataclass(frozen=True)
+class Gravity(Load):
+    """The weight of every link [N], base first, acting along `direction` at body points (default: link origins)."""
+
+    weights: Sequence[float]
+    direction: Pair | Triple = (0.0, -1.0)
+    points: Sequence[Pair | Triple] | None = None
+
+    def rows(self, n_links: int) -> list[Row]:
+        """Rows of a planar table."""
+        weights, points = self._weights([(0.0, 0.0)] * n_links if self.points is None else self.points, n_links)
+        dx, dy = pair("Gravity direction", self.direction)
+        norm = float(np.hypot(dx, dy))
+        if norm == 0:
+            raise InvalidInput("Gravity direction", self.direction, "a direction other than (0, 0)")
+        forces = [(w * dx / norm, w * dy / norm) for w in weights.tolist()]
+        acting = enumerate(zip(map(body_point, points), forces, strict=True))
+        return [{"link": link, "px": px, "py": py, "fx": fx, "fy": fy} for link, ((px, py), (fx, fy)) in acting]
+
+    def spatial_rows(self, n_links: int) -> NDArray[np.float64]:
+        """Rows of a spatial table, whole: a third of the time for an arm of 32 beads."""
+        weights, at = self._weights(np.zeros((n_links, 3)) if self.points is None else self.points, n_links)
+        centres = as_floats("Gravity points", at, "three numbers (x, y, z) for every link")
+        direction = np.array(triple("Gravity direction", self.direction))
+        norm = float(np.linalg.norm(direction))
+        if norm == 0 or centres.shape != (n_links, 3):
+            raise InvalidInput("Gravity", self, "a direction other than (0, 0, 0), and points (x, y, z)")
+        table = np.zeros((n_links, len(SPATIAL_LOAD_COLUMNS)))
+        table[:, 0] = np.arange(n_links)
+        table[:, _POINT], table[:, _FORCE] = centres, weights[:, None] * direction / norm
+        return table
+
+    def _weights(
+        self, points: Sequence[Pair | Triple] | NDArray[np.float64], n_links: int
+    ) -> tuple[NDArray[np.float64], list[Any]]:
+        """Weights and points, checked to be one per link."""
+        allowed = f"{n_links} weights [N] (and points), one per link, the base included"
+        weights, at = as_floats("Gravity weights", self.weights, allowed), list(points)
+        if weights.shape != (n_links,) or len(at) != n_links:
+            raise InvalidInput("Gravity weights", self.weights, allowed)
+        return weights, at
+
+
+LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
+_SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
+SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
+"""The kinds of loads that can belong to a planar mechanism."""
+
+_NO_FORCE: dict[int, Any] = {1: (0.0, 0.0), 3: (0.0, 0.0, 0.0)}  # by the numbers of a moment
+
+OPTIONS = (
+    Option(
+        name="moment",
+        metavar="M",
+        help="moment, on an arm MX MY MZ [N·mm]",
+        numbers=("M",),
+        spatial=("MX", "MY", "MZ"),
+        make=lambda link, m: WorldForce(link, _NO_FORCE[len(m)], m if len(m) > 1 else m[0]),
+    ),
+    Option(
+        name="spring",
+        metavar="K",
+        help="spring K [N/mm] to the anchor AX AY, on an arm AX AY AZ [mm]",
+        numbers=("K", "AX", "AY"),
+        spatial=("K", "AX", "AY", "AZ"),
+        make=lambda link, numbers: Spring(link, numbers[0], numbers[1:]),
+    ),
+    Option(
+        name="torsion_spring",
+        metavar="K",
+        help="torsion spring K [N·mm/rad], then angle at rest [rad] (default 0), other link (default 0, the base)",
+        numbers=("K", "REST", "OTHER"),
+        spatial=(),
+        make=lambda link, numbers: TorsionSpring(link, *numbers),
+        optional=2,
+    ),
+    Option(
+        name="force",
+        metavar="F",
+        help="force of fixed direction FX FY, on an arm FX FY FZ [N]",
+        numbers=("FX", "FY"),
+        spatial=("FX", "FY", "FZ"),
+        make=WorldForce,
+    ),
+    Option(
+        name="body_force",
+        metavar="F",
+        help="force that turns with the link, as above",
+        numbers=("FX", "FY"),
+        spatial=("FX", "FY", "FZ"),
+        make=BodyWrench,
+    ),
+)
+"""The loads that `rj` takes by link, in the order in which it adds them; gravity has options of its own."""
+
+
+def in_words(*kinds: type) -> str:
+    """The names of the kinds in words."""
+    *first, last = (kind.__name__ for kind in kinds)
+    return f"{', '.join(first)} or {last}" if first else last

@@ -1,0 +1,14 @@
+"""Mechanisms as MuJoCo models (MJCF): an arm exactly, a planar chain by coupled joints with a known error.
+
+Modules:
+    arm: a hinge chain in space.
+    chain: a planar chain of rolling links.
+    coupling: a rolling contact as joints of MuJoCo.
+    model: either family; joint positions and accuracy of a planar chain.
+
+The engine is not imported: writing a model needs nothing but this package.
+"""
+
+from rollingjoint.mujoco.model import Accuracy, accuracy, mjcf, positions
+
+__all__ = ["Accuracy", "accuracy", "mjcf", "positions"]

@@ -1,0 +1,113 @@
+"""A planar chain in MuJoCo: links in the x-y plane, rolling contacts as coupled joints, tendons through the same holes.
+
+SI units inside; the coordinates of a link's frame are those of rollingjoint, in m. Masses, damping and armature are
+free: they do not move an equilibrium.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.mujoco.arm import NEVER, numbers
+from rollingjoint.mujoco.coupling import Circles, Slides, coupling
+from rollingjoint.planar.chain import RollingChain
+
+Array = NDArray[np.float64]
+
+MASS = 0.005  # kg of a link
+TIME_STEP = 0.001  # s
+HINGE = 'damping="0.02" armature="1e-3"'  # N·m·s/rad, kg·m²: the heavier, the stiffer MuJoCo makes the couplings
+SLIDE = 'type="slide" damping="1" armature="1"'  # N·s/m, kg
+CONSTRAINT = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'  # as stiff as the time step allows
+
+
+def couplings(chain: RollingChain) -> list[Circles | Slides]:
+    """The joints of every rolling contact, base first."""
+    return [coupling(below.child, above.parent) for below, above in itertools.pairwise(chain.links)]
+
+
+def chain_mjcf(chain: RollingChain) -> str:
+    """The chain as MuJoCo's XML, at rest at s = 0; tendons are pulled by motors, or by springs as in an arm."""
+    joints = couplings(chain)
+    body, equalities = _shape(chain, 0) + _sites(chain, 0), ""
+    for link, joint in enumerate(joints, start=1):
+        x, y, angle = joint.rest.tolist()
+        body += f'<body name="link{link}" pos="{numbers(np.array([1e-3 * x, 1e-3 * y, 0.0]))}" euler="0 0 {angle!r}">'
+        described, constraint = _hinges(link, joint) if isinstance(joint, Circles) else _slides(link, joint)
+        body += described + _shape(chain, link) + _sites(chain, link)
+        equalities += constraint
+    body += '<site name="tip"/>'
+    tendons = motors = ""
+    for j, stiffness in enumerate(chain.stiffnesses):
+        through = "".join(f'<site site="{name}"/>' for name, _, _ in _path(chain, j))
+        spring = f'stiffness="{1e3 * float(stiffness)!r}" springlength="0 {NEVER}"'
+        tendons += f'<spatial name="t{j}" {spring}>{through}</spatial>'
+        motors += f'<motor tendon="t{j}" gear="-1"/>'
+    return f"""<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="{TIME_STEP}" integrator="implicitfast" gravity="0 0 0"><flag contact="disable"/></option>
+  <worldbody>{body}{"</body>" * chain.n_joints}</worldbody>
+  <equality>{equalities}</equality>
+  <tendon>{tendons}</tendon>
+  <actuator>{motors}</actuator>
+</mujoco>"""
+
+
+def _hinges(link: int, joint: Circles) -> tuple[str, str]:
+    """Two hinges at the centres of curvature, the first leading, and what couples them."""
+    first, second = 1e-3 * joint.centres
+    low, high = sorted(joint.coordinates(np.array(joint.angles))[:, 0])
+    described = (
+        f'<joint name="j{link}" {HINGE} axis="0 0 1" pos="{numbers(np.append(first, 0.0))}" range="{low} {high}"/>'
+        f'<joint name="j{link}b" {HINGE} axis="0 0 1" pos="{numbers(np.append(second, 0.0))}"/>'
+    )
+    return described, _equality(f"j{link}b", f"j{link}", [0.0, float(joint.rates[1] / joint.rates[0]), 0.0, 0.0, 0.0])
+
+
+def _slides(link: int, joint: Slides) -> tuple[str, str]:
+    """Two slides along the axes of the link below, and the hinge that leads them."""
+    cos, sin = np.cos(joint.rest[2]), np.sin(joint.rest[2])
+    axes = np.array([[cos, -sin, 0.0], [sin, cos, 0.0]])  # of the link below, in the frame of this link at rest
+    described = "".join(
+        f'<joint name="j{link}{name}" {SLIDE} axis="{numbers(axis)}"/>' for name, axis in zip("xy", axes, strict=True)
+    )
+    low, high = np.array(joint.angles) - joint.rest[2]
+    described += f'<joint name="j{link}" {HINGE} axis="0 0 1" range="{low} {high}"/>'
+    return described, "".join(
+        _equality(f"j{link}{name}", f"j{link}", (1e-3 * powers).tolist())
+        for name, powers in zip("xy", joint.powers, strict=True)
+    )
+
+
+def _equality(follower: str, leader: str, powers: Sequence[float]) -> str:
+    polynomial = " ".join(map(repr, powers))
+    return f'<joint joint1="{follower}" joint2="{leader}" polycoef="{polynomial}" {CONSTRAINT}/>'
+
+
+def _shape(chain: RollingChain, link: int) -> str:
+    """A capsule from surface to surface, with the mass of the link."""
+    ends = [np.append(1e-3 * np.array(each.start), 0.0) for each in (chain.links[link].parent, chain.links[link].child)]
+    radius = 2e-4 * chain.links[link].height
+    between = " ".join(map(numbers, ends))
+    return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}"/>'
+
+
+def _path(chain: RollingChain, j: int) -> list[tuple[str, int, Array]]:
+    """Holes of a tendon from the base to its end: name, link, point in the frame of the link [m]."""
+    path = []
+    for link, (below, above) in enumerate(chain.hole_points[j]):
+        path += [(f"a{link}", link, below), (f"b{link}", link, above)]
+    return [(f"t{j}{name}", link, np.append(1e-3 * point, 0.0)) for name, link, point in path]
+
+
+def _sites(chain: RollingChain, link: int) -> str:
+    return "".join(
+        f'<site name="{name}" pos="{numbers(point)}" size="0.0005"/>'
+        for j in range(chain.n_tendons)
+        for name, at, point in _path(chain, j)
+        if at == link
+    )

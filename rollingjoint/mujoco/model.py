@@ -1,0 +1,102 @@
+"""Either family as a MuJoCo model; where its joints are, and how near a planar chain's links come to their poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import InvalidInput
+from rollingjoint.mechanism import AnyMechanism
+from rollingjoint.mujoco.arm import arm_mjcf
+from rollingjoint.mujoco.chain import chain_mjcf, couplings
+from rollingjoint.mujoco.coupling import Circles
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.spatial.chain import HingeChain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How far the links of a MuJoCo model lie from their poses, over random poses of the whole range of every joint.
+
+    Args:
+        largest: of any link origin in any pose [mm]. tip: root mean square of that of the last link [mm].
+        exact: contacts that are exact, of all `contacts`.
+    """
+
+    largest: float
+    tip: float
+    exact: int
+    contacts: int
+
+    def __str__(self) -> str:
+        exact = f"{self.exact} of {self.contacts} rolling contacts exact"
+        return f"{exact}; links at most {self.largest:.2g} mm from their poses, tip {self.tip:.2g} mm (rms)"
+
+
+def mjcf(mechanism: AnyMechanism) -> str:
+    """The mechanism as MuJoCo's XML: an arm exactly, weightless; a planar chain with the error that accuracy() states.
+
+    Actuators are motors that pull the tendons with given tensions [N]. For given lengths set the second column of
+    tendon_lengthspring to them [m]. docs/interchange.md shows both.
+
+    Raises:
+        InvalidInput: springs, friction, or tendons of an arm that are not of the "exact" model, which the file would
+            leave out.
+    """
+    springs, hint = getattr(mechanism, "springs", ()), "mechanism.replace makes one without."
+    if springs:
+        raise InvalidInput("springs", springs, "a mechanism without springs of its own", hint)
+    if mechanism.has_friction:
+        raise InvalidInput("friction", mechanism.friction, "a mechanism without friction", hint)
+    if isinstance(mechanism, RollingChain):
+        return chain_mjcf(mechanism)
+    if not isinstance(mechanism, HingeChain):
+        raise InvalidInput("mechanism", mechanism, "a planar chain or an arm of beads")
+    if mechanism.model != "exact":
+        raise InvalidInput("tendon model", mechanism.model, "'exact', of which MuJoCo's tendons are")
+    return arm_mjcf(mechanism)
+
+
+def positions(mechanism: AnyMechanism, joint_angles: ArrayLike) -> Array:
+    """MuJoCo's qpos at joint angles (..., n - 1) [rad], (..., nq) [rad, m].
+
+    Raises:
+        InvalidInput: wrong number of joints, or numbers that are not finite.
+    """
+    phi = mechanism.per_joint("joint angles", joint_angles)
+    if not isinstance(mechanism, RollingChain):
+        return phi
+    parts = []
+    for i, joint in enumerate(couplings(mechanism)):
+        scale = np.ones(2) if isinstance(joint, Circles) else np.array([1e-3, 1e-3, 1.0])
+        parts.append(scale * joint.coordinates(phi[..., i]))
+    return np.concatenate(parts, axis=-1)
+
+
+def accuracy(chain: RollingChain, samples: int = 2000, seed: int = 0) -> Accuracy:
+    """How far the joints of the MuJoCo model put the links from their poses; no engine is needed.
+
+    Args:
+        samples: poses, in which every contact lies anywhere in its range, uniformly.
+    """
+    count = as_integer("samples", samples, 1)
+    low, high = chain.joint_limits.T
+    phi = chain.joint_angles(np.random.default_rng(seed).uniform(low, high, (count, chain.n_joints)))
+    joints = couplings(chain)
+    at, angle = np.zeros((count, 2)), np.zeros(count)
+    wrong = [np.zeros(count)]
+    exact = chain.poses(phi)
+    for i, joint in enumerate(joints):
+        pose = joint.poses(phi[:, i])
+        cos, sin = np.cos(angle), np.sin(angle)
+        at = at + np.stack([cos * pose[:, 0] - sin * pose[:, 1], sin * pose[:, 0] + cos * pose[:, 1]], axis=-1)
+        angle = angle + pose[:, 2]
+        wrong.append(np.linalg.norm(at - exact[:, i + 1, :2], axis=-1))
+    circles = sum(isinstance(joint, Circles) for joint in joints)
+    tip = float(np.sqrt(np.mean(wrong[-1] ** 2)))
+    return Accuracy(float(np.max(wrong)), tip, circles, len(joints))

@@ -1,0 +1,53 @@
+"""Variations of a chain, whose arrays are filled all at once, are the chains that are built one by one."""
+
+import numpy as np
+import pytest
+
+from rollingjoint.mechanism import stack
+from rollingjoint.planar.variations import ChainVariations, varied_chain
+from rollingjoint.presets import five_link, two_segment
+
+
+def drawn(nominal, count, mm, rad, spread, seed=0):
+    rng = np.random.default_rng(seed)
+    offsets = rng.uniform(-1, 1, (count, nominal.n_links, 2, 3)) * np.array([mm, mm, rad])
+    return offsets, 1 + spread * rng.uniform(-1, 1, (count, nominal.n_tendons))
+
+
+@pytest.mark.parametrize("nominal", [five_link(), two_segment()], ids=["five_link", "two_segment"])
+@pytest.mark.parametrize(("mm", "rad"), [(0.1, 0.01), (2.0, 0.2)])
+def test_arrays_of_variations_are_those_of_chains_built_one_by_one(nominal, mm, rad):
+    offsets, factors = drawn(nominal, 6, mm, rad, 0.2)
+    chains = [varied_chain(nominal, *each) for each in zip(offsets, factors, strict=True)]
+    variations, expected = ChainVariations(nominal, offsets, factors), stack(chains)
+    for name in expected._fields:
+        assert np.allclose(getattr(variations.arrays, name), getattr(expected, name), rtol=0, atol=1e-12), name
+    assert np.allclose(variations.neutral_angles, [chain.neutral_angles for chain in chains], rtol=0, atol=1e-14)
+    assert np.array_equal(variations.stiffnesses, [chain.stiffnesses for chain in chains])
+    surfaces = [(link.parent.start, link.child.angle) for chain in (variations[3], chains[3]) for link in chain.links]
+    assert surfaces[: nominal.n_links] == surfaces[nominal.n_links :] and len(variations) == 6
+
+
+def test_without_displacements_all_variations_share_the_arrays_of_the_chain():
+    nominal = five_link()
+    offsets, factors = drawn(nominal, 3, 0.0, 0.0, 0.3)
+    variations = ChainVariations(nominal, offsets, factors)
+    assert variations.arrays is nominal.arrays and not variations.designs.any()
+    assert np.allclose(variations[1].stiffnesses, nominal.stiffnesses * factors[1])
+
+
+@pytest.mark.parametrize("mm", [0.0, 0.5])
+def test_taken_variations_are_those_of_the_other_and_the_rest_stays(mm):
+    nominal = five_link()
+    first, second = (ChainVariations(nominal, *drawn(nominal, 5, mm, 0.1 * mm, 0.2, seed)) for seed in (1, 2))
+    kept, came = [first[place].stiffnesses for place in (0, 2)], [second[place] for place in (2, 0)]
+    assert first.take(np.array([1, 4]), second, np.array([2, 0]))
+    assert np.array_equal([first[0].stiffnesses, first[2].stiffnesses], kept)
+    for row, chain in zip((1, 4), came, strict=True):
+        assert first[row] is chain and np.array_equal(first.stiffnesses[row], chain.stiffnesses)
+        assert np.array_equal(first.neutral_angles[row], chain.neutral_angles)
+    if mm:
+        expected, joints = stack([first[place] for place in range(5)]), first.arrays.joints
+        assert np.allclose(joints, expected.joints) and np.allclose(first.arrays.coefficients, expected.coefficients)
+    other = ChainVariations(nominal, *drawn(nominal, 5, 0.3 - 0.3 * bool(mm), 0.0, 0.2))
+    assert not first.take(np.array([0]), other, np.array([0]))

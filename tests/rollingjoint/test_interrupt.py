@@ -1,0 +1,137 @@
+"""Ctrl-C ends every long call at once, and what cannot end at once ends in a stated time (docs/reliability.md)."""
+
+import itertools
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from rollingjoint import (
+    BodyWrench,
+    Status,
+    five_link,
+    planar,
+    set_threads,
+    small_arm,
+    solve_lengths_batch,
+    solve_tensions,
+    solve_tensions_batch,
+    spatial,
+    uniform,
+)
+from rollingjoint.threads import run_in_threads
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="sends itself SIGINT")
+
+
+class CtrlCWithin:
+    """Work during whose call of this number, on any thread, another thread presses Ctrl-C."""
+
+    def __init__(self, work, call):
+        self._work, self._call, self._caller, self._numbers = work, call, threading.get_ident(), itertools.count(1)
+        self.pressed, self.ended = threading.Event(), threading.Event()
+        self.begun_afterwards = 0  # calls on the caller's thread
+        self.longest = 0.0  # s of processor time of its thread
+
+    def __call__(self, *arguments):
+        self.begun_afterwards += self.pressed.is_set() and threading.get_ident() == self._caller
+        if next(self._numbers) == self._call:
+            threading.Thread(target=self._press).start()
+        begin = time.thread_time()
+        self._work(*arguments)
+        self.longest = max(self.longest, time.thread_time() - begin)
+        self.ended.set()
+
+    def _press(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        self.pressed.set()
+
+
+@pytest.fixture(autouse=True)
+def two_threads_afterwards():
+    yield
+    set_threads(2)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_ends_a_large_batch_after_the_pieces_in_work(threads, monkeypatch):
+    arm, tensions = small_arm(8), np.random.default_rng(0).uniform(0.1, 10.0, (50_000, 4))
+    set_threads(threads)
+    solve_tensions_batch(arm, tensions[:1])
+    pieces = CtrlCWithin(spatial.batch.solve_range, call=3)
+    monkeypatch.setattr(spatial.batch, "solve_range", pieces)
+    with pytest.raises(KeyboardInterrupt):
+        solve_tensions_batch(arm, tensions)
+    assert pieces.begun_afterwards <= 1 and pieces.longest < 0.25
+
+
+def test_ctrl_c_does_not_wait_for_the_solve_of_a_long_chain(monkeypatch):
+    chain, force = uniform(150), np.random.default_rng(1).normal(0.0, 1.0, 2)
+    solve_tensions(uniform(20), (1.0, 1.0), [BodyWrench(-1, (1e-3, 0.0))])
+    _ = chain.arrays
+    solve = CtrlCWithin(planar.batch.solve_range, call=1)
+    monkeypatch.setattr(planar.batch, "solve_range", solve)
+    with pytest.raises(KeyboardInterrupt):
+        solve_tensions(chain, (3.0, 7.0), [BodyWrench(-1, tuple(force))])  # half a second
+    assert not solve.ended.is_set()
+    monkeypatch.undo()
+    assert solve_tensions(five_link(), (1.0, 1.0)).ok
+    assert solve.ended.wait(60)
+
+
+def test_pieces_cover_every_row_once_and_grow_while_they_are_brief():
+    for rows, joints, threads in ((100_000, 4, 1), (100_000, 4, 3), (7, 4, 2), (5, 200, 2), (1, 200, 1), (1, 4, 1)):
+        set_threads(threads)
+        covered, pieces = np.zeros(rows, int), []
+
+        def work(first, last, covered=covered, pieces=pieces):
+            covered[first:last] += 1
+            pieces.append(last - first)
+
+        run_in_threads(work, rows, joints)
+        assert np.all(covered == 1)
+    set_threads(1)
+    run_in_threads(lambda first, last: pieces.append(last - first), 1_000_000, 4)
+    assert max(pieces) > 4 * pieces[-2] or len(pieces) < 40
+
+
+def test_batches_are_the_same_to_the_last_bit_however_they_are_cut(monkeypatch):
+    from rollingjoint import threads
+
+    chain = five_link()
+    lengths = chain.neutral_lengths + np.random.default_rng(0).uniform(-6, 2, (3000, 2))
+    whole = solve_lengths_batch(chain, lengths)
+    monkeypatch.setattr(threads, "_JOINTS_OF_A_PIECE", 40)
+    monkeypatch.setattr(threads, "_BRIEF", 0.0)
+    parts = solve_lengths_batch(chain, lengths)
+    for name in ("poses", "tensions", "status"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize("build", [uniform, small_arm])
+def test_a_follower_force_on_more_than_a_thousand_joints_is_given_up_at_once(build):
+    chain, force = build(1002), (0.1, 0.0) if build is uniform else (0.1, 0.0, 0.0)
+    solve_tensions(build(20), np.ones(chain.n_tendons), [BodyWrench(-1, force)])  # compiled
+    _ = chain.arrays
+    begin = time.process_time()
+    result = solve_tensions(chain, np.ones(chain.n_tendons), [BodyWrench(-1, force)])
+    assert time.process_time() - begin < 5.0
+    assert result.status is Status.NOT_CONVERGED and result.iterations == 0
+    balanced = solve_tensions(chain, np.ones(chain.n_tendons), [BodyWrench(-1, (0.0,) * (len(force) - 1) + (0.1,))])
+    assert balanced.status is Status.NOT_CONVERGED and balanced.residual < 1e-9
+
+
+@pytest.mark.slow  # the seconds that it may take are what it asserts
+@pytest.mark.parametrize(("beads", "seed"), [(200, 0), (300, 0)])  # took 24 and 39 s
+def test_a_follower_force_on_a_long_arm_ends_in_the_stated_time(beads, seed):
+    arm, rng = small_arm(beads), np.random.default_rng(seed)
+    tensions, force = rng.uniform(0.1, 10, 4), rng.normal(0, 1.0, 3)
+    solve_tensions(small_arm(20), tensions, [BodyWrench(-1, tuple(force))])  # compiled
+    _ = arm.arrays
+    begin = time.process_time()
+    solve_tensions(arm, tensions, [BodyWrench(-1, tuple(force))])
+    assert time.process_time() - begin < 15.0
