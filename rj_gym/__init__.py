@@ -1,8 +1,10 @@
 """Gymnasium environments for tendon-driven mechanisms.
 
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
-rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), and rj_gym/CurvatureDesign-v0. The last one needs
-torch; it and the arms are imported when one is first asked for.
+rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains whose tip is
+not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an arm
+whose tip is not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch; it and the arms are imported when one
+is first asked for.
 
 Modules:
     arm: the arm's tracking task.
@@ -18,12 +20,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rj_gym.core.config import FrictionConfig, RewardConfig, TargetConfig
-from rj_gym.core.registry import TABLE, late, register_envs, settings_of
+from rj_gym.core.config import FrictionConfig, RewardConfig, TargetConfig, TaskConfig
+from rj_gym.core.observation import Entry
+from rj_gym.core.registry import TABLE, late, register_envs, settings_of, task_of
+from rj_gym.core.sensing import ActuationConfig, SensingConfig
 from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
-from rj_gym.planar.env import RollingJointEnv, RollingJointGoalEnv
+from rj_gym.planar.env import (
+    InstrumentEnv,
+    InstrumentShiftEnv,
+    LatePoseEnv,
+    RollingJointEnv,
+    RollingJointGoalEnv,
+    SlowCameraEnv,
+)
 from rj_gym.planar.observation import observation_entries
-from rj_gym.planar.vector import RollingJointGoalVectorEnv, RollingJointVectorEnv
+from rj_gym.planar.vector import (
+    InstrumentShiftVectorEnv,
+    InstrumentVectorEnv,
+    LatePoseVectorEnv,
+    RollingJointGoalVectorEnv,
+    RollingJointVectorEnv,
+    SlowCameraVectorEnv,
+)
+from rj_gym.planar.worlds import InstrumentConfig, InstrumentShiftConfig, LatePoseConfig, SlowCameraConfig
 from rj_gym.vector_checker import check_vector_env
 
 if TYPE_CHECKING:
@@ -35,9 +54,10 @@ if TYPE_CHECKING:
         GravityConfig,
         PayloadConfig,
     )
-    from rj_gym.arm.env import FlexibleArmEnv, FlexibleArmGoalEnv
+    from rj_gym.arm.env import ArmInstrumentEnv, FlexibleArmEnv, FlexibleArmGoalEnv
     from rj_gym.arm.observation import arm_observation_entries
-    from rj_gym.arm.vector import FlexibleArmGoalVectorEnv, FlexibleArmVectorEnv
+    from rj_gym.arm.vector import ArmInstrumentVectorEnv, FlexibleArmGoalVectorEnv, FlexibleArmVectorEnv
+    from rj_gym.arm.worlds import ArmInstrumentConfig
     from rj_gym.design.config import DesignConfig, DesignRewardConfig
     from rj_gym.design.env import CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
@@ -46,6 +66,10 @@ if TYPE_CHECKING:
 __all__ = [
     "DESIGN_IDS",
     "IDS",
+    "ActuationConfig",
+    "ArmInstrumentConfig",
+    "ArmInstrumentEnv",
+    "ArmInstrumentVectorEnv",
     "ArmRandomizationConfig",
     "ArmRewardConfig",
     "ArmTargetConfig",
@@ -60,6 +84,15 @@ __all__ = [
     "FlexibleArmVectorEnv",
     "FrictionConfig",
     "GravityConfig",
+    "InstrumentConfig",
+    "InstrumentEnv",
+    "InstrumentShiftConfig",
+    "InstrumentShiftEnv",
+    "InstrumentShiftVectorEnv",
+    "InstrumentVectorEnv",
+    "LatePoseConfig",
+    "LatePoseEnv",
+    "LatePoseVectorEnv",
     "LoadConfig",
     "PayloadConfig",
     "RandomizationConfig",
@@ -68,12 +101,17 @@ __all__ = [
     "RollingJointGoalEnv",
     "RollingJointGoalVectorEnv",
     "RollingJointVectorEnv",
+    "SensingConfig",
+    "SlowCameraConfig",
+    "SlowCameraEnv",
+    "SlowCameraVectorEnv",
     "TargetConfig",
     "TrackingConfig",
     "arm_observation_entries",
     "check_vector_env",
     "design_observation_entries",
     "observation_entries",
+    "privileged_entries",
     "register_envs",
     "settings_of",
 ]
@@ -83,6 +121,12 @@ IDS = {row.env_id: row.stem for row in TABLE if row.tracks}
 
 DESIGN_IDS = {row.env_id: row.stem for row in TABLE if not row.tracks}
 """The same for the design task."""
+
+
+def privileged_entries(config: TaskConfig) -> list[Entry]:
+    """The entries of the privileged state of a tracking task, in order, whether or not these settings show it."""
+    return task_of(config).privileged_entries()
+
 
 _ARM_SETTINGS = ("ArmRandomizationConfig", "ArmRewardConfig", "ArmTargetConfig", "GravityConfig", "PayloadConfig")
 _LATE = {

@@ -115,6 +115,7 @@ class FlexibleArmConfig(TaskConfig):
         observe_load: whether the observation contains the direction of gravity and the payload.
         orientation: whether the tip has to turn into a target frame, too.
         load, target, reward, randomization, gravity: nested settings, each also a dictionary.
+        sensing: likewise; "all" and "tip" are the same, for of an arm's pose only the tip is measured.
     Raises:
         ConfigError: a value out of range, with the range.
     """
@@ -138,3 +139,8 @@ class FlexibleArmConfig(TaskConfig):
     randomization: ArmRandomizationConfig = field(default_factory=ArmRandomizationConfig)
     orientation: bool = False
     gravity: GravityConfig = field(default_factory=GravityConfig)
+
+    @property
+    def sees_all(self) -> bool:
+        """Whether all that sensors can measure of the pose is observed: of an arm, that is the tip."""
+        return self.sensing.pose != "none"

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.episodes import ArmEpisodeBuffer
+from rj_gym.arm.worlds import ArmInstrumentConfig
 from rj_gym.core.env import GoalTaskEnv, TaskEnv
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.settings import Settings
@@ -110,3 +111,49 @@ class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
     ## Version history
     * v0: first version.
     """
+
+
+class ArmInstrumentEnv(FlexibleArmEnv):
+    """Bring the tip of an arm to a target when nobody sees the tip: as FlexibleArmEnv but for what follows.
+
+    Motors pull the tendons through a sheath with play and friction, and the tendons rub in the holes of the beads. What
+    the agent has is where the motors are and what they measure.
+
+    ## Action space
+    As FlexibleArmEnv, but an action moves the motor, and the tendon's command follows through play: see InstrumentEnv.
+
+    ## Observation space
+    `Box(low, high, (entries,), float32)`; values are clipped to the bounds.
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | tendon j command | measured motor position minus length when straight | `command_scale_mm` (30 mm) | -2 | 2 |
+    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | target x, target y, target z | where the tip should be now | L | -2 | 2 |
+
+    With `orientation` the axes of the target frame follow; past readings (`observe_history`, 1) as in InstrumentEnv.
+
+    ## Reward
+    As FlexibleArmEnv with effort 0, smoothness 0.002 and precision 0.5: tracking loses 0.5 error / (error + 1 mm) too.
+
+    ## Start
+    As FlexibleArmEnv. Drawn per episode and hidden besides gravity and payload: the stiffness of every tendon (20 %)
+    and hinge (10 %), the weight of every bead (10 %), motor offsets (0.5 mm); the width of every tendon's play, 0.2 to
+    1 mm, and where in it the tendon begins; every tendon's phi in the sheath, 0 to 0.3; mu in the holes, 0 to 0.1, the
+    same for all tendons. Targets are tips of equilibria without friction under gravity and payload of the episode.
+
+    ## Episode end
+    As FlexibleArmEnv. Controllers are compared by the mean tip error over the last 10 steps.
+
+    ## Info
+    As FlexibleArmEnv with friction, and with `privileged` the true state as in InstrumentEnv.
+
+    ## Arguments
+    As FlexibleArmEnv, with ArmInstrumentConfig: FlexibleArmConfig with other defaults. Moving targets:
+    `target={"process": "path"}`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = ArmInstrumentConfig

@@ -10,28 +10,16 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rj_gym.core.kernels import (
-    ERROR,
-    FORCE,
-    REFUSED,
-    REWARD,
-    STEP,
-    TARGET,
-    TENSIONS,
-    TIP,
-    finite,
-    pull_tendons,
-    reward_terms,
-    settle_tendons,
-)
-from rollingjoint.compiled import Floats, Integers, Singles, borrow, carve, kernel, part
+from rj_gym.arm.columns import ANGLE, ORIENTATION, TARGET_FRAME, TIP_FRAME
+from rj_gym.arm.measuring import measure, observe_all
+from rj_gym.arm.rotations import rotation_vector
+from rj_gym.core.columns import ERROR, FORCE, REWARD, STEP, TARGET, TENSIONS, TIP
+from rj_gym.core.hardware import HardwareRules
+from rj_gym.core.kernels import REFUSED, finite, pull_tendons, reward_terms, settle_tendons
+from rollingjoint.compiled import Floats, Integers, Singles, kernel, part
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
-
-# Columns of the readings after those of every task: direction of gravity; angle between tip and target frame, and its
-# term of the reward; rotation matrices of both, row by row.
-GRAVITY, ANGLE, ORIENTATION, TIP_FRAME, TARGET_FRAME, OWN = 0, 3, 4, 5, 14, 23
 
 
 class Rules(NamedTuple):
@@ -47,13 +35,16 @@ class Rules(NamedTuple):
     effort: float
     smoothness: float
     failure_penalty: float
+    precision: float
     orientation: bool
     observe_tensions: bool
     observe_target: bool  # and the errors
     observe_load: bool  # gravity and payload
+    observe_tip: bool
     neutral_lengths: Annotated[Floats, "m"]  # mm
     low: Annotated[Singles, "entries"]  # of the observation
     high: Annotated[Singles, "entries"]
+    hardware: HardwareRules
 
 
 class Course(NamedTuple):
@@ -63,7 +54,7 @@ class Course(NamedTuple):
     forces: Annotated[Floats, "B", "1 or T + 1 forces", 3]  # N
     stiffnesses: Annotated[Floats, "B", "m"]  # N/mm
     actuator_offsets: Annotated[Floats, "B", "m"]  # mm
-    noise: Annotated[Floats, "B", "0 or T + 1", 6]  # mm, rad
+    noise: Annotated[Floats, "B", "0, 1 or T + 1", 6]  # mm, rad
 
 
 class RunningEpisodes(NamedTuple):
@@ -72,7 +63,7 @@ class RunningEpisodes(NamedTuple):
     angles: Annotated[Floats, "B", "J"]  # hinge angles of the last usable equilibrium, rad
     poses: Annotated[Floats, "B", "n", 4, 4]  # its poses, mm
     actions: Annotated[Floats, "B", 2, "m"]  # the last action and the one before, within [-1, 1]
-    readings: Annotated[Floats, "B", "columns"]  # TENSIONS + 2 m + OWN, named above
+    readings: Annotated[Floats, "B", "columns"]  # see rj_gym/core/columns.py, and above
 
 
 class Inputs(NamedTuple):
@@ -95,7 +86,7 @@ class Solved(NamedTuple):
 
 
 @kernel(nogil=True)
-def prepare(rules, course, state, inputs, first, last):
+def prepare(rules, course, state, hardware, inputs, first, last):
     """Begin a step of lanes: commands, starts and loads.
 
     Returns how many lanes remain to be solved, all of them. REFUSED, and nothing done, where an action is not finite.
@@ -104,7 +95,7 @@ def prepare(rules, course, state, inputs, first, last):
         return REFUSED
     payload, times = inputs.loads.shape[1] - 1, course.forces.shape[1]
     for lane in range(first, last):
-        pull_tendons(rules, course, state, inputs, lane)
+        pull_tendons(rules, course, state, hardware, inputs, lane)
         for i in range(state.angles.shape[1]):
             inputs.starts[lane, i] = state.angles[lane, i]
         now = min(int(state.readings[lane, STEP]), times - 1)
@@ -115,28 +106,30 @@ def prepare(rules, course, state, inputs, first, last):
 
 
 @kernel(nogil=True)
-def finish(rules, course, state, solved, observation, first, last):
+def finish(rules, course, state, hardware, solved, observation, first, last):
     """End a step after the solve: state, readings and the flat observation (B x entries,), float32."""
-    _settle(course, state, solved, first, last)
+    _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(rules, course, state, first, last)
     reward_terms(rules, state, first, last)
     if rules.orientation:
         _reward_orientation(rules, state, first, last)
-    _observe(rules, course, state, observation, first, last)
+    if rules.hardware.active:
+        measure(rules, course, state, hardware, first, last)
+    observe_all(rules, course, state, hardware, observation, first, last)
 
 
 @kernel
-def observe(rules, course, state, observation):
+def observe(rules, course, state, hardware, observation):
     """Fill the flat observation anew."""
-    _observe(rules, course, state, observation, 0, observation.size // rules.low.size)
+    observe_all(rules, course, state, hardware, observation, 0, observation.size // rules.low.size)
 
 
 @part(inline=True)
-def _settle(course, state, solved, first, last):
+def _settle(rules, course, state, hardware, solved, first, last):
     """Take over equilibria. A lane without a usable one keeps its pose, tensions and commands."""
     angles, poses = state.angles, state.poses
     for lane in range(first, last):
-        if not settle_tendons(course, state, solved, lane):
+        if not settle_tendons(rules, course, state, hardware, solved, lane):
             continue
         for i in range(angles.shape[1]):
             angles[lane, i] = solved.joint_angles[lane, i]
@@ -184,108 +177,3 @@ def _reward_orientation(rules, state, first, last):
     for lane in range(first, last):
         readings[lane, own + ORIENTATION] = -readings[lane, own + ANGLE] / rules.angle_scale
         readings[lane, REWARD] += readings[lane, own + ORIENTATION]
-
-
-@part
-def rotation_vector(E):
-    """Rotation vector of a rotation matrix (3, 3) [rad] and its length, at most pi: (x, y, z, angle).
-
-    Exact to rounding near 0 and pi, too. Source: as rollingjoint.spatial.se3.rotation_vector.
-    """
-    sx, sy, sz = E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]
-    sine, cosine = 0.5 * math.sqrt(sx * sx + sy * sy + sz * sz), 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
-    angle = math.atan2(sine, cosine)
-    if cosine >= -0.5:
-        scale = 0.5 * (angle / sine if sine > 1e-8 else 1.0)
-        return scale * sx, scale * sy, scale * sz, angle
-    k = 0
-    for i in range(1, 3):
-        if E[i, i] > E[k, k]:
-            k = i
-    x, y, z = 0.5 * (E[0, k] + E[k, 0]), 0.5 * (E[1, k] + E[k, 1]), 0.5 * (E[2, k] + E[k, 2])
-    x, y, z = x - (cosine if k == 0 else 0.0), y - (cosine if k == 1 else 0.0), z - (cosine if k == 2 else 0.0)
-    scale = angle / math.sqrt(x * x + y * y + z * z)
-    if x * sx + y * sy + z * sz < 0.0:
-        scale = -scale
-    return scale * x, scale * y, scale * z, angle
-
-
-@part
-def turn_frame(R, wx, wy, wz):
-    """Turn a rotation matrix (3, 3) by a rotation vector of the base frame [rad], in place."""
-    square = wx * wx + wy * wy + wz * wz
-    angle = math.sqrt(square)
-    a = math.sin(angle) / angle if angle > 1e-4 else 1.0 - square / 6.0
-    b = (1.0 - math.cos(angle)) / square if angle > 1e-4 else 0.5 - square / 24.0
-    for column in range(3):
-        x, y, z = R[0, column], R[1, column], R[2, column]
-        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-        R[0, column] = x + a * ux + b * (wy * uz - wz * uy)
-        R[1, column] = y + a * uy + b * (wz * ux - wx * uz)
-        R[2, column] = z + a * uz + b * (wx * uy - wy * ux)
-
-
-@part(inline=True)
-def _observe(rules, course, state, flat, first, last):
-    """The observations, all entries within their bounds; the order is that of observation.arm_entries."""
-    readings, poses, noise = state.readings, state.poses, course.noise
-    m, times, tip = state.actions.shape[2], noise.shape[1], poses.shape[1] - 1
-    own = TENSIONS + 2 * m
-    observation = carve(borrow(flat), 0, (flat.size // rules.low.size, rules.low.size))
-    R, aim, E, at = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for lane in range(first, last):
-        now = min(int(readings[lane, STEP]), times - 1)
-        for axis in range(3):
-            at[axis] = poses[lane, tip, axis, 3] + (noise[lane, now, axis] if times > 0 else 0.0)
-            observation[lane, axis] = at[axis] / rules.length
-        entry = 3
-        if rules.orientation:
-            for i in range(9):
-                R[i // 3, i % 3] = poses[lane, tip, i // 3, i % 3]
-                aim[i // 3, i % 3] = readings[lane, own + TARGET_FRAME + i]
-            if times > 0:
-                turn_frame(R, noise[lane, now, 3], noise[lane, now, 4], noise[lane, now, 5])
-            entry = _write_columns(R, observation, lane, entry)
-        for j in range(m):
-            command = readings[lane, TENSIONS + m + j] - rules.neutral_lengths[j]
-            observation[lane, entry + j] = command / rules.command_scale
-        entry += m
-        if rules.observe_tensions:
-            for j in range(m):
-                observation[lane, entry + j] = readings[lane, TENSIONS + j] / rules.highest_tension
-            entry += m
-        if rules.observe_target:
-            for axis in range(3):
-                observation[lane, entry + axis] = readings[lane, TARGET + axis] / rules.length
-            entry += 3
-            if rules.orientation:
-                entry = _write_columns(aim, observation, lane, entry)
-            for axis in range(3):
-                observation[lane, entry + axis] = (readings[lane, TARGET + axis] - at[axis]) / rules.error_scale
-            entry += 3
-            if rules.orientation:
-                for i in range(3):
-                    for j in range(3):
-                        E[i, j] = aim[i, 0] * R[j, 0] + aim[i, 1] * R[j, 1] + aim[i, 2] * R[j, 2]
-                x, y, z, _ = rotation_vector(E)
-                observation[lane, entry] = x / rules.angle_scale
-                observation[lane, entry + 1] = y / rules.angle_scale
-                observation[lane, entry + 2] = z / rules.angle_scale
-                entry += 3
-        if rules.observe_load:
-            payload = 0.0
-            for axis in range(3):
-                observation[lane, entry + axis] = readings[lane, own + GRAVITY + axis]
-                payload += readings[lane, own + GRAVITY + axis] * readings[lane, FORCE + axis]
-            observation[lane, entry + 3] = payload / rules.payload_scale
-        for place in range(rules.low.size):
-            observation[lane, place] = min(max(observation[lane, place], rules.low[place]), rules.high[place])
-
-
-@part(inline=True)
-def _write_columns(R, observation, lane, entry):
-    """Write the first two columns of a rotation matrix; returns the entry after them."""
-    for column in range(2):
-        for row in range(3):
-            observation[lane, entry + 3 * column + row] = R[row, column]
-    return entry + 6

@@ -16,7 +16,17 @@ from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
-OPTIONS = ("target", "load", "gravity", "mechanism", "start", "friction")
+OPTIONS = (
+    "target",
+    "load",
+    "gravity",
+    "mechanism",
+    "start",
+    "friction",
+    "actuator_offsets",
+    "play_mm",
+    "sheath_friction",
+)
 
 _ROTATION = 1e-6  # how far a target's rotation matrix may be from one
 
@@ -39,7 +49,8 @@ def checked_options(options: Mapping[str, Any] | None, config: FlexibleArmConfig
         options: any of "target": (3,) or (T + 1, 3) [mm], with `orientation` poses (4, 4) or (T + 1, 4, 4); "load":
             payload, a number or (T + 1,) [N]; "gravity": its direction (3,); "mechanism": preset name, file or
             HingeChain with as many links and tendons as the nominal one; "start": tensions (m,) [N] within the
-            tension range; "friction": coefficients, a number or (m,).
+            tension range; "friction": coefficients, a number or (m,); "actuator_offsets" [mm], "play_mm" and
+            "sheath_friction" likewise.
         config: the settings.
         nominal: the arm before randomisation.
     Raises:

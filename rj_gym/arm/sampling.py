@@ -26,6 +26,7 @@ from rj_gym.core.draws import (
     symmetric,
     target_shape,
 )
+from rj_gym.core.hardware_draws import hardware_shapes
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "hinge": (n_joints,), "weight": (n_joints,)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, 6, 2)
-    return blocks_of(shapes | friction_shapes(config, m))
+    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 6))
 
 
 def sample_episodes(config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: ArmOptions) -> ArmDraws:
@@ -87,15 +88,19 @@ def sample_episodes(config: FlexibleArmConfig, nominal: HingeChain, uniforms: Un
     """
     randomization = config.randomization
     mechanisms, designs = _mechanisms(randomization, nominal, uniforms, fixed)
-    noise = [randomization.position_noise_mm] * 3 + [randomization.angle_noise_rad] * 3
     drawn = ArmDraws(
-        **shared_draws(config, mechanisms, designs, uniforms, noise),
+        **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
         gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
         payloads=payloads(config.load, uniforms),
         hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
         weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
     )
     return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
+
+
+def _pose_scale(mm: float, rad: float) -> list[float]:
+    """The scale of a position and a rotation vector, (6,)."""
+    return [mm] * 3 + [rad] * 3
 
 
 def _mechanisms(

@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.arm.columns import ANGLE, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME
 from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.arm.kernels import ANGLE, FX, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME, Rules
-from rj_gym.arm.observation import arm_observation_entries
+from rj_gym.arm.kernels import FX, Rules
+from rj_gym.arm.observation import arm_observation_entries, arm_privileged_entries
 from rj_gym.arm.options import NOTHING_FIXED, ArmOptions, checked_options
 from rj_gym.arm.sampling import ArmDraws, sample_episodes, uniform_blocks
 from rj_gym.core import info
@@ -31,6 +32,7 @@ class ArmTask(TrackingTask):
     """The arm's task."""
 
     dimension: ClassVar[int] = 3
+    own_columns: ClassVar[int] = OWN
     config: FlexibleArmConfig
     mechanism: HingeChain
 
@@ -38,12 +40,17 @@ class ArmTask(TrackingTask):
         """The entries of the observation vector; `goal` leaves target and errors out."""
         return arm_observation_entries(self.config, self.mechanism, goal)
 
+    def privileged_entries(self) -> list[Entry]:
+        """The entries of the privileged state, whether or not the settings show it."""
+        return arm_privileged_entries(self.config, self.mechanism)
+
     def rules(self, goal: bool = False) -> Rules:
         """The parameters that all lanes share, as the kernels take them."""
         return Rules(
             angle_scale=self.config.reward.angle_scale_rad,
             payload_scale=load_scale(self.config),
             orientation=self.config.orientation,
+            observe_tip=self.config.sees_all,
             **self._shared_rules(goal),
         )
 
@@ -109,7 +116,7 @@ class ArmTask(TrackingTask):
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
         said = info.state_info(readings[:, : self._columns], info.IN_SPACE)
-        return said | self._own_info(readings) | self.friction_info(readings)
+        return said | self._own_info(readings) | self.truth_info(readings) | self.friction_info(readings)
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
@@ -124,7 +131,10 @@ class ArmTask(TrackingTask):
             said["angle_error_rad"] = numbers[own + ANGLE]
             said["reward_terms"]["orientation"] = numbers[own + ORIENTATION]
         said["gravity"] = readings[own + GRAVITY : own + GRAVITY + 3]
-        return said | info.only_lane(self.friction_info(readings[None])) if self.has_friction else said
+        if len(numbers) == own + OWN:
+            return said
+        row = readings[None]
+        return said | info.only_lane(self.truth_info(row) | self.friction_info(row))
 
     def _own_info(self, readings: Array) -> dict[str, Any]:
         own = self._own(readings)

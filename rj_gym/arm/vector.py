@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.episodes import ArmEpisodeBuffer
+from rj_gym.arm.worlds import ArmInstrumentConfig
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.settings import Settings
 from rj_gym.core.vector import GoalTaskVectorEnv, TaskVectorEnv
@@ -25,3 +26,9 @@ class FlexibleArmVectorEnv(TaskVectorEnv):
 
 class FlexibleArmGoalVectorEnv(GoalTaskVectorEnv, FlexibleArmVectorEnv):
     """`num_envs` independent FlexibleArmGoalEnv in one batch; everything else as FlexibleArmVectorEnv."""
+
+
+class ArmInstrumentVectorEnv(FlexibleArmVectorEnv):
+    """`num_envs` independent ArmInstrumentEnv in one batch; everything else as FlexibleArmVectorEnv."""
+
+    settings: ClassVar[type[Settings]] = ArmInstrumentConfig

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rj_gym.core.sensing import PRIVILEGED, ActuationConfig, SensingConfig, checked_lags
 from rj_gym.core.settings import Range, Settings
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
@@ -35,20 +36,23 @@ class LoadSettings(Settings):
 
 @dataclass(frozen=True)
 class TargetConfig(Settings):
-    """Where the tip should be: tips of unloaded equilibria, so that the unloaded mechanism reaches every target.
+    """Where the tip should be: tips of equilibria, so that the mechanism can reach every target.
 
     Args:
         process: "fixed" for the whole episode, or "path": a smooth walk through `waypoints` reachable points.
         tension_range: tensions drawn log-uniformly per tendon [N]; unloaded, only their ratios matter.
         waypoints: number of drawn points of a path, its two ends included.
+        loaded: whether the equilibria are those under the load with which the episode ends; else they are unloaded.
     """
 
     _SECTION: ClassVar[str] = "target."
     process: str = "fixed"
     tension_range: Range = (1.0, 6.0)
     waypoints: int = 3
+    loaded: bool = False
 
     def __post_init__(self) -> None:
+        self._check(as_boolean, "loaded")
         self._check(as_choice, "process", choices=("fixed", "path"))
         self._check(as_range, "tension_range", low=1e-3, unit="N")
         self._check(as_integer, "waypoints", low=2)
@@ -60,6 +64,7 @@ class RewardConfig(Settings):
 
     Args:
         error_scale_mm: tip error that costs 1 per step [mm].
+        precision: what the last millimetre costs: tracking loses precision · error / (error + 1 mm) as well.
         effort: weight of mean((tension / largest tension)²).
         smoothness: weight of mean((action - previous action)²).
         failure_penalty: subtracted once when the solver finds no usable pose and the episode ends.
@@ -74,10 +79,11 @@ class RewardConfig(Settings):
     failure_penalty: float = 100.0
     goal: str = "dense"
     goal_tolerance_mm: float = 2.0
+    precision: float = 0.0
 
     def __post_init__(self) -> None:
         self._check(as_number, "error_scale_mm", low=1e-3)
-        self._check(as_number, "effort", "smoothness", "failure_penalty", low=0.0)
+        self._check(as_number, "effort", "precision", "smoothness", "failure_penalty", low=0.0)
         self._check(as_choice, "goal", choices=("dense", "sparse"))
         self._check(as_number, "goal_tolerance_mm", low=1e-6)
 
@@ -142,6 +148,10 @@ class TaskConfig(Settings):
         observe_load: whether the observation contains the external force and the link where it acts.
         load, target, reward, randomization: nested settings, each also a dictionary.
         friction: likewise; None leaves the mechanism its own friction, if it has any.
+        sensing, actuation: likewise: what is measured, and how motors move tendons.
+        observe_history: past readings in the observation: those 1 to k steps ago for a number k, or a list of lags.
+        privileged: where the true state can be read, hidden parts included: "off", "info" (as info["privileged"]), or
+            "observation" (a Dict with it under "privileged", for critics).
     """
 
     MECHANISM: ClassVar[type[Any]] = object
@@ -163,6 +173,10 @@ class TaskConfig(Settings):
     reward: RewardConfig = field(default_factory=RewardConfig)
     randomization: Any = None
     friction: FrictionConfig | None = None
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    actuation: ActuationConfig = field(default_factory=ActuationConfig)
+    observe_history: int | Sequence[int] = 0
+    privileged: str = "off"
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, str | self.MECHANISM):
@@ -177,7 +191,27 @@ class TaskConfig(Settings):
         self._check(as_number, "start_tension", low=max(low, 1e-3), high=high)
         self._check(as_range, "start_tension_range", low=max(low, 1e-3), high=high, unit="N")
         self._check(as_boolean, *self._SWITCHES)
-        self._check_nested(self._NESTED | ({} if self.friction is None else {"friction": FrictionConfig}))
+        self._check(as_choice, "privileged", choices=PRIVILEGED)
+        self._set("observe_history", checked_lags(self.observe_history))
+        nested = self._NESTED | {"sensing": SensingConfig, "actuation": ActuationConfig}
+        self._check_nested(nested | ({} if self.friction is None else {"friction": FrictionConfig}))
+
+    @property
+    def lags(self) -> tuple[int, ...]:
+        """How many steps ago the observed past readings are from."""
+        past = self.observe_history
+        return tuple(range(1, past + 1)) if isinstance(past, int) else tuple(past)
+
+    @property
+    def is_instrumented(self) -> bool:
+        """Whether readings can differ from the truth, motors from tendons, or more than the present is to be read."""
+        plain = self.sensing == SensingConfig() and self.actuation == ActuationConfig()
+        return not plain or bool(self.lags) or self.privileged != "off"
+
+    @property
+    def sees_all(self) -> bool:
+        """Whether all that sensors can measure of the pose is observed."""
+        return self.sensing.pose == "all"
 
     def has_friction(self, mechanism: Any) -> bool:
         """Whether episodes of this nominal mechanism take steps with friction."""

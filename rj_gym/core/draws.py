@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from rj_gym.core.config import FrictionConfig, LoadSettings, TaskConfig
 from rj_gym.core.generators import Generators, Random
+from rj_gym.core.hardware_draws import HardwareDraws, draw_hardware
 from rj_gym.core.options import TrackingOptions
+from rollingjoint.mechanism import Variations
 
 Array = NDArray[np.float64]
 D = TypeVar("D", bound="TrackingDraws")
@@ -26,7 +28,7 @@ class TrackingDraws:
     A series has one entry where it does not change over time.
 
     Args:
-        mechanisms: the mechanisms that occur: one, or one per lane.
+        mechanisms: the mechanisms that occur: one, or one per lane, which may be Variations.
         designs: which of them each lane has, (B,).
         targets: of the tip, (B, 1 or T + 1, ...) [mm]; or None: tips of the unloaded equilibria at target_tensions.
         target_tensions: (B, 1 or T + 1, m) [N].
@@ -35,9 +37,10 @@ class TrackingDraws:
         actuator_offsets: what the motors add to every length command, (B, m) [mm].
         noise: measurement errors, (B, T + 1, ...) [mm, rad], or None.
         friction_mu: coefficients of friction of the tendons, (B, m), or None: those of the mechanisms.
+        hardware: of motors and sensors, or None where everything is plain.
     """
 
-    mechanisms: tuple[Any, ...]
+    mechanisms: Sequence[Any]
     designs: NDArray[np.int64]
     targets: Array | None
     target_tensions: Array
@@ -46,6 +49,7 @@ class TrackingDraws:
     actuator_offsets: Array
     noise: Array | None
     friction_mu: Array | None
+    hardware: HardwareDraws | None
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -57,9 +61,20 @@ class TrackingDraws:
 
 
 def shared_draws(
-    config: TaskConfig, mechanisms: tuple[Any, ...], designs: NDArray[np.int64], uniforms: Uniforms, noise: list[float]
+    config: TaskConfig,
+    mechanisms: Sequence[Any],
+    designs: NDArray[np.int64],
+    uniforms: Uniforms,
+    scale: Callable[[float, float], list[float]],
+    parts: tuple[int, ...] = (),
 ) -> dict[str, Any]:
-    """The fields of TrackingDraws; `noise` has the standard deviations of a pose's numbers [mm, rad]."""
+    """The fields of TrackingDraws.
+
+    Args:
+        config, mechanisms, designs, uniforms: as elsewhere.
+        scale: the scales of a pose's numbers, from those of its positions [mm] and angles [rad].
+        parts: shape of the poses that are measured, (n - 1,) for every link; () for one.
+    """
     randomization = config.randomization
     return {
         "mechanisms": mechanisms,
@@ -67,11 +82,35 @@ def shared_draws(
         "targets": None,
         "target_tensions": target_tensions(config, uniforms["target"]),
         "start_tensions": start_tensions(config, uniforms["start"]),
-        "stiffnesses": of_lanes([mechanism.stiffnesses for mechanism in mechanisms], designs),
+        "stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0),
         "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
-        "noise": np.array(noise) * normal(uniforms["noise"]) if randomization.sensor_noise else None,
+        "noise": measurement_errors(config, uniforms, scale, parts),
         "friction_mu": None if config.friction is None else friction_mu(config.friction, uniforms),
+        "hardware": draw_hardware(config, uniforms, normal),
     }
+
+
+def measurement_errors(
+    config: TaskConfig, uniforms: Uniforms, scale: Callable[[float, float], list[float]], parts: tuple[int, ...]
+) -> Array | None:
+    """Noise and bias of measured poses, (B, 1 or T + 1, *parts, numbers) [mm, rad], or None; see shared_draws."""
+    noise, sensing = config.randomization, config.sensing
+    errors: Array | None = None
+    if noise.sensor_noise:
+        errors = np.array(scale(noise.position_noise_mm, noise.angle_noise_rad)) * normal(uniforms["noise"])
+    if sensing.biased:
+        most = np.array(scale(sensing.position_bias_mm, sensing.angle_bias_rad))
+        bias = symmetric(most, uniforms["bias"])  # the same for every part
+        spread = np.broadcast_to(bias.reshape(len(bias), 1, *[1] * len(parts), -1), (len(bias), 1, *parts, len(most)))
+        errors = spread.copy() if errors is None else errors + spread
+    return errors
+
+
+def tendon_stiffnesses(mechanisms: Sequence[Any]) -> Array:
+    """Tendon stiffnesses of every mechanism, (D, m) [N/mm]."""
+    if isinstance(mechanisms, Variations):
+        return mechanisms.stiffnesses
+    return np.array([mechanism.stiffnesses for mechanism in mechanisms])
 
 
 def of_lanes(values: Sequence[Any], designs: NDArray[np.int64]) -> Array:
@@ -160,6 +199,9 @@ def hold(drawn: D, fixed: TrackingOptions) -> D:
         for name, value in vars(fixed).items()
         if value is not None and name != "mechanism"
     }
+    motors = {name: held.pop(name) for name in ("play", "sheath_friction") if name in held}
+    if motors and drawn.hardware is not None:
+        held["hardware"] = drawn.hardware.held(**motors)
     return replace(drawn, **held) if held else drawn
 
 

@@ -12,12 +12,12 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core.arguments import checked_seed
+from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.info import only_lane
-from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
 from rj_gym.core.registry import task_of
-from rj_gym.core.settings import Settings
-from rj_gym.core.spaces import goal_observation, observation_space
+from rj_gym.core.settings import Settings, made_settings
+from rj_gym.core.spaces import goal_observation, observation_space, observed
 from rollingjoint.errors import InvalidInput
 
 _ALONE = np.zeros(1, np.int64)
@@ -47,9 +47,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidInput("render_mode", render_mode, f"None or one of {self.metadata['render_modes']}")
-        if not isinstance(config, self.settings):
-            config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
-        self.task: Any = task_of(config.updated(overrides))
+        self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self.observation_space = observation_space(self.task, self.goal)
@@ -108,7 +106,8 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._over = terminated or truncated
         if self.render_mode is not None:
             self._show(readings)
-        return vector, numbers[REWARD], terminated, truncated, self.task.single_info(readings, numbers)
+        observation = self._observation(vector, readings)
+        return observation, numbers[REWARD], terminated, truncated, self.task.single_info(readings, numbers)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture (H, W, 3) in mode "rgb_array"; in mode "human" it goes to the window."""
@@ -142,7 +141,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             self.render()
 
     def _observation(self, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
-        return vector
+        return observed(self.task, vector, readings)
 
 
 class GoalTaskEnv(TaskEnv):
@@ -161,8 +160,7 @@ class GoalTaskEnv(TaskEnv):
 
     def step(self, action: ArrayLike) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """As without goals, with is_success in info."""
-        vector, _, terminated, truncated, info = super().step(action)
-        observation = self._observation(vector, self._buffer.readings[0])
+        observation, _, terminated, truncated, info = super().step(action)
         reward = self.compute_reward(observation["achieved_goal"], observation["desired_goal"], None)
         info["reward_terms"] = {"tracking": reward}
         info["is_success"] = bool(self.task.reached(self._buffer.readings[0]))

@@ -67,6 +67,10 @@ class EpisodeBuffer(ABC):
         """The readings of the only lane, (columns,): a copy."""
         return self.readings[0].copy()
 
+    def tangent(self) -> Any:
+        """How the last step answers its actions; raises InvalidInput for tasks that are not tracking."""
+        raise InvalidInput("task", type(self.task).__name__, "a tracking task", "Other tasks have no motors.")
+
     @abstractmethod
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""

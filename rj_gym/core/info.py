@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.kernels import (
+from rj_gym.core.columns import (
     EFFORT,
     ERROR,
     FAILURE,
@@ -22,8 +22,8 @@ from rj_gym.core.kernels import (
     TIP,
     TRACKING,
     WORK,
-    friction_columns,
 )
+from rj_gym.core.kernels import friction_columns
 from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]

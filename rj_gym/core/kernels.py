@@ -1,4 +1,4 @@
-"""Formulas that every tracking task shares, compiled, and the columns of readings.
+"""Formulas that every tracking task shares, compiled.
 
 Kernels work on lanes first to last - 1 of arrays that have the lane first; lanes do not see each other.
 """
@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import math
 
+from rj_gym.core.columns import (
+    EFFORT,
+    ERROR,
+    FAILURE,
+    REWARD,
+    SMOOTHNESS,
+    STATUS,
+    STEP,
+    STICKING,
+    TENSIONS,
+    TRACKING,
+    WORK,
+)
+from rj_gym.core.hardware import move_motors, settle_motors
 from rollingjoint.compiled import borrow, kernel, next_uniform
 from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
-
-# Columns of readings, the numbers that infos and rewards are made of: the first four of every task, the others of every
-# tracking task. Vectors have room for three coordinates. From TENSIONS on: tensions [N] and commands [mm] of the
-# tendons, m each, and after them what a task has of its own.
-STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
-)  # fmt: skip
-REWARDS = slice(REWARD, FAILURE + 1)
-
-# Columns after all others, in tasks with friction: work that it took up in the step [N·mm]; whether tendons stick in
-# their holes, (J, m); tensions of their gaps, (J, m) [N].
-WORK, STICKING = 0, 1
 
 REFUSED = -1  # what a step returns instead of a number of lanes
 
@@ -53,7 +55,7 @@ def fill_uniforms(sources, rows):
 
 
 @kernel(inline="always")
-def pull_tendons(rules, course, state, inputs, lane):
+def pull_tendons(rules, course, state, hardware, inputs, lane):
     """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
     offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
     actions, commands = inputs.actions, inputs.commands
@@ -62,12 +64,16 @@ def pull_tendons(rules, course, state, inputs, lane):
     for j in range(m):
         taken[lane, 1, j] = taken[lane, 0, j]
         taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
+    if rules.hardware.active:
+        move_motors(rules, hardware, state, offsets, commands, lane)
+        return
+    for j in range(m):
         believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
         commands[lane, j] = believed + offsets[lane, j]
 
 
 @kernel(inline="always")
-def settle_tendons(course, state, solved, lane):
+def settle_tendons(rules, course, state, hardware, solved, lane):
     """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
 
     Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
@@ -83,6 +89,8 @@ def settle_tendons(course, state, solved, lane):
             unstretched = lengths[lane, j] - tensions[lane, j] / stiffnesses[lane, j]
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
+        if rules.hardware.active:
+            settle_motors(hardware, readings, lane)
     return usable
 
 
@@ -129,6 +137,8 @@ def reward_terms(rules, state, first, last):
             effort += (readings[lane, TENSIONS + j] / rules.highest_tension) ** 2
             change += (actions[lane, 0, j] - actions[lane, 1, j]) ** 2
         tracking = -readings[lane, ERROR] / rules.error_scale
+        if rules.precision > 0.0:
+            tracking -= rules.precision * readings[lane, ERROR] / (readings[lane, ERROR] + 1.0)
         effort *= -rules.effort / m
         change *= -rules.smoothness / m
         failure = 0.0 if readings[lane, STATUS] <= AT_LIMIT else -rules.failure_penalty

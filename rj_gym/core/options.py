@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.config import TaskConfig
+from rj_gym.core.sensing import LARGEST_PLAY, LARGEST_SHEATH
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import LARGEST_MU
@@ -19,6 +20,12 @@ Array = NDArray[np.float64]
 
 LARGEST = 1e12  # in millimetres and newtons; the solvers take no more
 
+LARGEST_OFFSET = 20.0  # mm, of a motor
+
+_RANGES = (  # option, field, largest value
+    ("play_mm", "play", LARGEST_PLAY),
+    ("sheath_friction", "sheath_friction", LARGEST_SHEATH),
+)
 _WITH = "Make one with friction={'mu': 0.1}."
 
 
@@ -26,13 +33,16 @@ _WITH = "Make one with friction={'mu': 0.1}."
 class TrackingOptions:
     """Values that a reset fixes, the same in every lane; None is drawn.
 
-    Shapes as in TrackingDraws without the lane axis. A fixed mechanism is not randomised.
+    Shapes as in TrackingDraws and HardwareDraws without the lane axis. A fixed mechanism is not randomised.
     """
 
     mechanism: Any = None
     targets: Array | None = None
     start_tensions: Array | None = None
     friction_mu: Array | None = None
+    actuator_offsets: Array | None = None
+    play: Array | None = None
+    sheath_friction: Array | None = None
 
 
 def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
@@ -50,7 +60,7 @@ def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Map
 def shared_options(
     options: Mapping[str, Any], known: Sequence[str], config: TaskConfig, nominal: Any
 ) -> dict[str, Any]:
-    """What "mechanism", "start" and "friction" hold fixed, fields of TrackingOptions; InvalidInput for others."""
+    """What options of every tracking task hold fixed, fields of TrackingOptions; InvalidInput for others."""
     checked_keys(options, known)
     fixed: dict[str, Any] = {}
     if "mechanism" in options:
@@ -59,7 +69,7 @@ def shared_options(
         fixed["start_tensions"] = _start_tensions(options["start"], config, nominal.n_tendons)
     if "friction" in options:
         fixed["friction_mu"] = _friction_mu(options["friction"], config, nominal)
-    return fixed
+    return fixed | _motors(options, config, nominal.n_tendons)
 
 
 def _like_mechanism(value: object, nominal: Any, config: TaskConfig) -> Any:
@@ -96,11 +106,31 @@ def _friction_mu(value: object, config: TaskConfig, nominal: Any) -> Array:
     """The coefficients of friction of an option, (m,); InvalidInput for others, and where there is no friction."""
     if not config.has_friction(nominal):
         raise InvalidInput("options['friction']", value, "only in an environment with friction", _WITH)
-    m = nominal.n_tendons
-    mu = finite_floats("options['friction']", value)
-    if mu.shape not in ((), (m,)) or np.any(mu < 0.0) or np.any(mu > LARGEST_MU):
-        raise InvalidInput("options['friction']", value, f"a number or {m} numbers from 0 to {LARGEST_MU:g}")
-    return np.array(np.broadcast_to(mu, (m,)))
+    return _per_tendon("options['friction']", value, nominal.n_tendons, 0.0, LARGEST_MU)
+
+
+def _motors(options: Mapping[str, Any], config: TaskConfig, n_tendons: int) -> dict[str, Any]:
+    """What options hold fixed of motors, fields of TrackingOptions; InvalidInput where there is nothing of the kind."""
+    fixed: dict[str, Any] = {}
+    for key, name, largest in _RANGES:
+        if key in options:
+            what = f"options['{key}']"
+            if getattr(config.actuation, key)[1] == 0:
+                hint = f"Make one with actuation={{'{key}': [0, 0.5]}}."
+                raise InvalidInput(what, options[key], f"only in an environment with {key}", hint)
+            fixed[name] = _per_tendon(what, options[key], n_tendons, 0.0, largest)
+    if "actuator_offsets" in options:
+        what, given = "options['actuator_offsets']", options["actuator_offsets"]
+        fixed["actuator_offsets"] = _per_tendon(what, given, n_tendons, -LARGEST_OFFSET, LARGEST_OFFSET)
+    return fixed
+
+
+def _per_tendon(what: str, value: object, n_tendons: int, low: float, high: float) -> Array:
+    """Numbers of an option, (m,), from one or m; InvalidInput unless they are within [low, high]."""
+    numbers = finite_floats(what, value)
+    if numbers.shape not in ((), (n_tendons,)) or np.any(numbers < low) or np.any(numbers > high):
+        raise InvalidInput(what, value, f"a number or {n_tendons} numbers from {low:g} to {high:g}")
+    return np.array(np.broadcast_to(numbers, (n_tendons,)))
 
 
 def vector_series(what: str, value: object, axes: str, times: int, unit: str) -> Array:

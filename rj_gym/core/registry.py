@@ -25,9 +25,10 @@ class Registration:
         env_id: the id.
         stem: of its classes: <stem>Env in the folder's env.py, and <stem>VectorEnv in its vector.py for make_vec.
         folder: of rj_gym.
-        settings: the class of its settings, in the folder's config.py.
+        settings: the class of its settings, in the folder's `settings_module`.
         task: the class of its task, in the folder's task.py.
         tracks: whether the task is to track a target with the tip.
+        settings_module: config, or worlds: other defaults of the settings in config.
     """
 
     env_id: str
@@ -36,19 +37,28 @@ class Registration:
     settings: str
     task: str
     tracks: bool = True
+    settings_module: str = "config"
 
     @property
     def classes(self) -> dict[str, str]:
         """The names of its classes and the modules that they are in."""
-        modules = {f"{self.stem}Env": "env", f"{self.stem}VectorEnv": "vector", self.settings: "config"}
+        modules = {f"{self.stem}Env": "env", f"{self.stem}VectorEnv": "vector", self.settings: self.settings_module}
         return {name: f"rj_gym.{self.folder}.{module}" for name, module in modules.items()}
 
 
+_WORLD: dict[str, Any] = {"settings_module": "worlds"}
 TABLE = (
     Registration("rj_gym/RollingJoint-v0", "RollingJoint", "planar", "TrackingConfig", "PlanarTask"),
     Registration("rj_gym/RollingJointGoal-v0", "RollingJointGoal", "planar", "TrackingConfig", "PlanarTask"),
     Registration("rj_gym/FlexibleArm-v0", "FlexibleArm", "arm", "FlexibleArmConfig", "ArmTask"),
     Registration("rj_gym/FlexibleArmGoal-v0", "FlexibleArmGoal", "arm", "FlexibleArmConfig", "ArmTask"),
+    Registration("rj_gym/Instrument-v0", "Instrument", "planar", "InstrumentConfig", "PlanarTask", **_WORLD),
+    Registration(
+        "rj_gym/InstrumentShift-v0", "InstrumentShift", "planar", "InstrumentShiftConfig", "PlanarTask", **_WORLD
+    ),
+    Registration("rj_gym/SlowCamera-v0", "SlowCamera", "planar", "SlowCameraConfig", "PlanarTask", **_WORLD),
+    Registration("rj_gym/LatePose-v0", "LatePose", "planar", "LatePoseConfig", "PlanarTask", **_WORLD),
+    Registration("rj_gym/ArmInstrument-v0", "ArmInstrument", "arm", "ArmInstrumentConfig", "ArmTask", **_WORLD),
     Registration("rj_gym/CurvatureDesign-v0", "CurvatureDesign", "design", "DesignConfig", "DesignTask", tracks=False),
 )
 
@@ -70,7 +80,7 @@ def settings_of(env_id: str) -> type[Settings]:
     """The class of the settings of a registered id; raises ConfigError for another id."""
     for row in TABLE:
         if row.env_id == env_id:
-            kind: type[Settings] = late(f"rj_gym.{row.folder}.config", row.settings)
+            kind: type[Settings] = late(f"rj_gym.{row.folder}.{row.settings_module}", row.settings)
             return kind
     raise ConfigError("environment", env_id, f"one of {', '.join(row.env_id for row in TABLE)}")
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 
 Range = tuple[float, float]
+S = TypeVar("S", bound="Settings")
 
 
 class Settings:
@@ -55,6 +56,21 @@ class Settings:
     def _set(self, name: str, value: object) -> None:
         """Set a field while these frozen settings are being built."""
         object.__setattr__(self, name, value)
+
+
+def made_settings(kind: type[S], config: S | Mapping[str, Any] | None, changes: Mapping[str, Any], goal: bool) -> S:
+    """The settings of an environment: of its class, or from a dictionary, with changes on top.
+
+    Raises:
+        ConfigError: settings that cannot be used, or not with goals.
+    """
+    settings = config if isinstance(config, kind) else kind.from_dict(config or {})  # type: ignore[arg-type]
+    settings = settings.updated(changes)
+    if goal and getattr(settings, "is_instrumented", False):
+        allowed = "their defaults in a Goal environment"
+        hint = "Its achieved_goal is the true tip; use the id without Goal."
+        raise ConfigError("sensing, actuation, observe_history, privileged", "changed", allowed, hint)
+    return settings
 
 
 def check_keys(what: str, values: Mapping[str, Any], valid: list[str]) -> None:

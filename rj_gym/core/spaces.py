@@ -16,11 +16,20 @@ from rj_gym.core.tracking_task import TrackingTask
 def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
     """Space of one lane's observation; goals are those of a TrackingTask."""
     vector = _box(*task.observation_bounds(goal))
+    if isinstance(task, TrackingTask) and task.config.privileged == "observation":
+        return spaces.Dict(observation=vector, privileged=_box(*task.privileged_bounds()))
     if not goal:
         return vector
     assert isinstance(task, TrackingTask)
     bound = task.goal_bounds()
     return spaces.Dict(observation=vector, achieved_goal=_box(-bound, bound), desired_goal=_box(-bound, bound))
+
+
+def observed(task: Task, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+    """The observation from its vector (..., entries) and the readings (..., columns)."""
+    if isinstance(task, TrackingTask) and task.config.privileged == "observation":
+        return {"observation": vector, "privileged": task.privileged(readings)}
+    return vector
 
 
 def goal_observation(

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core import info
+from rj_gym.core.columns import ERROR, TARGET, TENSIONS, TIP
 from rj_gym.core.config import TaskConfig
 from rj_gym.core.draws import Block
-from rj_gym.core.kernels import ERROR, TARGET, TENSIONS, TIP, friction_columns
-from rj_gym.core.observation import POSITION_BOUND
+from rj_gym.core.hardware_draws import hardware_rules
+from rj_gym.core.kernels import friction_columns
+from rj_gym.core.observation import POSITION_BOUND, Entry
 from rj_gym.core.task import Task
 from rollingjoint.checks import as_floats
 from rollingjoint.compiled import CONSTANT, MU
@@ -36,6 +38,7 @@ class TrackingTask(Task):
     """
 
     dimension: ClassVar[int]
+    own_columns: ClassVar[int] = 0  # of readings that only this task has
     mechanism: Any
 
     def __init__(self, config: TaskConfig) -> None:
@@ -48,7 +51,22 @@ class TrackingTask(Task):
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
         self.has_friction = bool(config.has_friction(self.mechanism))
         self._goal_size = len(self.goal_bounds())
+        self._truths = len(self.privileged_entries()) if config.privileged != "off" else 0
         self._blocks = self._uniform_blocks()
+
+    @abstractmethod
+    def privileged_entries(self) -> list[Entry]:
+        """The entries of the privileged state, whether or not the settings show it."""
+
+    def privileged_bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest value of every privileged entry, (K,) each."""
+        entries = self.privileged_entries()
+        return np.array([entry.low for entry in entries]), np.array([entry.high for entry in entries])
+
+    def privileged(self, readings: Array) -> NDArray[np.float32]:
+        """The privileged state, (..., K), from readings (..., columns)."""
+        first = self._columns + self.own_columns
+        return readings[..., first : first + self._truths].astype(np.float32)
 
     @abstractmethod
     def rules(self, goal: bool = False) -> Any:
@@ -116,9 +134,18 @@ class TrackingTask(Task):
         return bool(highest > 0.0 or arm > 0.0 or np.any(coefficients[:, CONSTANT] > 0.0))
 
     @property
+    def columns(self) -> int:
+        """How many columns readings have."""
+        return self._columns + self.own_columns + self._truths + self.friction_columns
+
+    @property
     def friction_columns(self) -> int:
         """How many columns of readings say what friction did."""
         return friction_columns(self.mechanism.n_joints, self.action_size) if self.has_friction else 0
+
+    def truth_info(self, readings: Array) -> dict[str, Any]:
+        """What info says of the privileged state, arrays (B, ...): nothing where it does not."""
+        return {"privileged": self.privileged(readings)} if self.config.privileged == "info" else {}
 
     def friction_info(self, readings: Array) -> dict[str, Any]:
         """What info says of friction, arrays (B, ...): nothing where there is none."""
@@ -139,12 +166,16 @@ class TrackingTask(Task):
             "effort": reward.effort,
             "smoothness": reward.smoothness,
             "failure_penalty": reward.failure_penalty,
+            "precision": reward.precision,
             "observe_tensions": config.observe_tensions,
             "observe_target": not goal,
             "observe_load": config.observe_load,
             "neutral_lengths": self.neutral_lengths,
             "low": low.astype(np.float32),
             "high": high.astype(np.float32),
+            "hardware": hardware_rules(
+                config, self.mechanism, self.privileged_bounds(), self._columns + self.own_columns
+            ),
         }
 
     @abstractmethod

@@ -20,14 +20,15 @@ from rj_gym.core.arguments import (
     checked_mask,
     checked_seeds,
 )
+from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.generators import Generators
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
-from rj_gym.core.kernels import REWARD, STATUS, STEP, TIP
 from rj_gym.core.registry import task_of
-from rj_gym.core.settings import Settings
+from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.sole_use import used_alone
-from rj_gym.core.spaces import goal_observation, lane_observations, observation_space
+from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
+from rj_gym.core.tangent import Tangent
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -69,9 +70,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = checked_count(num_envs)
         if render_mode not in (None, "rgb_array"):
             raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
-        if not isinstance(config, self.settings):
-            config = self.settings.from_dict(config or {})  # type: ignore[arg-type]
-        self.task: Any = task_of(config.updated(overrides))
+        self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
         self.render_mode = render_mode
         self.render_lanes = checked_lanes(render_lanes, self.num_envs)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
@@ -155,6 +154,18 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             observations, infos = self._restart(vectors, observations, infos)
         return observations, rewards, terminated, truncated, infos
+
+    @used_alone
+    def tangent(self) -> Tangent:
+        """The state of all lanes and how it answers the tendons' commands: of tracking tasks, after reset or step.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if not self._begun:
+            raise ResetNeeded("No episode is running: call reset() before tangent().")
+        tangent: Tangent = self._buffer.tangent()
+        return tangent
 
     @used_alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -244,7 +255,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return readings[:, REWARD].copy(), self.task.reward_info(readings)
 
     def _observation(self, vectors: Vectors, readings: Array) -> Any:
-        return vectors
+        return observed(self.task, vectors, readings)
 
     def _remember(self, readings: Array) -> None:
         """Keep tips for the trails in pictures."""

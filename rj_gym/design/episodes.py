@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.columns import ERROR, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.core.kernels import ERROR, STEP
 from rj_gym.design.observation import observation_values
 from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.columns import ERROR, STATUS
 from rj_gym.core.draws import blocks_of
 from rj_gym.core.generators import Random
 from rj_gym.core.info import STATUS_NAMES
-from rj_gym.core.kernels import ERROR, STATUS
 from rj_gym.core.observation import Entry
 from rj_gym.core.task import Task
 from rj_gym.design.config import DesignConfig, DesignRewardConfig

@@ -9,6 +9,7 @@ from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.settings import Settings
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.planar.worlds import InstrumentConfig, InstrumentShiftConfig, LatePoseConfig, SlowCameraConfig
 
 
 class RollingJointEnv(TaskEnv):
@@ -104,3 +105,131 @@ class RollingJointGoalEnv(GoalTaskEnv, RollingJointEnv):
     ## Version history
     * v0: first version.
     """
+
+
+class InstrumentEnv(RollingJointEnv):
+    """Bring the tip of an instrument to a target when nobody sees the tip: as RollingJointEnv but for what follows.
+
+    Motors pull tendons through a sheath with play and friction. What the agent has is where the motors are and what
+    they measure; it has to find out from these how much play and friction there is, and what pulls at the tip.
+
+    ## Action space
+    As RollingJointEnv, but an action moves the motor, q. The tendon's command p (`info["command"]`) follows by a play
+    operator, p <- clip(p, q - h, q + h), h half the width of the play. Where a tension is at a limit, the motor moves
+    with the command.
+
+    ## Observation space
+    `Box(low, high, (entries,), float32)`; values are clipped to the bounds. `rj_gym.observation_entries` lists them.
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | tendon j command | measured motor position minus neutral length | `command_scale_mm` (20 mm) | -2 | 2 |
+    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | target x, target y | where the tip should be now | L | -2 | 2 |
+    | past readings (`observe_history`, 1) | for every lag, see below | | | |
+
+    With `observe_history=[1, 2, 4]` (or a number k, for 1 to k) there follow for every lag, oldest last, entries with
+    names such as "tendon 0 action, lag 2":
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | tendon j action at lag l | the action that was taken l steps ago | 1 | -1 | 1 |
+    | tendon j command at lag l | measured motor position then minus now | `action_scale_mm` (1 mm) | -50 | 50 |
+    | tendon j tension at lag l | measured tension then minus now | 2 N | -50 | 50 |
+    | tip error x at lag l, tip error y at lag l (with a pose) | the same of the error | `error_scale_mm` | -10 | 10 |
+
+    ## Reward
+    As RollingJointEnv with effort 0, smoothness 0.002 and precision 0.5: tracking loses 0.5 error / (error + 1 mm) too.
+
+    ## Start
+    As RollingJointEnv. Drawn per episode and hidden: a constant force at the tip, 0 to 1 N; stiffness of every tendon
+    (20 %), motor offsets (0.5 mm) and contact surfaces (0.1 mm, 0.01 rad) unlike the model; the width of every
+    tendon's play, 0.5 to 3 mm, and where in it the tendon begins; every tendon's phi, 0 to 0.6.
+
+    ## Episode end
+    As RollingJointEnv. Controllers are compared by the mean tip error over the last 10 steps.
+
+    ## Info
+    As RollingJointEnv; with `privileged="info"` also `privileged`: the true state, hidden parts included, for teachers
+    and critics (`rj_gym.privileged_entries` lists it). With `privileged="observation"` the observation is a Dict of
+    `observation` and `privileged` instead. `sampled` has `play_mm`, `motor_starts` and `sheath_friction`, too.
+
+    ## Arguments
+    As RollingJointEnv, with InstrumentConfig: TrackingConfig with other defaults, see SensingConfig and
+    ActuationConfig. Moving targets: `target={"process": "path"}`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentConfig
+
+
+class InstrumentShiftEnv(InstrumentEnv):
+    """The instrument as it is before it wears, to train for what comes later: as InstrumentEnv but for what follows.
+
+    ## Start
+    Surfaces are exact; play is 0.5 to 2 mm and phi 0 to 0.3. That is the world to train in. Controllers are tested in
+    two others, of which training has seen nothing: `actuation={"play_mm": (2, 3)}` and
+    `actuation={"sheath_friction": (0, 0.6)}`.
+
+    ## Arguments
+    As InstrumentEnv, with InstrumentShiftConfig.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentShiftConfig
+
+
+class SlowCameraEnv(RollingJointEnv):
+    """A camera that looks now and then, and tensions all the time: as RollingJointEnv but for what follows.
+
+    ## Observation space
+    As RollingJointEnv; link entries and tip error are those of the last picture. After them:
+
+    | Entries | Meaning | Unit | Low | High |
+    |---|---|---|---|---|
+    | picture age | how old the picture is | 10 steps | 0 | 100 |
+    | picture new | 1 if it came in this step | 1 | 0 | 1 |
+
+    A picture comes at every fifth step, counted from a random one, and is then three steps old; an episode begins with
+    a picture of its start. Its noise is 0.5 mm and 0.01 rad, that of tensions, measured at every step, 0.1 N. Tension
+    entries go up to 3. Past readings (`observe_history`, 1) as in InstrumentEnv.
+
+    ## Reward
+    As InstrumentEnv.
+
+    ## Start
+    As InstrumentEnv without play and friction. The force wanders (an Ornstein-Uhlenbeck process of 15 steps, 1 N at
+    most) and pulls a random link.
+
+    ## Arguments
+    As RollingJointEnv, with SlowCameraConfig; info as InstrumentEnv.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = SlowCameraConfig
+
+
+class LatePoseEnv(RollingJointEnv):
+    """Poses come late, and play and friction come between motors and tendons: as InstrumentEnv but for what follows.
+
+    ## Observation space
+    That of SlowCameraEnv, where every step brings a picture of two steps ago, with noise of 0.3 mm and 0.005 rad.
+
+    ## Start
+    Mechanism and motors are those of the model; play is 0.5 to 3 mm and phi 0 to 0.3. The force at the tip wanders as
+    in SlowCameraEnv.
+
+    ## Arguments
+    As RollingJointEnv, with LatePoseConfig; info as InstrumentEnv.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    settings: ClassVar[type[Settings]] = LatePoseConfig

@@ -8,9 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.bound_episodes import FLAT
+from rj_gym.core.columns import FORCE, LINK
 from rj_gym.core.episodes import Observation
-from rj_gym.core.kernels import FORCE, LINK, TENSIONS
-from rj_gym.core.tracking_episodes import FLAT, TrackingEpisodeBuffer
+from rj_gym.core.hardware_draws import new_hardware
+from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.planar import kernels
 from rj_gym.planar.kernels import Course, Inputs, RunningEpisodes, Solved, TaskArrays
 from rj_gym.planar.render import PlanarCanvas, PlanarScene
@@ -61,22 +63,26 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
             np.zeros((capacity, 1 if config.load.process == "constant" else times, 2)),
             np.zeros((capacity, m)),
             np.zeros((capacity, m)),
-            np.zeros((capacity, times if config.randomization.sensor_noise else 0, n - 1, 3)),
+            np.zeros((capacity, self._noise_times(), n - 1, 3)),
         )
+        truths = capacity if config.privileged != "off" else 0
         self.state = RunningEpisodes(
             np.zeros((capacity, n - 1)),
             np.zeros((capacity, n - 1, m)),
             np.zeros((capacity, n, 3)),
             np.zeros((capacity, 2, m)),
-            np.zeros((capacity, TENSIONS + 2 * m + self.task.friction_columns)),
+            np.zeros((capacity, self.task.columns)),
+            np.zeros((truths, 2, m)),
         )
+        self.hardware = new_hardware(config, capacity, m, 3 * (n - 1), self.task.dimension)
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = batch.new_results(capacity, n - 1, m, contacts=False, responses=True)
+        self._results = batch.new_results(capacity, n - 1, m, contacts=truths > 0, responses=True)
 
     def _enter_loads(self, draws: PlanarDraws) -> None:
         count = len(draws)
         self._loads[:count, 0, _LINK] = draws.links
         self.state.responses[:count] = 0.0
+        self.state.tip_rates[:count] = 0.0
 
     def _tips(self, count: int) -> Array:
         return self._results.poses[:count, -1, :2]
@@ -88,7 +94,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         results = self._results
         solved = Solved(*(getattr(results, name) for name in Solved._fields))
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, inputs, solved))
+        self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved))
         self._pins = self._pinned.address_for(TaskArrays)
         solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
         self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), self._pins, *solver)

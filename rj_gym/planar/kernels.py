@@ -1,4 +1,4 @@
-"""The formulas of the planar tracking task, compiled: loads, predicted starts and observations of a range of lanes.
+"""The formulas of the planar tracking task, compiled: loads, predicted starts and ends of steps of a range of lanes.
 
 A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
 last - 1, and lanes do not see each other.
@@ -9,22 +9,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
-from rj_gym.core.kernels import (
-    ERROR,
-    FORCE,
-    LINK,
-    REFUSED,
-    STEP,
-    TARGET,
-    TENSIONS,
-    TIP,
-    finite,
-    pull_tendons,
-    reward_terms,
-    settle_tendons,
-)
+from rj_gym.core.columns import ERROR, FORCE, STEP, TARGET, TENSIONS, TIP
+from rj_gym.core.hardware import Hardware, HardwareRules
+from rj_gym.core.kernels import REFUSED, finite, pull_tendons, reward_terms, settle_tendons
+from rj_gym.planar.measuring import measure, observe_links, observe_rest
 from rollingjoint.compiled import (
     PENDING,
     BatchArrays,
@@ -41,9 +29,7 @@ from rollingjoint.load import LOAD_COLUMNS
 
 FX, FY = LOAD_COLUMNS.index("fx"), LOAD_COLUMNS.index("fy")
 
-BLOCK = 16  # lanes whose angles are turned together
 PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
-ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 
 class Rules(NamedTuple):
@@ -58,12 +44,15 @@ class Rules(NamedTuple):
     effort: float
     smoothness: float
     failure_penalty: float
+    precision: float
     observe_tensions: bool
     observe_target: bool
     observe_load: bool
     neutral_lengths: Annotated[Floats, "m"]  # mm
     low: Annotated[Singles, "entries"]  # of the observation
     high: Annotated[Singles, "entries"]
+    first_seen: int  # of the moving links, those before it are not observed
+    hardware: HardwareRules
 
 
 class Course(NamedTuple):
@@ -73,7 +62,7 @@ class Course(NamedTuple):
     forces: Annotated[Floats, "B", "1 or T + 1 forces", 2]  # N
     stiffnesses: Annotated[Floats, "B", "m"]  # N/mm
     actuator_offsets: Annotated[Floats, "B", "m"]  # mm
-    noise: Annotated[Floats, "B", "0 or T + 1", "moving", 3]  # mm, mm, rad
+    noise: Annotated[Floats, "B", "0, 1 or T + 1", "moving", 3]  # mm, mm, rad
 
 
 class RunningEpisodes(NamedTuple):
@@ -83,7 +72,8 @@ class RunningEpisodes(NamedTuple):
     responses: Annotated[Floats, "B", "J", "m"]  # its d angle / d command, rad/mm
     poses: Annotated[Floats, "B", "n", 3]  # its poses, mm, mm, rad
     actions: Annotated[Floats, "B", 2, "m"]  # the last action and the one before, within [-1, 1]
-    readings: Annotated[Floats, "B", "columns"]  # TENSIONS + 2 m, named above
+    readings: Annotated[Floats, "B", "columns"]  # see rj_gym/core/columns.py
+    tip_rates: Annotated[Floats, "0 or B", 2, "m"]  # d tip / d command, where it is asked for
 
 
 class Inputs(NamedTuple):
@@ -103,6 +93,7 @@ class Solved(NamedTuple):
     tensions: Annotated[Floats, "B", "m"]
     lengths: Annotated[Floats, "B", "m"]
     responses: Annotated[Floats, "B", "J", "m"]
+    contacts: Annotated[Floats, "B or 0", "J", 4]
     status: Annotated[Integers, "B"]
 
 
@@ -112,6 +103,7 @@ class TaskArrays(NamedTuple):
     rules: Rules
     course: Course
     state: RunningEpisodes
+    hardware: Hardware
     inputs: Inputs
     solved: Solved
 
@@ -123,43 +115,43 @@ def step(pins, solver, problem, observation, first, last):
     Returns how many lanes the solver has left to PinnedRange.solve_the_rest (`solver` and `problem` are its entry and
     pins); if any, `finish` remains to be done after that. REFUSED, and nothing done, where an action is not finite.
     """
-    rules, course, state, inputs, solved = unpin(pins, TaskArrays)
+    rules, course, state, hardware, inputs, solved = unpin(pins, TaskArrays)
     if not finite(inputs.actions, first, last):
         return REFUSED
-    _prepare(rules, course, state, inputs, first, last)
+    _prepare(rules, course, state, hardware, inputs, first, last)
     left = last - first if solver == 0 else call_range(solver, problem, BatchArrays, first, last)
     if left < 0:  # no memory: the solver for all cases has what it needs, or raises
         left = last - first
         for lane in range(first, last):
             solved.status[lane] = PENDING
     if left == 0:
-        _finish(rules, course, state, solved, observation, first, last)
+        _finish(rules, course, state, hardware, solved, observation, first, last)
     return left
 
 
 @kernel(nogil=True)
 def finish(pins, observation, first, last):
     """End a step after the solve: state, readings and the flat observation."""
-    rules, course, state, _, solved = unpin(pins, TaskArrays)
-    _finish(rules, course, state, solved, observation, first, last)
+    rules, course, state, hardware, _, solved = unpin(pins, TaskArrays)
+    _finish(rules, course, state, hardware, solved, observation, first, last)
 
 
 @kernel
 def observe(pins, observation):
     """Fill the flat observation anew."""
-    rules, course, state, _, _ = unpin(pins, TaskArrays)
+    rules, course, state, hardware, _, _ = unpin(pins, TaskArrays)
     vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
-    _observe_links(rules, course, state, vectors, 0, vectors.shape[0])
-    _observe(rules, course, state, vectors, 0, vectors.shape[0])
+    observe_links(rules, course, state, hardware, vectors, 0, vectors.shape[0])
+    observe_rest(rules, course, state, hardware, vectors, 0, vectors.shape[0])
 
 
 @kernel(inline="always")
-def _prepare(rules, course, state, inputs, first, last):
+def _prepare(rules, course, state, hardware, inputs, first, last):
     """Begin a step: tendons are pulled, the load moves on; fill commands, starts and loads."""
     forces, readings, loads = course.forces, state.readings, inputs.loads
     times = forces.shape[1]
     for lane in range(first, last):
-        pull_tendons(rules, course, state, inputs, lane)
+        pull_tendons(rules, course, state, hardware, inputs, lane)
         _predict(state, inputs, course, lane)
         now = min(int(readings[lane, STEP]), times - 1)
         loads[lane, 0, FX] = readings[lane, FORCE] = forces[lane, now, 0]
@@ -188,25 +180,29 @@ def _predict(state, inputs, course, lane):
 
 
 @kernel(inline="always")
-def _finish(rules, course, state, solved, observation, first, last):
+def _finish(rules, course, state, hardware, solved, observation, first, last):
     """End a step: state, readings, the flat observation."""
     vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
-    _settle(course, state, solved, first, last)
+    _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(course, state, first, last)
     reward_terms(rules, state, first, last)
-    _observe_links(rules, course, state, vectors, first, last)
-    _observe(rules, course, state, vectors, first, last)
+    if rules.hardware.active:
+        measure(rules, course, state, hardware, first, last)
+    observe_links(rules, course, state, hardware, vectors, first, last)
+    observe_rest(rules, course, state, hardware, vectors, first, last)
 
 
 @kernel(inline="always")
-def _settle(course, state, solved, first, last):
+def _settle(rules, course, state, hardware, solved, first, last):
     """Take over equilibria. A lane without a usable one keeps its pose, tensions and commands."""
     angles, responses, poses = state.angles, state.responses, state.poses
     new_angles, new_poses = solved.joint_angles, solved.poses
     n_joints, m = angles.shape[1], responses.shape[2]
     for lane in range(first, last):
-        if not settle_tendons(course, state, solved, lane):
+        if not settle_tendons(rules, course, state, hardware, solved, lane):
             continue
+        if state.tip_rates.shape[0] > 0:
+            _keep_tip_rates(state, solved, lane)
         for i in range(n_joints):
             angles[lane, i] = new_angles[lane, i]
             for j in range(m):
@@ -232,80 +228,12 @@ def _measure_error(course, state, first, last):
 
 
 @kernel(inline="always")
-def _observe_links(rules, course, state, observation, first, last):
-    """The first entries of observations: measured poses of the moving links, a block of lanes at a time."""
-    poses, noise, readings, per_length = state.poses, course.noise, state.readings, 1 / rules.length
-    moving, times = poses.shape[1] - 1, noise.shape[1]
-    memory, size = np.empty(3 * BLOCK * moving), BLOCK * moving
-    angles, cosines, sines = memory[:size], memory[size : 2 * size], memory[2 * size :]
-    for start in range(first, last, BLOCK):
-        stop = min(start + BLOCK, last)
-        for lane in range(start, stop):
-            for k in range(moving):
-                x, y, angle = poses[lane, k + 1, 0], poses[lane, k + 1, 1], poses[lane, k + 1, 2]
-                if times > 0:
-                    now = min(int(readings[lane, STEP]), times - 1)
-                    x, y, angle = x + noise[lane, now, k, 0], y + noise[lane, now, k, 1], angle + noise[lane, now, k, 2]
-                observation[lane, 4 * k] = x * per_length
-                observation[lane, 4 * k + 1] = y * per_length
-                angles[(lane - start) * moving + k] = angle
-        for i in range((stop - start) * moving):
-            cosines[i], sines[i] = _cos_sin(angles[i])
-        for lane in range(start, stop):
-            for k in range(moving):
-                observation[lane, 4 * k + 2] = cosines[(lane - start) * moving + k]
-                observation[lane, 4 * k + 3] = sines[(lane - start) * moving + k]
-
-
-@kernel(inline="always")
-def _cos_sin(angle):
-    """Cosine and sine to 1e-10, for angles to 1e4.
-
-    Without a branch or a call, so that a loop over it becomes vector instructions: a third of the library's time.
-    Taylor series of half the angle, reduced to [-pi/2, pi/2]; pi stands in two parts.
-    """
-    turns = (angle * (1 / math.pi) + ROUND) - ROUND
-    half = 0.5 * ((angle - turns * 3.141592653468251) - turns * 1.2154201013012384e-10)
-    z = half * half
-    s = half * (1 + z * (-1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * (1 / 362880 - z * (1 / 39916800))))))
-    odd = turns - 2.0 * ((0.5 * turns + ROUND) - ROUND)
-    c = 1 + z * (-1 / 2 + z * (1 / 24 + z * (-1 / 720 + z * (1 / 40320 + z * (-1 / 3628800 + z * (1 / 479001600))))))
-    sign = 1.0 - 2.0 * odd * odd
-    return sign * (1 - 2 * s * s), sign * (2 * s * c)
-
-
-@kernel(inline="always")
-def _observe(rules, course, state, observation, first, last):
-    """The other entries of observations, and all within their bounds; the order is that of observation_entries."""
-    readings, poses, noise = state.readings, state.poses, course.noise
-    low, high, neutral_lengths = rules.low, rules.high, rules.neutral_lengths
-    per_length, per_error, per_command = 1 / rules.length, 1 / rules.error_scale, 1 / rules.command_scale
-    per_tension, per_force = 1 / rules.highest_tension, 1 / rules.force_scale
-    moving, m, times = poses.shape[1] - 1, state.actions.shape[2], noise.shape[1]
-    for lane in range(first, last):
-        x, y, entry = poses[lane, moving, 0], poses[lane, moving, 1], 4 * moving
-        if times > 0:
-            now = min(int(readings[lane, STEP]), times - 1)
-            x, y = x + noise[lane, now, moving - 1, 0], y + noise[lane, now, moving - 1, 1]
-        for j in range(m):
-            command = readings[lane, TENSIONS + m + j] - neutral_lengths[j]
-            observation[lane, entry + j] = command * per_command
-        entry += m
-        if rules.observe_tensions:
-            for j in range(m):
-                observation[lane, entry + j] = readings[lane, TENSIONS + j] * per_tension
-            entry += m
-        if rules.observe_target:
-            target_x, target_y = readings[lane, TARGET], readings[lane, TARGET + 1]
-            observation[lane, entry] = target_x * per_length
-            observation[lane, entry + 1] = target_y * per_length
-            observation[lane, entry + 2] = (target_x - x) * per_error
-            observation[lane, entry + 3] = (target_y - y) * per_error
-            entry += 4
-        if rules.observe_load:
-            observation[lane, entry] = readings[lane, FORCE] * per_force
-            observation[lane, entry + 1] = readings[lane, FORCE + 1] * per_force
-            for k in range(moving):
-                observation[lane, entry + 2 + k] = 1.0 if readings[lane, LINK] == k + 1 else 0.0
-        for entry in range(low.size):
-            observation[lane, entry] = min(max(observation[lane, entry], low[entry]), high[entry])
+def _keep_tip_rates(state, solved, lane):
+    """How the tip moves with the commands: every joint turns what lies beyond it about its contact."""
+    rates, poses, contacts, responses = state.tip_rates, solved.poses, solved.contacts, solved.responses
+    tip, m = poses.shape[1] - 1, rates.shape[2]
+    for j in range(m):
+        rates[lane, 0, j] = rates[lane, 1, j] = 0.0
+        for i in range(tip):
+            rates[lane, 0, j] -= (poses[lane, tip, 1] - contacts[lane, i, 1]) * responses[lane, i, j]
+            rates[lane, 1, j] += (poses[lane, tip, 0] - contacts[lane, i, 0]) * responses[lane, i, j]

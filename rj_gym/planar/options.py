@@ -18,7 +18,7 @@ from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 
-OPTIONS = ("target", "load", "mechanism", "start", "friction")
+OPTIONS = ("target", "load", "mechanism", "start", "friction", "actuator_offsets", "play_mm", "sheath_friction")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ def checked_options(options: Mapping[str, Any] | None, config: TrackingConfig, n
     Args:
         options: any of "target": (2,) or (T + 1, 2) [mm]; "load": {"link": link, "force": (2,) or (T + 1, 2) [N]};
             "mechanism": preset name, file or RollingChain with as many links and tendons as the nominal one;
-            "start": tensions (m,) [N] within the tension range; "friction": coefficients, a number or (m,).
+            "start": tensions (m,) [N] within the tension range; "friction": coefficients, a number or (m,);
+            "actuator_offsets" [mm], "play_mm" and "sheath_friction" likewise.
         config: the settings.
         nominal: the mechanism before randomisation.
     Raises:

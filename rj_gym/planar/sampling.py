@@ -8,7 +8,8 @@ this code. What randomisation and friction need comes last: switching them on le
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +29,11 @@ from rj_gym.core.draws import (
     symmetric,
     target_shape,
 )
+from rj_gym.core.hardware_draws import hardware_shapes
 from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions
-from rollingjoint.errors import MechanismError
-from rollingjoint.planar.chain import Link, RollingChain
-from rollingjoint.profile import Surface
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.variations import ChainVariations
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str,
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
-    return blocks_of(shapes | friction_shapes(config, m))
+    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 3))
 
 
 def sample_episodes(
@@ -76,9 +77,8 @@ def sample_episodes(
     """
     randomization = config.randomization
     mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
-    noise = _pose_scale(randomization.position_noise_mm, randomization.angle_noise_rad)
     drawn = PlanarDraws(
-        **shared_draws(config, mechanisms, designs, uniforms, noise),
+        **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
         links=load_links(config.load, nominal.n_links, uniforms["link"]),
         forces=load_forces(config.load, uniforms),
         surface_offsets=offsets,
@@ -88,7 +88,7 @@ def sample_episodes(
 
 def _mechanisms(
     randomization: RandomizationConfig, nominal: RollingChain, uniforms: Uniforms, fixed: PlanarOptions
-) -> tuple[tuple[RollingChain, ...], NDArray[np.int64], Array]:
+) -> tuple[Sequence[RollingChain], NDArray[np.int64], Array]:
     """Mechanisms, designs and surface offsets of PlanarDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:
@@ -97,8 +97,7 @@ def _mechanisms(
     tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
     offsets = symmetric(np.array(tolerance), uniforms["surface"])
     factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
-    varied = [varied_mechanism(nominal, *variation) for variation in zip(offsets, factors, strict=True)]
-    return tuple(varied), np.arange(lanes), offsets
+    return ChainVariations(nominal, offsets, factors), np.arange(lanes), offsets
 
 
 def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.int64]:
@@ -127,38 +126,6 @@ def _ornstein_uhlenbeck(config: LoadConfig, normal: Array) -> Array:
     walk *= largest / 2
     magnitude = np.linalg.norm(walk, axis=-1, keepdims=True)
     return walk * np.minimum(1.0, largest / np.maximum(magnitude, 1e-12))
-
-
-def varied_mechanism(mechanism: RollingChain, offsets: Array, factors: Array) -> RollingChain:
-    """The mechanism with displaced contact surfaces and other tendon stiffnesses; itself where nothing changes.
-
-    Offsets under which the mechanism could not be built are halved until it can.
-
-    Args:
-        offsets: x, y, angle of every link's parent and child surface, (n, 2, 3) [mm, rad].
-        factors: of the tendon stiffnesses, (m,).
-    """
-    changes: dict[str, object] = {}
-    if np.any(factors != 1):
-        changes["tendons"] = tuple(
-            replace(tendon, stiffness=tendon.stiffness * float(factor))
-            for tendon, factor in zip(mechanism.tendons, factors, strict=True)
-        )
-    while np.any(np.abs(offsets) > 1e-6):
-        links = tuple(
-            Link(_displaced(link.parent, parent), _displaced(link.child, child))
-            for link, (parent, child) in zip(mechanism.links, offsets, strict=True)
-        )
-        try:
-            return mechanism.replace(links=links, **changes)
-        except MechanismError:  # tendon holes that would cross: a workshop would scrap the part; halve the error
-            offsets = 0.5 * offsets
-    return mechanism.replace(**changes) if changes else mechanism
-
-
-def _displaced(surface: Surface, offset: Array) -> Surface:
-    (x, y), (dx, dy, turn) = surface.start, offset
-    return replace(surface, start=(x + dx, y + dy), angle=surface.angle + turn)
 
 
 def _pose_scale(mm: float, rad: float) -> list[float]:

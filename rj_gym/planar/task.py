@@ -15,7 +15,7 @@ from rj_gym.core.observation import Entry, load_scale
 from rj_gym.core.tracking_task import TrackingTask
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.kernels import Rules
-from rj_gym.planar.observation import observation_entries
+from rj_gym.planar.observation import first_seen, observation_entries, planar_privileged_entries
 from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions, checked_options
 from rj_gym.planar.sampling import PlanarDraws, sample_episodes, uniform_blocks
 from rollingjoint.load import LOAD_COLUMNS
@@ -37,22 +37,28 @@ class PlanarTask(TrackingTask):
         """The entries of the observation vector; `goal` leaves target and tip error out."""
         return observation_entries(self.config, self.mechanism, goal)
 
+    def privileged_entries(self) -> list[Entry]:
+        """The entries of the privileged state, whether or not the settings show it."""
+        return planar_privileged_entries(self.config, self.mechanism)
+
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        if not self.has_friction:
+        if self.columns == self._columns:
             return info.state_info(readings)
-        return info.state_info(readings[:, : self._columns]) | self.friction_info(readings)
+        said = info.state_info(readings[:, : self._columns])
+        return said | self.truth_info(readings) | self.friction_info(readings)
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        if not self.has_friction:
+        if len(numbers) == self._columns:
             return info.single_info(readings, numbers)
-        said = info.single_info(readings[: self._columns], numbers[: self._columns])
-        return said | info.only_lane(self.friction_info(readings[None]))
+        said, row = info.single_info(readings[: self._columns], numbers[: self._columns]), readings[None]
+        return said | info.only_lane(self.truth_info(row) | self.friction_info(row))
 
     def rules(self, goal: bool = False) -> Rules:
         """The parameters that all lanes share, as the kernels take them."""
-        return Rules(force_scale=load_scale(self.config), **self._shared_rules(goal))
+        unseen = first_seen(self.config, self.mechanism)
+        return Rules(force_scale=load_scale(self.config), first_seen=unseen, **self._shared_rules(goal))
 
     def sample(self, rngs: Random, fixed: PlanarOptions | None = None) -> PlanarDraws:
         """One episode per generator; each draws the same count of numbers."""

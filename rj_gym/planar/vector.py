@@ -9,6 +9,7 @@ from rj_gym.core.settings import Settings
 from rj_gym.core.vector import GoalTaskVectorEnv, TaskVectorEnv
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.planar.worlds import InstrumentConfig, InstrumentShiftConfig, LatePoseConfig, SlowCameraConfig
 
 
 class RollingJointVectorEnv(TaskVectorEnv):
@@ -25,3 +26,27 @@ class RollingJointVectorEnv(TaskVectorEnv):
 
 class RollingJointGoalVectorEnv(GoalTaskVectorEnv, RollingJointVectorEnv):
     """`num_envs` independent RollingJointGoalEnv in one batch; everything else as RollingJointVectorEnv."""
+
+
+class InstrumentVectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent InstrumentEnv in one batch; everything else as RollingJointVectorEnv."""
+
+    settings: ClassVar[type[Settings]] = InstrumentConfig
+
+
+class InstrumentShiftVectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent InstrumentShiftEnv in one batch; everything else as RollingJointVectorEnv."""
+
+    settings: ClassVar[type[Settings]] = InstrumentShiftConfig
+
+
+class SlowCameraVectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent SlowCameraEnv in one batch; everything else as RollingJointVectorEnv."""
+
+    settings: ClassVar[type[Settings]] = SlowCameraConfig
+
+
+class LatePoseVectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent LatePoseEnv in one batch; everything else as RollingJointVectorEnv."""
+
+    settings: ClassVar[type[Settings]] = LatePoseConfig

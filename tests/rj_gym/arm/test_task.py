@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from rj_gym import FlexibleArmConfig, arm_observation_entries
+from rj_gym.arm.columns import ANGLE, OWN
 from rj_gym.arm.episodes import ArmEpisodeBuffer
-from rj_gym.arm.kernels import ANGLE, OWN, rotation_vector, turn_frame
+from rj_gym.arm.rotations import rotation_vector, turn_frame
 from rj_gym.arm.task import ArmTask, goal_angles
+from rj_gym.core.columns import REWARD
 from rj_gym.core.draws import over_time
-from rj_gym.core.kernels import REWARD
 from rj_gym.core.registry import task_of
 from rollingjoint import Gravity, Status, WorldForce
 from rollingjoint.compiled import standalone
 from rollingjoint.presets import flexible_arm, small_arm
 from rollingjoint.spatial import se3
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
+from tests.rj_gym.planar.test_sampling import HARDWARE, assert_lane_is_alone
 from tests.rj_gym.watched_solver import watch_solver
 
 RANDOMISED = {
@@ -183,12 +185,10 @@ def test_randomisation_leaves_gravity_payload_and_start_of_a_seed_as_they_are():
 
 
 def test_a_lane_does_not_depend_on_the_lanes_beside_it():
-    everything = EVERYTHING | {"friction": {"shared": False}}
+    everything = EVERYTHING | HARDWARE | {"friction": {"shared": False}}
     _, many = sampled(4, **everything)
     alone = sampled(1, **everything)[0].sample([np.random.default_rng(2)])
-    for name in (f.name for f in dataclasses.fields(alone)):
-        if name not in ("mechanisms", "designs", "targets"):
-            assert np.array_equal(getattr(many, name)[2], getattr(alone, name)[0]), name
+    assert_lane_is_alone(many, 2, alone)
 
 
 def reference_observation(lanes, state, time):

@@ -69,45 +69,39 @@ print(first({name}(np.array([5.0]))))
 
 @pytest.fixture
 def printed(tmp_path):
-    """What a program prints last, in a process of its own, after `elsewhere.py` was written with another number."""
+    """The numbers that a program prints, in a process of its own, after some files were written beside it."""
     own = {
         "ROLLINGJOINT_CACHE": str(tmp_path / "cache"),
         "PYTHONPATH": str(Path(__file__).resolve().parents[3]),
         "PYTHONDONTWRITEBYTECODE": "1",  # Python's own would miss two versions of one size within a second
     }
 
-    def run(program, shift):
-        (tmp_path / "elsewhere.py").write_text(SOURCE.format(shift=shift))
-        command = [sys.executable, tmp_path / program]
+    def run(program, **modules):
+        for name, text in modules.items():
+            (tmp_path / f"{name}.py").write_text(text)
+        (tmp_path / "main.py").write_text(program)
+        command = [sys.executable, tmp_path / "main.py"]
         done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=True)
-        return float(done.stdout.split()[-1])
+        return [float(word) for word in done.stdout.split()]
 
     return run
 
 
-def test_a_kernel_of_another_package_is_compiled_anew_when_its_source_changes(printed, tmp_path):
-    assert [printed("elsewhere.py", shift) for shift in (1.0, 2.0, 2.0)] == [2.0, 3.0, 3.0]
+def test_kernels_of_other_packages_are_compiled_anew_when_their_source_changes_or_that_of_one_that_they_call(
+    printed, tmp_path
+):
+    """In the order of the program: the kernel of the changed file, and one in another file that calls it."""
+    found = [printed(USER, elsewhere=SOURCE.format(shift=shift)) for shift in (1.0, 2.0, 2.0)]
+    assert found == [[2.0, 4.0], [3.0, 6.0], [3.0, 6.0]]
     assert list((tmp_path / "cache").rglob("*.nbc"))
 
 
-def test_a_kernel_is_compiled_anew_when_one_that_it_calls_in_another_file_changes(printed, tmp_path):
-    (tmp_path / "user.py").write_text(USER)
-    assert [printed("user.py", shift) for shift in (1.0, 2.0, 2.0)] == [4.0, 6.0, 6.0]
-
-
-def test_a_kernel_is_compiled_anew_when_a_layout_in_another_file_changes(printed, tmp_path):
-    (tmp_path / "pinned.py").write_text(PINNED)
+def test_a_kernel_is_compiled_anew_when_a_layout_changes_and_when_a_class_that_it_was_kept_with_is_gone(printed):
     fields = ["scale: float", "values: Annotated[Floats, 'B']"]
-    for order in (fields, fields[::-1]):
-        (tmp_path / "layouts.py").write_text(LAYOUT.format(fields="\n    ".join(order)))
-        assert printed("pinned.py", 0.0) == 15.0
-
-
-def test_a_kernel_is_compiled_anew_when_a_class_that_it_was_kept_with_is_gone(printed, tmp_path):
-    (tmp_path / "main.py").write_text("import named")
-    for name in ("One", "Other"):
-        (tmp_path / "named.py").write_text(NAMED.format(name=name))
-        assert printed("main.py", 0.0) == 5.0
+    for order, name in ((fields, "One"), (fields[::-1], "Other")):
+        layouts = LAYOUT.format(fields="\n    ".join(order))
+        found = printed("import pinned, named", pinned=PINNED, layouts=layouts, named=NAMED.format(name=name))
+        assert found == [15.0, 5.0]
 
 
 def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():

@@ -338,7 +338,9 @@ def test_bad_settings_are_refused_and_say_what_is_allowed(settings, words):
 def test_every_id_has_its_settings():
     assert rj_gym.settings_of(ID) is rj_gym.DesignConfig
     tracking = [rj_gym.settings_of(env_id) for env_id in rj_gym.IDS]
-    assert tracking == [rj_gym.TrackingConfig] * 2 + [rj_gym.FlexibleArmConfig] * 2
+    worlds = [rj_gym.InstrumentConfig, rj_gym.InstrumentShiftConfig, rj_gym.SlowCameraConfig, rj_gym.LatePoseConfig]
+    worlds += [rj_gym.ArmInstrumentConfig]
+    assert tracking == [rj_gym.TrackingConfig] * 2 + [rj_gym.FlexibleArmConfig] * 2 + worlds
     with pytest.raises(ConfigError, match="CurvatureDesign"):
         rj_gym.settings_of("rj_gym/CurvatureDesign-v9")
 

@@ -18,7 +18,16 @@ EXAMPLES = examples(PAGE)
 SETTINGS = {
     name: page
     for page, names in {
-        PAGE: ("TrackingConfig", "LoadConfig", "TargetConfig", "RewardConfig", "RandomizationConfig", "FrictionConfig"),
+        PAGE: (
+            "TrackingConfig",
+            "LoadConfig",
+            "TargetConfig",
+            "RewardConfig",
+            "RandomizationConfig",
+            "FrictionConfig",
+            "SensingConfig",
+            "ActuationConfig",
+        ),
         ARM_PAGE: (
             "FlexibleArmConfig",
             "GravityConfig",
@@ -30,7 +39,8 @@ SETTINGS = {
     }.items()
     for name in names
 }
-NESTED = {"load", "target", "reward", "randomization", "gravity"}
+NESTED = {"load", "target", "reward", "randomization", "gravity", "sensing", "actuation"}
+WORLDS = ["Instrument", "InstrumentShift", "SlowCamera", "LatePose", "ArmInstrument"]
 TASKS = {"planar": (PAGE, "RollingJoint", OPTIONS), "arm": (ARM_PAGE, "FlexibleArm", ARM_OPTIONS)}
 tasks = pytest.mark.parametrize(("page", "stem", "options"), TASKS.values(), ids=TASKS.keys())
 
@@ -42,7 +52,7 @@ def test_example_prints_what_the_page_says(program, output, capsys):
 
 
 def test_every_python_block_has_its_output():
-    assert PAGE.count("```python") == len(EXAMPLES) == 5
+    assert PAGE.count("```python") == len(EXAMPLES) == 6
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -51,6 +61,28 @@ def test_settings_table_has_every_key_and_its_default(name):
     table = {key: yaml.safe_load(value) for key, value, *_ in rows(SETTINGS[name], f"### {name}")[1:]}
     fields = {f.name: getattr(default, f.name) for f in dataclasses.fields(default) if f.name not in NESTED}
     assert table == {key: list(value) if isinstance(value, tuple) else value for key, value in fields.items()}
+
+
+def test_the_table_of_worlds_has_every_one_with_its_differences_from_the_tracking_tasks():
+    found = {name: [yaml.safe_load(cell) for cell in cells] for name, *cells in rows(PAGE, "## Worlds without the tip")}
+    assert [name for name in found if name != "world"] == [f"rj_gym/{stem}-v0" for stem in WORLDS]
+    for stem in WORLDS:
+        config = getattr(rj_gym, f"{stem}Config")()
+        pose, play, sheath = found[f"rj_gym/{stem}-v0"][:3]
+        assert pose.split(",")[0] == config.sensing.pose
+        assert tuple(play) == config.actuation.play_mm and tuple(sheath) == config.actuation.sheath_friction
+
+
+@pytest.mark.parametrize("stem", WORLDS)
+def test_docstrings_of_worlds_table_what_the_tracking_tasks_do_not_observe(stem):
+    kind, table = getattr(rj_gym, f"{stem}Env"), {}
+    for each in (*reversed(kind.__mro__), rj_gym.InstrumentEnv, rj_gym.SlowCameraEnv):
+        table |= bounds(each.__doc__ or "")
+    for entry in kind(observe_history=[2]).task.entries():
+        name = re.sub(
+            r"(link) \d", r"\1 k", re.sub(r"(tendon) \d", r"\1 j", entry.name.replace(", lag 2", " at lag l"))
+        )
+        assert table[name] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
 
 
 @tasks

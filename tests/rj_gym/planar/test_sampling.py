@@ -16,6 +16,10 @@ from rj_gym.planar.sampling import load_forces, uniform_blocks
 from rj_gym.planar.task import PlanarTask
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
+HARDWARE = {
+    "sensing": {"period": 4, "position_bias_mm": 0.2, "encoder_noise_mm": 0.1, "tension_noise": 0.1},
+    "actuation": {"play_mm": (0.5, 2.0), "sheath_friction": (0.0, 0.3)},
+}
 EVERYTHING = {
     "start": "random",
     "friction": {"shared": False},
@@ -128,13 +132,21 @@ def test_a_path_moves_without_jumps_and_a_fixed_target_stays():
     assert np.all(fixed == fixed[:, :1])
 
 
-def test_a_lane_does_not_depend_on_the_lanes_beside_it():
-    _, many = episodes(4, **EVERYTHING)
-    task, _ = episodes(1, **EVERYTHING)
-    alone = task.sample([np.random.default_rng(2)])
+def assert_lane_is_alone(many, lane, alone):
+    """A lane of many draws is the only lane of others."""
     for name in (f.name for f in dataclasses.fields(alone)):
-        if name not in ("mechanisms", "designs", "targets"):
-            assert np.array_equal(getattr(many, name)[2], getattr(alone, name)[0]), name
+        if name == "hardware":
+            assert_lane_is_alone(many.hardware, lane, alone.hardware)
+        elif name not in ("mechanisms", "designs", "targets"):
+            assert np.array_equal(getattr(many, name)[lane], getattr(alone, name)[0]), name
+
+
+def test_a_lane_does_not_depend_on_the_lanes_beside_it():
+    everything = EVERYTHING | HARDWARE
+    _, many = episodes(4, **everything)
+    task, _ = episodes(1, **everything)
+    alone = task.sample([np.random.default_rng(2)])
+    assert_lane_is_alone(many, 2, alone)
     assert np.array_equal(targets(task, 4)[0][0], targets(task, 1)[0][0])
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rj_gym import TrackingConfig, observation_entries
+from rj_gym.core.columns import REWARD
 from rj_gym.core.info import reward_info, state_info
-from rj_gym.core.kernels import REWARD
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
 from rj_gym.planar.task import PlanarTask
 from rollingjoint.compiled import entry_address, kernel

@@ -1,0 +1,15 @@
+"""Columns of readings, the numbers that infos and rewards are made of, (B, columns)."""
+
+from __future__ import annotations
+
+# The first four of every task, the others of every tracking task. Vectors have room for three coordinates. From
+# TENSIONS on: tensions [N] and commands [mm] of the tendons, m each; what a task has of its own; the privileged state;
+# what friction did.
+STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
+)  # fmt: skip
+REWARDS = slice(REWARD, FAILURE + 1)
+
+# Of the last columns, in tasks with friction: work that it took up in the step [N·mm]; whether tendons stick in their
+# holes, (J, m); tensions of their gaps, (J, m) [N].
+WORK, STICKING = 0, 1
