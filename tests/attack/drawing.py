@@ -1,0 +1,134 @@
+"""Random mechanisms, loads and inputs of whole batches."""
+
+import numpy as np
+
+from rollingjoint import (
+    Bead,
+    BeadTendon,
+    CapstanFriction,
+    HingeChain,
+    MechanismError,
+    TorsionSpring,
+    five_link,
+    flexible_arm,
+    small_arm,
+    two_segment,
+    uniform,
+)
+from rollingjoint.planar.random_chain import random_chain
+
+_CHAINS = (five_link, two_segment, uniform, lambda: uniform(2), lambda: uniform(9), lambda: uniform(20))
+_HUGE = (np.nan, np.inf, -np.inf, 1e13, -1e300)
+
+
+def draw_friction(rng, rolls):
+    """Coefficients of every kind, most of them common ones."""
+    options = {}
+    if rng.random() < 0.3:
+        options["constant"] = rng.uniform(0.0, 0.3)
+    if rng.random() < 0.3:
+        options["compliance"] = rng.uniform(0.0, 0.05)
+    if rng.random() < 0.3:
+        options["extra_turn"] = rng.uniform(0.0, 0.3)
+    if rolls and rng.random() < 0.2:
+        options["rolling"] = rng.uniform(0.0, 0.5)
+    return CapstanFriction(rng.uniform(0.0, 0.25), 10.0 ** rng.uniform(-1.7, -0.5), **options)
+
+
+def draw_chain(rng, with_friction):
+    """A planar chain, some with torsion springs of their own."""
+    chain = random_chain(rng) if rng.random() < 0.6 else _CHAINS[rng.integers(len(_CHAINS))]()
+    changes = {}
+    if rng.random() < 0.25:
+        links = rng.choice(chain.n_links, 2, replace=False).tolist()
+        changes["springs"] = [TorsionSpring(links[0], rng.uniform(0.0, 30.0), rng.normal(0.0, 0.2), links[1])]
+    if with_friction:
+        changes["friction"] = draw_friction(rng, rolls=True)
+    return chain.replace(**changes) if changes else chain
+
+
+def draw_arm(rng, with_friction):
+    """An arm of beads of any size, axis and rest angle; tendons of any holes and ends."""
+    friction = draw_friction(rng, rolls=False) if with_friction else None
+    kind = rng.random()
+    if kind < 0.3:
+        arm = small_arm(int(rng.integers(1, 12))) if kind < 0.25 else flexible_arm()
+        return arm.replace(friction=friction)
+    while True:
+        n = int(rng.integers(1, 9))
+        beads = [
+            Bead(rng.uniform(15, 30), rng.normal(size=3), rng.uniform(200, 900), rng.uniform(4, 12), 0.2,
+                 rng.normal() / 20, (-rng.uniform(0.3, 1.5), rng.uniform(0.3, 1.5)))
+            for _ in range(n)
+        ]  # fmt: skip
+        tendons = []
+        for angle in rng.uniform(0, 2 * np.pi, int(rng.integers(1, 6))):
+            end = int(rng.integers(1, n + 1))
+            holes = 12 * np.array([np.cos(angle), np.sin(angle)]) + 0.3 * rng.normal(size=(end + 1, 2))
+            tendons.append(BeadTendon(holes, end, rng.uniform(3, 12)))
+        try:
+            arm = HingeChain(beads, tendons, friction=friction)
+        except MechanismError:  # holes that meet at rest
+            continue
+        if np.all(np.diff(arm.joint_limits) > 0.05):
+            return arm
+
+
+def draw_planar_loads(rng, chain, rows, dead):
+    """A load table (B, rows of the table, columns); `dead` for what has a potential."""
+    count = int(rng.integers(0, 4))
+    table = np.zeros((rows, count, 14))
+    for load in np.moveaxis(table, 1, 0):
+        load[:, 0] = rng.integers(1, chain.n_links, rows)
+        load[:, 1:3] = rng.normal(0.0, 3.0, (rows, 2))
+        match rng.choice(["force", "moment", "spring", "torsion", "follower"], p=[0.5, 0.15, 0.15, 0.1, 0.1]):
+            case "force":
+                load[:, 3:5] = rng.normal(0.0, 0.5, (rows, 2))
+            case "moment":
+                load[:, 7] = rng.normal(0.0, 8.0, rows)
+            case "spring":
+                load[:, 8] = rng.uniform(0.0, 0.1, rows)
+                load[:, 9:11] = rng.uniform(-50.0, 100.0, (rows, 2))
+            case "torsion":
+                load[:, 11], load[:, 12] = rng.uniform(0.0, 20.0, rows), rng.normal(0.0, 0.3, rows)
+            case "follower" if not dead:
+                load[:, 5:7] = rng.normal(0.0, 0.3, (rows, 2))
+    return table
+
+
+def draw_arm_loads(rng, arm, rows, dead):
+    """A load table (B, rows of the table, columns)."""
+    count = int(rng.integers(0, 4))
+    table = np.zeros((rows, count, 20))
+    for load in np.moveaxis(table, 1, 0):
+        load[:, 0] = rng.integers(1, arm.n_links, rows)
+        load[:, 1:4] = rng.normal(0.0, 3.0, (rows, 3))
+        match rng.choice(["force", "spring", "moment", "follower"], p=[0.7, 0.15, 0.1, 0.05]):
+            case "force":
+                load[:, 4:7] = rng.normal(0.0, 0.4, (rows, 3))
+            case "spring":
+                load[:, 16] = rng.uniform(0.0, 0.03, rows)
+                load[:, 17:20] = rng.uniform(-100.0, 200.0, (rows, 3))
+            case "moment" if not dead:
+                load[:, 7:10] = rng.normal(0.0, 10.0, (rows, 3))
+            case "follower" if not dead:
+                load[:, 10:16] = rng.normal(0.0, 0.2, (rows, 6))
+    return table
+
+
+def draw_inputs(rng, mechanism, given, rows):
+    """Tensions [N] or lengths [mm], (B, m)."""
+    m = mechanism.n_tendons
+    if given == "tensions":
+        return 10.0 ** rng.uniform(-1.0, 1.3, (rows, m)) * (rng.random((rows, m)) >= 0.05)
+    return mechanism.neutral_lengths + mechanism.length * rng.uniform(-0.08, 0.02, (rows, m))
+
+
+def spoil(rng, inputs, starts, tables):
+    """Make one number of some rows unusable; returns which rows."""
+    rows = rng.random(len(inputs)) < 0.01
+    for row in np.flatnonzero(rows):
+        columns = [inputs[row], starts[row], *(load[1:7] for load in tables[row])]  # a link is refused at once
+        column = columns[rng.integers(len(columns))]
+        column[rng.integers(len(column))] = _HUGE[rng.integers(len(_HUGE))]
+    return rows

@@ -1,0 +1,157 @@
+"""The attack itself: it notices what is wrong, keeps what it finds, adds up what it has done; a few seconds of it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rollingjoint import CapstanFriction, five_link, small_arm
+from tests.attack import __main__ as command
+from tests.attack import environments, found, inputs, ledger, solves
+from tests.pages import rows
+
+ROWS = 64
+
+
+@pytest.fixture
+def report(monkeypatch, tmp_path):
+    monkeypatch.setattr(found, "FOLDER", tmp_path / "found")
+    return ledger.Report("solves", 1)
+
+
+def a_case(mechanism, given="tensions"):
+    rng = np.random.default_rng(0)
+    inputs = solves.drawing.draw_inputs(rng, mechanism, given, ROWS)
+    planar = mechanism.name == "five_link"
+    tables = np.zeros((ROWS, 1, 14 if planar else 20))
+    tables[:, 0, 0], tables[:, 0, 3 if planar else 4] = 1, 0.2
+    starts = np.repeat(mechanism.neutral_angles[None], ROWS, axis=0)
+    return solves.Case(mechanism, given, inputs, tables, starts, (0.0, np.inf))
+
+
+@pytest.mark.parametrize("mechanism", [five_link(), small_arm()], ids=lambda chain: chain.name)
+@pytest.mark.parametrize(
+    ("field", "change", "name"),
+    [
+        ("poses", 1e-5, "poses"),
+        ("lengths", 1e-5, "lengths"),
+        ("tensions", 1e-3, "balance"),
+        ("joint_angles", 1e-6, "balance"),
+    ],
+)
+def test_numbers_that_are_wrong_are_noticed(mechanism, field, change, name):
+    case, invalid = a_case(mechanism), np.zeros(ROWS, bool)
+    result = case.solve()
+    faults, checked = case.faults(result, invalid)
+    assert not faults and checked > ROWS // 2
+    wrong = replace(result, **{field: getattr(result, field) * (1.0 + change) + change})
+    assert name in case.faults(wrong, invalid)[0]
+
+
+def test_friction_with_another_history_is_noticed():
+    case = a_case(five_link().replace(friction=CapstanFriction(0.1, 0.05)), "lengths")
+    begin = case.solve()
+    case.before, case.starts = begin.friction_state, np.array(begin.joint_angles)
+    case.inputs = case.inputs - 0.5
+    result, invalid = case.solve(), np.zeros(ROWS, bool)
+    assert not case.faults(result, invalid)[0]
+    case.before = case.before._replace(states=case.before.states + 0.3)
+    assert "gap tensions" in case.faults(result, invalid)[0]
+
+
+def test_a_status_of_unusable_numbers_is_noticed(report):
+    case = a_case(five_link())
+    result = case.solve()
+    faults, _ = case.faults(result, np.arange(ROWS) == 3)
+    assert list(faults["status of unusable numbers"][0]) == [3]
+
+
+def test_a_counterexample_is_kept_small_and_read_back(report, monkeypatch):
+    case = a_case(five_link())
+    monkeypatch.setattr(solves, "BALANCE", 1e-30)  # nothing is exact
+    report.fail("balance", case=case, rows=[5])
+    (path,) = found.FOLDER.iterdir()
+    again = found.read_solve(path)
+    assert again.inputs.shape == (1, 2) and again.tables.shape[1] == 0
+    assert found.fails(again)
+    monkeypatch.undo()
+    assert not found.fails(again)
+
+
+def test_an_input_that_is_not_survived_is_kept_small(report, tmp_path):
+    path = tmp_path / "mutated.train"
+    path.write_bytes(b"much text, in which one x is too much, and more text")
+
+    def read():
+        if b"x is" in path.read_bytes():
+            raise TypeError("x")
+
+    inputs.tried(report, "YAML of train", read, path=path)
+    (kept,) = found.FOLDER.iterdir()
+    assert kept.read_bytes() == b"x is"
+    assert "TypeError" in report.failures[0]["what"] and "--round 0" in report.failures[0]["again"]
+
+
+def test_the_page_states_the_counts_of_the_last_long_run():
+    root = Path(__file__).parents[2]
+    run = json.loads((root / "tests/attack/last_long_run.json").read_text("utf-8"))
+    page = (root / "docs/reliability.md").read_text("utf-8")
+    stated = rows(page, "## The last long run")[2:]
+    assert {name: int(count.replace(",", "")) for name, count in stated if name != "failures"} == {
+        name: run["counts"][name] for name, _ in stated if name != "failures"
+    }
+    assert dict(stated)["failures"] == str(len(run["failures"])) and len(stated) > 12
+    assert ", ".join(map(str, run["seeds"])) in page
+
+
+def test_twins_that_differ_are_noticed(report):
+    one, other = (environments._made("rj_gym/RollingJoint-v0", 2, False, "NextStep", {}) for _ in range(2))
+    assert environments._same(report, one.reset(seed=1), other.reset(seed=1), "reset")
+    action = np.ones((2, 2), np.float32)
+    one.step(action)
+    assert not environments._same(report, one.step(action), other.step(action), "step")
+    assert len(report.failures) == 1
+
+
+def test_a_crash_is_a_failure_and_counts_add_up(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "attack.json"
+    slices = [
+        {"counts": {"solves recomputed": 10, "rounds: solves": 2}, "failures": []},
+        {"counts": {"solves recomputed": 999_995, "rounds: solves": 1}, "failures": []},
+    ]
+    first = []
+
+    def a_slice(part, seed, begin, seconds):
+        first.append(begin)
+        return slices.pop(0)
+
+    monkeypatch.setattr(command, "_slice", a_slice)
+    arguments = ["--goals", "--parts", "solves", "--seed", "7", "--out", str(out)]
+    assert command.main(arguments) == 0
+    assert first == [0, 2] and json.loads(out.read_text())["counts"]["solves recomputed"] == 1_000_005
+    monkeypatch.setattr(command, "PARTS", {"solves": command.Part(1.0, "solves recomputed", 2_000_000)})
+    slices.append({"counts": {}, "failures": [{"part": "solves", "what": "crash", "again": "so"}]})
+    slices.append({"counts": {"solves recomputed": 2_000_000}, "failures": []})
+    assert command.main(arguments) == 1
+    assert first[2] == 3 and "crash" in capsys.readouterr().out
+
+
+def test_a_worker_that_dies_is_a_failure(monkeypatch):
+    killed = SimpleNamespace(wait=lambda seconds: -11, poll=lambda: -11)
+    monkeypatch.setattr(command.subprocess, "Popen", lambda *_: killed)
+    done = command._slice("solves", 1, 5, 1.0)
+    assert "exit code -11" in done["failures"][0]["what"] and "round 5" in done["failures"][0]["what"]
+
+
+def test_a_few_seconds_of_the_attack(report, monkeypatch):
+    monkeypatch.setattr(solves, "ROWS", 256)
+    counts = {one: 6 for one in inputs.COUNTS if one is not inputs._run_folder}  # which trains
+    monkeypatch.setattr(inputs, "COUNTS", counts)
+    for part, rounds in ((solves, 3), (environments, 1), (inputs, 1)):
+        for number in range(rounds):
+            report.run(part.attack, number)
+    assert report.failures == []
+    assert report.counts["solves recomputed"] > 500 and report.counts["inputs"] > 24
