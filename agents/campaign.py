@@ -2,21 +2,22 @@
 
 Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; the output goes to
 seed_K.log beside that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
-kept, interrupted ones are resumed.
+kept, interrupted ones are resumed. With --cluster they are trained on a Ray cluster: docs/scaling.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from agents.executors.options import LOCAL, add_options
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.files import write_text
+from agents.runs.pickles import add_trust
 from agents.training.campaign import Campaign, load_campaign
 
 
@@ -25,9 +26,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m agents.campaign", description="Train many runs.")
     parser.add_argument("campaign", type=Path, help="YAML file, for example one of configs/campaign/")
     parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: processors)")
+    add_options(parser, "runs")
+    add_trust(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments))
+    return exit_code(lambda: _command(arguments), arguments.trust)
 
 
 def _command(arguments: argparse.Namespace) -> int:
@@ -35,8 +37,9 @@ def _command(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path("runs") / arguments.campaign.stem
     members = load_campaign(arguments.campaign)
     typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]
+    typed += [] if arguments.cluster == LOCAL else ["--cluster", arguments.cluster]
     write_text(out / "command.txt", shlex.join(typed_command("agents.campaign", typed)) + "\n")
-    return Campaign(members, out, jobs).train()
+    return Campaign(members, out, jobs, arguments.cluster).train()
 
 
 if __name__ == "__main__":

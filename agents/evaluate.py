@@ -9,11 +9,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from agents.baselines import baselines
+from agents.baselines import baselines, without_baselines
 from agents.evaluation.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
+from agents.executors.local import InlineExecutor
+from agents.executors.options import add_options, executor_of
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.folder import RunFolder, versions
+from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 
 __all__ = ["evaluate_controllers", "main"]
@@ -33,21 +36,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policy", default="best", help='"best" (default), "last" or the steps of a checkpoint')
     parser.add_argument("--out", type=Path, help="where the report goes (default: evaluation/ in the run folder)")
     parser.add_argument("--controller", action="append", default=[], metavar="MODULE:CLASS", help=OWN)
+    add_trust(parser)
+    add_options(parser, "blocks of episodes", jobs=1)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)), arguments.trust)
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.evaluation.output import write_report
-    from agents.evaluation.policy import Policy
+    from agents.policies.trained import load_driving
 
     run = RunFolder.open(arguments.run)
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
     seeds = range(arguments.seed, arguments.seed + max(arguments.episodes, 0))
     config.check_unused(seeds)
     own = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
-    ours = baselines() if config.env.is_tracking else {}
-    controllers = {POLICY: Policy.load(run, arguments.policy), **own, **ours}
+    blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""
+    ours = baselines(poses=not blind) if config.env.is_tracking else {}
+    controllers = {POLICY: load_driving(run, arguments.policy), **own, **ours}
     about = {
         "run": str(run.path),
         "policy": arguments.policy,
@@ -57,8 +63,12 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         "command": " ".join(command),
         "changed settings": ", ".join(arguments.set) or "none",
     }
-    report = replace(evaluate_controllers(config.env, controllers, seeds), about=about)
+    with executor_of(arguments.cluster, arguments.jobs, inline=True) as executor:
+        elsewhere = None if isinstance(executor, InlineExecutor) else executor
+        report = replace(evaluate_controllers(config.env, controllers, seeds, executor=elsewhere), about=about)
     write_report(report, controllers, config.env, folder)
+    if blind:
+        print(blind)
     print(f"{report.text()}\nReport: {folder / 'report.md'}")
     if config.env.is_tracking:
         print(f"Animation: {folder / 'animation.gif'}")

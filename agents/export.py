@@ -1,4 +1,7 @@
-"""Export a trained policy as one small file: python -m agents.export RUN --name NAME."""
+"""Export a trained policy as one small file: python -m agents.export RUN --name NAME.
+
+With --onnx FILE as an ONNX file, too; without --name that alone, also of a shipped policy.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from agents.policies.contract import contract, contract_text
+from agents.policies.errors import PolicyError
 from agents.policies.export import FIRST_SEED, export_run
 from agents.policies.file import SUFFIX
 from agents.policies.loading import list_policies, load_policy
-from agents.policies.network import PolicyError
 from agents.policies.recorded_score import RecordedScore
 from agents.policies.shipped import ShippedPolicy
 from agents.runs.checks import integer
@@ -20,6 +24,7 @@ from agents.runs.command_line import exit_code
 from agents.runs.config import TrainConfig
 from agents.runs.files import write_bytes
 from agents.runs.folder import RunFolder
+from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 
@@ -27,17 +32,46 @@ from rollingjoint.tables import text_table
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 exported or listed, 2 an error."""
     parser = argparse.ArgumentParser(prog="python -m agents.export", description="Export a trained policy.")
-    parser.add_argument("run", type=Path, nargs="?", help="the run folder")
+    parser.add_argument("run", nargs="?", help="the run folder; with --onnx alone also a shipped policy or its file")
     parser.add_argument("--name", help="name of the policy and of its file")
+    parser.add_argument("--onnx", type=Path, metavar="FILE", help="write an ONNX file and print its contract")
     parser.add_argument("--policy", default="best", help='"best" (default), "last" or the steps of a checkpoint')
     parser.add_argument("--out", type=Path, default=Path(), help="folder of the file (default: here)")
-    parser.add_argument("--episodes", type=int, default=200, help="episodes of the recorded score (default 200)")
+    parser.add_argument("--episodes", type=int, default=200, help="episodes of the regression band (default 200)")
     parser.add_argument("--force", action="store_true", help="replace a file that is there")
-    parser.add_argument("--list", action="store_true", help="show the shipped policies and their recorded scores")
+    add_trust(parser)
+    parser.add_argument("--list", action="store_true", help="show the shipped policies and their regression bands")
     arguments = parser.parse_args(argv)
-    if not arguments.list and (arguments.run is None or arguments.name is None):
-        parser.error("give a run folder and --name, or --list")
-    return exit_code(lambda: _list() if arguments.list else _export(arguments))
+    if not arguments.list and (arguments.run is None or not (arguments.name or arguments.onnx)):
+        parser.error("give a run folder and --name, or --list; or what to write as --onnx")
+    return exit_code(lambda: _command(arguments), arguments.trust)
+
+
+def _command(arguments: argparse.Namespace) -> int:
+    if arguments.list:
+        return _list()
+    if arguments.onnx is None:
+        _export(arguments)
+        return 0
+    return _export_onnx(arguments, arguments.onnx)
+
+
+def _export_onnx(arguments: argparse.Namespace, path: Path) -> int:
+    from agents.policies.onnx_file import write_onnx
+
+    _check_new("ONNX file", path, arguments.force)
+    write_onnx(policy := _export(arguments) if arguments.name else _chosen(arguments), path)
+    print(f"{path}: {path.stat().st_size / 1000:.1f} kB, of the policy with sha256 {policy.sha256}")
+    print(contract_text(contract(policy)))
+    return 0
+
+
+def _chosen(arguments: argparse.Namespace) -> ShippedPolicy:
+    """The policy of a run folder, or a shipped one, or the one in a policy file."""
+    if arguments.run in list_policies() or not Path(arguments.run).is_dir():
+        return load_policy(arguments.run, trust_pickle=arguments.trust)
+    run = RunFolder.open(Path(arguments.run))
+    return export_run(run, arguments.policy, run.path.name)
 
 
 def _list() -> int:
@@ -45,25 +79,29 @@ def _list() -> int:
     return 0
 
 
-def _export(arguments: argparse.Namespace) -> int:
+def _export(arguments: argparse.Namespace) -> ShippedPolicy:
+    """The policy of the run folder with its score, after it was written to a file of its own."""
     episodes = integer(1, 100_000)("--episodes", arguments.episodes)
     if not re.fullmatch(r"\w[\w-]{0,63}", arguments.name, re.ASCII):
         raise PolicyError("--name", arguments.name, "letters, digits, _ and -, at most 64")
     path = arguments.out / f"{arguments.name}{SUFFIX}"
-    if path.exists() and not arguments.force:
-        raise PolicyError("policy file", str(path), "a new file", "Give another --name or --out, or --force.")
-    run = RunFolder.open(arguments.run)
+    _check_new("policy file", path, arguments.force, "Give another --name or --out, or --force.")
+    run = RunFolder.open(Path(arguments.run))
     _check_unused(run.config(), scored := range(FIRST_SEED, FIRST_SEED + episodes))
-    policy, difference = export_run(run, arguments.policy, arguments.name)
-    print(f"NumPy and torch agree within {difference:.1e} on the observations of real episodes")
-    policy = replace(policy, score=RecordedScore.of(policy.score_on(scored), scored))
+    policy = export_run(run, arguments.policy, arguments.name)
+    policy = replace(policy, score=RecordedScore.of(policy.score_on(scored), scored, policy.has_memory))
     write_bytes(path, policy.to_bytes())
     print(f"{table([policy])}\n{path}: {path.stat().st_size / 1000:.1f} kB, sha256 {policy.sha256}")
-    return 0
+    return policy
+
+
+def _check_new(what: str, path: Path, force: bool, hint: str = "Give another name, or --force.") -> None:
+    if path.exists() and not force:
+        raise PolicyError(what, str(path), "a new file", hint)
 
 
 def table(policies: Sequence[ShippedPolicy]) -> str:
-    """The policies and their recorded scores, for a terminal."""
+    """The policies and the scores of their fixed episodes (regression bands), for a terminal."""
     head = ["policy", "algorithm", "steps", "hidden", "mean", "95 % below", "within 1 mm", "held", "episodes", "env"]
     rows = []
     for policy in policies:

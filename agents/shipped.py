@@ -7,8 +7,8 @@
 No torch, no Stable-Baselines3, and nothing in the file is executed. docs/policies.md shows more.
 """
 
+from agents.policies.errors import PolicyError
 from agents.policies.loading import list_policies, load_policy
-from agents.policies.network import PolicyError
 from agents.policies.shipped import ShippedPolicy
 
 __all__ = ["PolicyError", "ShippedPolicy", "list_policies", "load_policy"]

@@ -17,6 +17,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from agents.executors.options import add_options
 from agents.runs.checks import integer, optional
 from agents.runs.command_line import exit_code, typed_command
 
@@ -29,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--study", type=Path, required=True, help="the folder of the study, new or existing")
     parser.add_argument("--trials", type=int, help="trials of the whole study; 0 only shows what would be searched")
+    parser.add_argument("--storage", default="", metavar="URL", help="of Optuna, instead of journal.log in the folder")
+    add_options(parser, "trials", jobs=1)
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)))
 
@@ -38,14 +41,13 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.tuning.folder import StudyFolder
     from agents.tuning.trials import tune
 
-    folder = StudyFolder(arguments.study)
+    folder = StudyFolder(arguments.study, arguments.storage)
     config = folder.config(arguments.config)
     trials = config.trials if asked is None else asked
     if trials == 0:
         print("\n".join(f"{key}: {values}" for key, values in config.space.items()))
         return 0
-    folder.begin(config)
-    return tune(config, folder, trials, command)
+    return tune(config, folder, trials, command, arguments.jobs, arguments.cluster)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,20 @@ _STEP = 1e-4  # rad and N, of the differences by the unknowns
 _LARGEST = 3.0  # rad of tilt, N of payload: bounds of the estimate
 
 
+def hanging_loads(arm: HingeChain) -> Array:
+    """The load table of an arm's weights and of a payload of 1 N in the last row, both along HANGING."""
+    payload = WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))
+    return np.concatenate([spatial_load_table([each], arm.n_links) for each in (arm.gravity(HANGING), payload)])
+
+
+def loads_along(table: Array, directions: Array, payloads: Array) -> Array:
+    """Load tables (B, rows, columns): `hanging_loads` along directions (B, 3), under payloads (B,) [N]."""
+    tables = np.repeat(table[None], len(directions), axis=0)
+    tables[:, -1, _FORCE] *= payloads[:, None]
+    tables[..., _FORCE] = tables[..., _FORCE.stop - 1, None] * directions[:, None]
+    return tables
+
+
 class MeasuredArm:
     """An arm under its commands: under nominal gravity, or under the gravity and payload that explain what is measured.
 
@@ -44,9 +58,7 @@ class MeasuredArm:
         self.mechanism: HingeChain = task.mechanism
         self.nominal_loads = [self.mechanism.gravity(HANGING)]
         self.estimate = np.zeros((episodes, 3))
-        weights = spatial_load_table(self.nominal_loads, self.mechanism.n_links)
-        payload = spatial_load_table([WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))], self.mechanism.n_links)
-        self._rows = np.concatenate([weights, payload])
+        self._rows = hanging_loads(self.mechanism)
         tension = self.TENSION if task.config.observe_tensions else np.inf
         self._spreads = np.array([*[self.TIP] * 3, *[tension] * self.mechanism.n_tendons])
         self._starts: Array | None = None
@@ -77,10 +89,7 @@ class MeasuredArm:
         """Load tables (B, rows, columns) of the estimates (B, 3): the weights and the payload along gravity."""
         turn = np.linalg.norm(estimate[:, :2], axis=1, keepdims=True)
         direction = np.concatenate([estimate[:, :2] * np.sinc(turn / np.pi), np.cos(turn)], axis=1)
-        tables = np.repeat(self._rows[None], len(estimate), axis=0)
-        tables[:, -1, _FORCE] *= estimate[:, 2, None]
-        tables[..., _FORCE] = tables[..., _FORCE.stop - 1, None] * direction[:, None]
-        return tables
+        return loads_along(self._rows, direction, estimate[:, 2])
 
     def _under(
         self, seen: Seen, estimate: Array, near: HingeEquilibrium | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from agents.evaluation.controller import Array, Seen
@@ -13,6 +15,18 @@ from rollingjoint.statics.solve import solve_lengths_batch
 
 _LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))
 _TURN = 1e-5  # rad, of central differences
+
+
+class Measurement(Protocol):
+    """A pose and tensions of the same moment, as Seen has them."""
+
+    @property
+    def joint_angles(self) -> Array:
+        """(B, n - 1) [rad]."""
+
+    @property
+    def tensions(self) -> Array:
+        """(B, m) [N]."""
 
 
 class MeasuredChain:
@@ -36,7 +50,7 @@ class MeasuredChain:
         return solve_lengths_batch(self.mechanism, commands, loads, measured), loads
 
 
-def measured_equilibrium(mechanism: RollingChain, seen: Seen) -> Equilibrium:
+def measured_equilibrium(mechanism: RollingChain, seen: Measurement) -> Equilibrium:
     """The model at the measured pose and tensions, B rows.
 
     The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
@@ -77,7 +91,7 @@ def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
     return loads
 
 
-def _joint_moments(mechanism: RollingChain, seen: Seen) -> Array:
+def _joint_moments(mechanism: RollingChain, seen: Measurement) -> Array:
     """Moments that balance the measured tensions at the measured joint angles, (B, n - 1) [N·mm]."""
     turns = _TURN * np.eye(mechanism.n_joints)  # a joint's angle changes the tendons' gaps at this joint alone
     ahead, behind = (mechanism.tendon_lengths(seen.joint_angles[:, None] + turn) for turn in (turns, -turns))

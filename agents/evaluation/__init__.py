@@ -3,10 +3,13 @@
 Modules:
     controller: the Controller protocol, and what a controller sees.
     rollout: episodes of an environment under a controller.
+    blocks: episodes of several controllers, wherever an executor runs them.
     score: the score of one controller.
     floor: the smallest tip error that any command can reach.
     report: scores of several controllers, as table, Markdown and plain values.
     pictures: error over time, distribution of errors, animation.
     output: the files of an evaluation.
-    policy: the policy of a run folder as a controller.
+    policy: a model of Stable-Baselines3 as a controller.
+    recording: episodes with all that happened in them.
+    minari_dataset: such episodes as a Minari dataset.
 """

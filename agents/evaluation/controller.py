@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.hardware import AGE
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
@@ -39,7 +40,8 @@ class Seen:
     Positions have d coordinates, 2 of a planar chain and 3 of an arm. Only a planar chain shows `poses` of its links.
 
     Args:
-        observation: as the environment gave it: (B, entries) float32, or the goal environment's dict of such arrays.
+        observation: as the environment gave it: (B, entries) float32, or a dict of such arrays where it has goals or
+            shows the privileged state.
         task: the tracking task; without it nothing but the observation can be read.
     """
 
@@ -47,14 +49,43 @@ class Seen:
     task: TrackingTask | None = None
 
     @property
+    def sees(self) -> str:
+        """What of the pose is measured: "all", "tip" or "none"."""
+        return self._task.config.sensing.pose
+
+    @property
+    def picture_age(self) -> Array:
+        """How many steps old the measured pose is, (B,): 0 where poses are never late."""
+        ages = self._entries("picture age") if "picture age" in self._places else np.zeros((self._count, 1))
+        return AGE * ages[:, 0]
+
+    @property
+    def picture_is_new(self) -> NDArray[np.bool_]:
+        """Whether the measured pose came in this step, (B,)."""
+        new = self._entries("picture new") if "picture new" in self._places else np.ones((self._count, 1))
+        return new[:, 0] > 0.5
+
+    @property
+    def privileged(self) -> Array:
+        """The privileged state of an environment that shows it beside its observation, (B, K), in its units."""
+        if not isinstance(self.observation, Mapping) or "privileged" not in self.observation:
+            raise InvalidInput("privileged", self._task.config.privileged, "'observation'", "This controller needs it.")
+        return np.asarray(self.observation["privileged"], float)
+
+    @property
     def tip(self) -> Array:
-        """Measured position of the tip, (B, d) [mm]."""
+        """Measured position of the tip, (B, d) [mm].
+
+        Raises:
+            InvalidInput: it is not measured; so do the properties below that need a pose.
+        """
+        self._need("all", "tip")
         return self._task.length * self._entries(*(f"{self._tip_name} {axis}" for axis in self._axes))
 
     @property
     def target(self) -> Array:
         """Where the tip should be now, (B, d) [mm]."""
-        if isinstance(self.observation, Mapping):
+        if self._has_goals:
             return self._task.length * np.asarray(self.observation["desired_goal"], float)[:, : len(self._axes)]
         return self._task.length * self._entries(*(f"target {axis}" for axis in self._axes))
 
@@ -66,6 +97,7 @@ class Seen:
     @cached_property
     def poses(self) -> Array:
         """Measured x, y, angle of every link, base first, (B, n, 3) [mm, rad]; joints turn by less than half a turn."""
+        self._need("all")
         n = self._task.mechanism.n_links
         entries = [f"link {k} {what}" for k in range(1, n) for what in ("x", "y", "cos angle", "sin angle")]
         x, y, cos, sin = np.moveaxis(self._entries(*entries).reshape(-1, n - 1, 4), -1, 0)
@@ -82,7 +114,7 @@ class Seen:
 
     @property
     def commands(self) -> Array:
-        """Commanded tendon lengths, (B, m) [mm]."""
+        """Commanded tendon lengths, (B, m) [mm]: measured motor positions, which differ by play from the tendons'."""
         tendons = range(self._task.mechanism.n_tendons)
         away = self._entries(*(f"tendon {j} command" for j in tendons))
         return self._task.neutral_lengths + self._task.config.command_scale_mm * away
@@ -97,11 +129,25 @@ class Seen:
         if config.observe_tensions:
             tendons = range(mechanism.n_tendons)
             return config.tension_range[1] * self._entries(*(f"tendon {j} tension" for j in tendons))
-        if self._shows_tip_alone:
+        if self._task.dimension == 3:
             hanging = [mechanism.gravity(HANGING)]
             return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
         stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
         return np.clip(mechanism.stiffnesses * stretch, *config.tension_range)
+
+    def _need(self, *poses: str) -> None:
+        if self.sees not in poses:
+            allowed = " or ".join(map(repr, poses))
+            raise InvalidInput("sensing.pose", self.sees, allowed, "This controller needs measured poses.")
+
+    @property
+    def _has_goals(self) -> bool:
+        return isinstance(self.observation, Mapping) and "desired_goal" in self.observation
+
+    @property
+    def _count(self) -> int:
+        """B."""
+        return len(self.observation["observation"] if isinstance(self.observation, Mapping) else self.observation)
 
     @property
     def _axes(self) -> str:
@@ -125,14 +171,16 @@ class Seen:
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        goal = isinstance(self.observation, Mapping)
-        return {entry.name: place for place, entry in enumerate(self._task.entries(goal))}
+        return {entry.name: place for place, entry in enumerate(self._task.entries(self._has_goals))}
 
     def _entries(self, *names: str) -> Array:
         """These entries of the observation, (B, len(names)), in their units."""
-        goal = isinstance(self.observation, Mapping)
-        vectors = self.observation["observation"] if goal else self.observation
-        return np.asarray(vectors, float)[:, self._columns(names)]
+        vectors = self.observation["observation"] if isinstance(self.observation, Mapping) else self.observation
+        return np.take(np.asarray(vectors, float), self._columns(names), axis=1)  # C order: kernels compile once
 
     def _columns(self, names: Sequence[str]) -> list[int]:
+        missing = [name for name in names if name not in self._places]
+        if missing:
+            hint = "The environment does not show what this controller needs."
+            raise InvalidInput("observation entry", missing[0], f"one of {', '.join(self._places)}", hint)
         return [self._places[name] for name in names]

@@ -109,11 +109,18 @@ def episode_floor(
     episodes = task.sample([seeding.np_random(seed)[0] for seed in seeds])
     chains = [episodes.mechanisms[design] for design in episodes.designs]
     tensions, base = episodes.target_tensions, task.base_load_tables(episodes)
+    pulled = task.load_tables(episodes, config.episode_steps) if config.target.loaded else base
     varies = max(tensions.shape[1], episodes.forces.shape[1]) > 1
 
     def at(step: int) -> Floor:
         wanted = tensions[:, min(step, tensions.shape[1] - 1)]
-        targets = solve_tensions_batch(chains, wanted, base).tip
+        found = solve_tensions_batch(chains, wanted, pulled)
+        lost = found.status > Status.AT_LIMIT
+        targets = (
+            found.tip
+            if not lost.any()
+            else np.where(lost[:, None], solve_tensions_batch(chains, wanted, base).tip, found.tip)
+        )
         loads = task.load_tables(episodes, step)
         return floor(chains, targets, loads, config.tension_range, base, starts, candidates)
 

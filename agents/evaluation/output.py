@@ -43,4 +43,4 @@ def _film(report: Report, controllers: Mapping[str, Controller], env: EnvConfig)
     """Seed and animation of the episode in which open loop's final error is its median one."""
     order = np.argsort(report.episodes[OPEN_LOOP].final_errors)
     seed = report.seeds[int(order[len(order) // 2])]
-    return seed, animation({name: film(env, controllers[name], seed) for name in FILMED})
+    return seed, animation({name: film(env, controllers[name], seed) for name in FILMED if name in controllers})

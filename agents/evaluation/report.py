@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.blocks import driven
 from agents.evaluation.controller import Array, Controller
 from agents.evaluation.floor import episode_floor, why_no_floor
-from agents.evaluation.rollout import Episodes, run_episodes
+from agents.evaluation.rollout import LAST_STEPS, Episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.executors.protocol import Executor
 from agents.runs.environment import EnvConfig
 from rj_gym.core.registry import task_of
 from rollingjoint.tables import markdown_table, text_table
@@ -55,11 +57,12 @@ class Report:
 
     def table(self) -> list[list[str]]:
         """Head and rows of the table, as text."""
-        head = ["controller", "mean", "median", "95 % below", "within 1 mm", f"held {HELD_STEPS} steps", "regret"]
+        last = f"last {LAST_STEPS} steps"
+        head = ["controller", "mean", "median", "95 % below", last, "within 1 mm", f"held {HELD_STEPS} steps", "regret"]
         rows = [
             [
                 name,
-                *_errors(score.mean_mm, score.median_mm, score.p95_mm),
+                *_errors(score.mean_mm, score.median_mm, score.p95_mm, score.last_10_mm),
                 *_shares(score.within_1_mm, score.held_1_mm),
                 "" if score.regret_mm is None else _error(score.regret_mm),
             ]
@@ -110,9 +113,9 @@ class Report:
     def _explanation(self) -> str:
         length = "" if self.length_mm is None else f"; the mechanism is {self.length_mm:g} mm long"
         text = (
-            f"Tip error at the end of the episode{length}. Within 1 mm: share of episodes that end so near to the "
-            f"target; held: share that are so near in all of the last {HELD_STEPS} steps. Every controller drives the "
-            "same episodes."
+            f"Tip error at the end of the episode{length}; last {LAST_STEPS} steps: its mean over these. Within 1 mm: "
+            f"share of episodes that end so near to the target; held: share that are so near in all of the last "
+            f"{HELD_STEPS} steps. Every controller drives the same episodes."
         )
         if self.floors is None:
             return f"{text} {self.no_floor}".rstrip()
@@ -123,13 +126,23 @@ class Report:
 
 
 def evaluate_controllers(
-    env: EnvConfig, controllers: Mapping[str, Controller], seeds: Sequence[int], with_floor: bool = True
+    env: EnvConfig,
+    controllers: Mapping[str, Controller],
+    seeds: Sequence[int],
+    with_floor: bool = True,
+    executor: Executor | None = None,
 ) -> Report:
     """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
 
     Environments with another task than tracking have no floor, and none is known with friction.
+
+    Args:
+        executor: where the episodes run, a unit per controller and block of seeds (agents.executors.options); None:
+            in this process.
+    Raises:
+        RollingJointError: a controller that cannot act in this environment.
     """
-    episodes = {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
+    episodes = driven(env, controllers, seeds, executor)
     if not env.is_tracking:
         return Report(episodes)
     why = why_no_floor(env) if with_floor else ""
@@ -139,7 +152,7 @@ def evaluate_controllers(
 
 def _floor_row(floors: Array) -> list[str]:
     errors = _errors(floors.mean(), np.median(floors), np.percentile(floors, 95))
-    return [FLOOR, *errors, *_shares(float(np.mean(floors <= CLOSE_MM))), "", ""]
+    return [FLOOR, *errors, "", *_shares(float(np.mean(floors <= CLOSE_MM))), "", ""]
 
 
 def _error(value: float) -> str:

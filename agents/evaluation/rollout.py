@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, cast
 
 import numpy as np
@@ -13,6 +14,10 @@ from numpy.typing import NDArray
 from agents.evaluation.controller import Array, Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.errors import InvalidInput
+
+LAST_STEPS = 10
+BLOCK = 256  # episodes side by side
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,13 @@ class Episodes:
         """Tip error at the end, (E,) [mm]."""
         return self.errors[:, -1]
 
+    @property
+    def last_errors(self) -> Array:
+        """Tip errors after each of the last 10 steps, or of all steps where there are fewer, (E, 10) [mm]."""
+        return self.errors[:, 1:][:, -LAST_STEPS:]
 
-def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], batch: int = 256) -> Episodes:
+
+def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], batch: int = BLOCK) -> Episodes:
     """One episode per seed, `batch` of them at a time.
 
     Each is the episode of the scalar environment after reset(seed=seed), whatever `batch`.
@@ -53,7 +63,22 @@ def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], b
         ConfigError: an environment that cannot be made, or does not report info["error_mm"].
     """
     blocks = [seeds[first : first + batch] for first in range(0, len(seeds), batch)]
-    return _joined([_side_by_side(env, controller, block) for block in blocks])
+    return joined([_side_by_side(env, controller, block) for block in blocks])
+
+
+def run_with_options(
+    env: EnvConfig, controller: Controller, seeds: Sequence[int], options: Sequence[Mapping[str, Any]]
+) -> Episodes:
+    """One episode per seed, all side by side, each with reset options of its own: `options` has one for every seed.
+
+    What was drawn for them is not kept.
+
+    Raises:
+        InvalidInput: as many options as seeds are needed; or options that cannot be used.
+    """
+    if len(options) != len(seeds):
+        raise InvalidInput("number of options", len(options), f"{len(seeds)}, one per seed")
+    return _side_by_side(env, controller, seeds, options=options)
 
 
 def film(env: EnvConfig, controller: Controller, seed: int) -> list[NDArray[np.uint8]]:
@@ -73,13 +98,14 @@ def _side_by_side(
     controller: Controller,
     seeds: Sequence[int],
     watch: Callable[[VectorEnv[Any, Any, Any]], None] | None = None,
+    options: Sequence[Mapping[str, Any]] = (),
 ) -> Episodes:
     """One episode per seed, all at a time, each to its end; `watch` is called at every state."""
     envs = make_vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
     task = getattr(envs, "task", None) if env.is_tracking else None
-    observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
+    observation, info = _begun(envs, [int(seed) for seed in seeds], options)
     controller.begin(cast(TrackingTask, task), len(seeds))
-    drawn = info.get("sampled", {}) if task else {}
+    drawn = info.get("sampled", {}) if task and not options else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
     while running.any():
@@ -97,7 +123,23 @@ def _side_by_side(
     return Episodes(np.array(seeds), np.stack(errors, axis=1), rewards, early, *series)
 
 
-def _joined(blocks: Sequence[Episodes]) -> Episodes:
+def _begun(envs: VectorEnv[Any, Any, Any], seeds: list[int], options: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
+    """Observation and info of new episodes; lanes beside each other that share one object of options begin together."""
+    if not options:
+        return envs.reset(seed=seeds)  # type: ignore[arg-type]
+    observation, info = envs.reset(seed=seeds, options=dict(options[0]))  # type: ignore[arg-type]
+    errors, first = np.array(tip_errors(info), float), 0
+    for _, alike in groupby(options, key=id):
+        lanes = np.zeros(len(seeds), bool)
+        lanes[first : (first := first + len(list(alike)))] = True
+        if not lanes[0]:
+            fixed = {**options[first - 1], "reset_mask": lanes}
+            observation, info = envs.reset(seed=seeds, options=fixed)  # type: ignore[arg-type]
+            errors = np.where(lanes, tip_errors(info), errors)
+    return observation, {"error_mm": errors}
+
+
+def joined(blocks: Sequence[Episodes]) -> Episodes:
     """The episodes of all blocks; those of shorter ones keep their last error."""
     times = max(block.errors.shape[1] for block in blocks)
     padded = [np.pad(block.errors, ((0, 0), (0, times - block.errors.shape[1])), mode="edge") for block in blocks]

@@ -1,13 +1,23 @@
-"""Shipped policies: trained networks in files that are never executed, run with NumPy alone.
+"""Policies in files that are never executed, run with NumPy alone: shipped ones, and those of run folders.
 
-The files themselves lie here, too: one NAME.safetensors per shipped policy.
+The shipped ones lie here, too: one NAME.safetensors each.
 
 Modules:
-    network: the forward pass of a policy.
+    errors: the error of policies.
+    layers: fully connected layers.
+    cells: recurrent layers, of a GRU or an LSTM.
+    base: what the networks of policies share.
+    network: the forward pass of a policy without memory.
+    recurrent: that of a policy with memory.
     file: the container of a policy.
-    recorded_score: the score in a policy file, and how near to it the same episodes must score again.
+    content: the network in a policy file.
+    recorded_score: the score in a policy file: a regression band of fixed episodes.
     shipped: a shipped policy.
-    conversion: a Stable-Baselines3 model as a network.
+    conversion: a trained torch model as a network.
+    pickled: policies in the pickles of Stable-Baselines3.
+    trained: the policy of a run as a controller.
     export: the policy of a run folder as a shipped policy.
+    contract: what a policy expects and gives, for programs that do not know this package.
+    onnx_file: a policy as an ONNX file.
     loading: shipped policies by name or from a file.
 """

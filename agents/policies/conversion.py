@@ -1,20 +1,37 @@
-"""The network of a Stable-Baselines3 model as arrays: the only place that knows how SB3 builds its networks."""
+"""Trained networks as arrays: the only place that knows how Stable-Baselines3, and RecurrentActor, build theirs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies.network import Network, PolicyError, Vectors
+from agents.policies.base import PolicyNetwork
+from agents.policies.cells import NAMES, Gru, Lstm
+from agents.policies.errors import PolicyError
+from agents.policies.layers import Vectors
+from agents.policies.network import CLIP, Network
+from agents.policies.recurrent import RecurrentNetwork
+from agents.runs.algorithms import OWN
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-ALGORITHMS = ("ppo", "sac", "tqc", "crossq")
+ALGORITHMS = {
+    "PPO": "ppo",
+    "SAC": "sac",
+    "TQC": "tqc",
+    "CrossQ": "crossq",
+    "RecurrentPPO": "recurrent_ppo",
+    "APG": "apg",
+    "Distill": "distill",
+}
 UNCLIPPED = float(np.finfo(np.float32).max)
+_LINEAR = ("weight", "bias")
+_RECURRENT = ("weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0")  # in the order of a Cell
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "ELU": "elu"}
 
 Array = NDArray[np.float64]
@@ -22,34 +39,120 @@ Array = NDArray[np.float64]
 
 def algorithm_of(model: BaseAlgorithm) -> str:
     """The name of the model's algorithm, one of ALGORITHMS; raises PolicyError for others."""
-    name = type(model).__name__.lower()
+    name = type(model).__name__
     if name not in ALGORITHMS:
-        raise PolicyError("algorithm", name, f"one of {', '.join(ALGORITHMS)}")
-    return name
+        raise PolicyError("algorithm", name.lower(), f"one of {', '.join(ALGORITHMS.values())}")
+    return ALGORITHMS[name]
 
 
-def network_of(model: BaseAlgorithm, normaliser: Any = None) -> Network:
+def network_of(model: BaseAlgorithm, normaliser: Any = None) -> PolicyNetwork:
     """The forward pass of the model's deterministic action.
 
     Args:
-        model: PPO, SAC, TQC or CrossQ with MlpPolicy or MultiInputPolicy.
+        model: of one of ALGORITHMS; its policy sees a vector or, but for an asymmetric one, goals.
         normaliser: the VecNormalize that its observations go through, or None.
     Raises:
         PolicyError: another algorithm, or layers that have no form in NumPy.
     """
-    algorithm_of(model)
     policy: Any = model.policy
+    _check_spaces(model)
+    if algorithm_of(model) in OWN:
+        return recurrent_network(policy.actor, normaliser)
     if hasattr(policy, "actor"):
         extractor, modules = policy.actor.features_extractor, [policy.actor.latent_pi, policy.actor.mu]
     else:
         extractor, modules = policy.pi_features_extractor, [policy.mlp_extractor.policy_net, policy.action_net]
+    modules, output = _without_clip(modules, "tanh" if policy.squash_output else "clip")
     layers, activation = _layers(modules)
     inputs = _inputs(extractor)
-    mean, scale, clip = _normaliser(normaliser, inputs, layers[0][0].shape[1])
-    output = "tanh" if policy.squash_output else "clip"
+    normalised = _normaliser(normaliser, inputs, extractor.features_dim)
     space: Any = model.action_space
     low, high = (np.asarray(bound, np.float32) for bound in (space.low, space.high))
-    return Network(inputs, mean, scale, clip, layers, activation, output, low, high)
+    if hasattr(policy, "lstm_actor"):
+        cell = Lstm(*_cell_arrays(policy.lstm_actor))
+        return RecurrentNetwork(inputs, *normalised, [], cell, layers, activation, False, low, high)
+    return Network(inputs, *normalised, layers, activation, output, low, high)
+
+
+def recurrent_network(actor: Any, normaliser: Any = None) -> RecurrentNetwork:
+    """The forward pass of a RecurrentActor, whose actions are in [-1, 1].
+
+    Args:
+        actor: an agents.learners.recurrent.RecurrentActor.
+        normaliser: the VecNormalize that its observations go through, or None.
+    """
+    (encoder, *head), activation = _layers([actor.encoder, actor.head])
+    mean, scale, clip = _normaliser(normaliser, {}, encoder[0].shape[1])
+    cell = Gru(*_cell_arrays(actor.cell))
+    one = np.ones(head[-1][1].shape, np.float32)
+    return RecurrentNetwork({}, mean, scale, clip, [encoder], cell, head, activation, True, -one, one)
+
+
+def actor_arrays(network: RecurrentNetwork) -> dict[str, Vectors]:
+    """The parameters of the RecurrentActor with this forward pass by name, for its load_state_dict once in torch.
+
+    Raises:
+        PolicyError: a network that no RecurrentActor computes.
+    """
+    if (
+        not isinstance(network.cell, Gru)
+        or not network.shortcut
+        or (len(network.encoder), len(network.layers)) != (1, 2)
+    ):
+        found = network.cell.KIND, network.shortcut, len(network.encoder), len(network.layers)
+        raise PolicyError("network", found, "what agents.learners trains: one layer, a GRU, two layers, a shortcut")
+    layers = {"encoder.0": network.encoder[0], "head.0": network.layers[0], "head.2": network.layers[1]}
+    arrays = {f"{name}.{kind}": a for name, pair in layers.items() for kind, a in zip(_LINEAR, pair, strict=True)}
+    cell = (getattr(network.cell, name) for name in NAMES)
+    return arrays | {f"cell.{name}": array for name, array in zip(_RECURRENT, cell, strict=True)}
+
+
+def observations_behind(normaliser: Any) -> float:
+    """How many observations the statistics of a VecNormalize, or None, come from; 0 where it normalises none."""
+    if normaliser is None or not normaliser.norm_obs:
+        return 0.0
+    running = normaliser.obs_rms
+    return float(min(one.count for one in running.values()) if isinstance(running, Mapping) else running.count)
+
+
+def _check_spaces(model: BaseAlgorithm) -> None:
+    """Raise PolicyError unless observations are vectors, or dictionaries of vectors, and actions are vectors."""
+    seen: Any = model.observation_space
+    for space in (*getattr(seen, "spaces", {"": seen}).values(), model.action_space):
+        if type(space).__name__ != "Box" or len(space.shape or ()) != 1:
+            raise PolicyError("space", str(space), "a Box of one dimension, or a dictionary of such")
+
+
+def _without_clip(modules: Iterable[Any], output: str) -> tuple[list[Any], str]:
+    """The modules without the clip of state-dependent exploration (Hardtanh) at their end, and the kind of output."""
+    *before, last = flat = list(_flat(modules))
+    if output == "tanh" and type(last).__name__ == "Hardtanh" and (last.min_val, last.max_val) == (-CLIP, CLIP):
+        return before, "clipped tanh"
+    return flat, output
+
+
+def actor_of(network: RecurrentNetwork) -> Any:
+    """The RecurrentActor whose forward pass the network is, to be trained on; it sees normalised observations."""
+    import torch
+
+    from agents.learners.recurrent import RecurrentActor
+
+    actor = RecurrentActor(network.entries, len(network.low), network.cell.width)
+    actor.load_state_dict({name: torch.as_tensor(array) for name, array in actor_arrays(network).items()})
+    return actor
+
+
+def with_actor(network: RecurrentNetwork, actor: Any) -> RecurrentNetwork:
+    """The network with the layers of a RecurrentActor of its size, and its own normaliser."""
+    found = recurrent_network(actor)
+    return replace(network, encoder=found.encoder, cell=found.cell, layers=found.layers)
+
+
+def _cell_arrays(module: Any) -> list[Vectors]:
+    """The arrays of a Cell, of a torch module with one layer."""
+    if module.num_layers != 1 or module.bidirectional:
+        raise PolicyError("recurrent layers", module.num_layers, "1, in one direction")
+    return [_numbers(getattr(module, name)).astype(np.float32) for name in _RECURRENT]
 
 
 def _layers(modules: Iterable[Any]) -> tuple[list[tuple[Vectors, Vectors]], str]:
@@ -96,9 +199,12 @@ def _folded(linear: Any, renorm: Any) -> tuple[Vectors, Vectors]:
 
 
 def _inputs(extractor: Any) -> dict[str, int]:
-    """Entries by key of a dictionary observation, in SB3's order of concatenation; nothing for a vector."""
+    """Entries by key of a dictionary observation, in SB3's order of concatenation; nothing for a vector.
+
+    ActorsPart, of a policy with a privileged critic, sees the vector alone.
+    """
     kind = type(extractor).__name__
-    if kind == "FlattenExtractor":
+    if kind in ("FlattenExtractor", "ActorsPart"):
         return {}
     if kind != "CombinedExtractor":
         raise PolicyError("features extractor", kind, "FlattenExtractor or CombinedExtractor")
@@ -110,7 +216,8 @@ def _normaliser(normaliser: Any, inputs: Mapping[str, int], entries: int) -> tup
     if normaliser is None or not normaliser.norm_obs:
         return np.zeros(entries), np.ones(entries), np.full(entries, UNCLIPPED)
     if not inputs:
-        return _statistics(normaliser, normaliser.obs_rms)
+        running = normaliser.obs_rms
+        return _statistics(normaliser, running["observation"] if isinstance(running, Mapping) else running)
     parts = []
     for key, count in inputs.items():
         if key in normaliser.norm_obs_keys:

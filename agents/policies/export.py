@@ -1,4 +1,4 @@
-"""Export: the policy of a run folder as a shipped policy, checked against torch."""
+"""Export: the policy of a run folder as a shipped policy."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from agents.evaluation.policy import Policy
+from agents.evaluation.policy import model_input
+from agents.policies.base import PolicyNetwork
 from agents.policies.conversion import algorithm_of, network_of
-from agents.policies.network import PolicyError
+from agents.policies.errors import PolicyError
+from agents.policies.pickled import load_pickled
 from agents.policies.shipped import ShippedPolicy, entry_names, is_goal, standalone
+from agents.policies.trained import read_trained
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
-from agents.runs.folder import RunFolder
+from agents.runs.folder import PolicyFiles, RunFolder
 from rj_gym import IDS
 
 if TYPE_CHECKING:
@@ -27,8 +30,10 @@ LARGEST_DIFFERENCE = 1e-5
 MACHINE = ("platform", "processor", "cores")  # keys of versions.json that users of the policy do not need
 
 
-def export_run(run: RunFolder, which: str, name: str) -> tuple[ShippedPolicy, float]:
-    """One of the policies of a run folder, without a score, and the largest difference between NumPy and torch.
+def export_run(run: RunFolder, which: str, name: str) -> ShippedPolicy:
+    """One of the policies of a run folder, without a score.
+
+    One that was saved by Stable-Baselines3 alone is unpickled (PickleWarning) and compared with what torch computes.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
@@ -36,19 +41,38 @@ def export_run(run: RunFolder, which: str, name: str) -> tuple[ShippedPolicy, fl
         PolicyError: a policy of a kind that has no form in NumPy, or one for which NumPy and torch differ.
         RunFolderError: a run folder that cannot be read.
     """
-    config, trained = run.config(), Policy.load(run, which)
-    policy = export_policy(trained.model, trained.normaliser, config.env, name, _training(run, config, trained.model))
-    return policy, check_against_torch(policy, trained.model, trained.normaliser)
+    files = run.saved_policy(which)
+    return _exported(run, files, name, unpickle=not files.network.is_file())
 
 
 def policy_in_run(path: Path) -> ShippedPolicy:
-    """The policy in a zip of a run folder, which knows its normaliser and environment; this loads pickles."""
+    """The policy in this file of a run folder, which knows its environment; a zip is unpickled (PickleWarning).
+
+    Raises:
+        PolicyError, RunFolderError: as export_run; or a file that is not in a run folder.
+    """
     path = path.resolve()
     for run in map(RunFolder, path.parents[:3]):
         for which in ("last", "best", path.parent.name):
-            if run.policy_files(which)[0] == path and (run.path / "config.yaml").is_file():
-                return export_run(run, which, run.path.name)[0]
-    raise PolicyError("policy", str(path), "a policy in its run folder", "The zip alone does not say what it is for.")
+            if path in run.policy_files(which) and (run.path / "config.yaml").is_file():
+                return _exported(run, run.saved_policy(which), run.path.name, unpickle=path.suffix == ".zip")
+    raise PolicyError("policy", str(path), "a policy in its run folder", "The file alone does not say what it is for.")
+
+
+def _exported(run: RunFolder, files: PolicyFiles, name: str, unpickle: bool) -> ShippedPolicy:
+    config = run.config()
+    if config.residual is not None:
+        allowed, hint = "null: a policy that acts alone", "agents.evaluate scores the run folder with its controller."
+        raise PolicyError("residual", config.residual, allowed, hint)
+    if not unpickle:
+        trained = read_trained(files)
+        training = _training(run, config, trained.steps)
+        return shipped_policy(trained.network, trained.algorithm, config.env, name, training)
+    old = load_pickled(config, files)
+    training = _training(run, config, old.model.num_timesteps)
+    policy = export_policy(old.model, old.normaliser, config.env, name, training)
+    check_against_torch(policy, old.model, old.normaliser)
+    return policy
 
 
 def export_policy(
@@ -57,20 +81,27 @@ def export_policy(
     """The policy of a Stable-Baselines3 model, without a score.
 
     Args:
-        model: PPO, SAC, TQC or CrossQ with MlpPolicy or MultiInputPolicy.
+        model: as for network_of.
         normaliser: the VecNormalize that it was trained with, or None.
         environment: what it was trained for.
         training: plain values: `config`, `steps`, `seed`, `versions`.
     Raises:
         PolicyError: a kind of policy that has no form in NumPy, or another environment than rj_gym's.
     """
+    return shipped_policy(network_of(model, normaliser), algorithm_of(model), environment, name, training)
+
+
+def shipped_policy(
+    network: PolicyNetwork, algorithm: str, environment: EnvConfig, name: str, training: Mapping[str, Any]
+) -> ShippedPolicy:
+    """The policy with this forward pass, without a score; raises PolicyError for a foreign environment."""
     if environment.id not in IDS:
         raise PolicyError("environment", environment.id, f"one of {', '.join(IDS)}")
     settings = standalone(environment.arguments()["config"])
     return ShippedPolicy(
         name=name,
-        algorithm=algorithm_of(model),
-        network=network_of(model, normaliser),
+        algorithm=algorithm,
+        network=network,
         env_id=environment.id,
         settings=settings,
         entries=entry_names(settings, is_goal(environment.id)),
@@ -85,26 +116,31 @@ def check_against_torch(policy: ShippedPolicy, model: BaseAlgorithm, normaliser:
     """
     envs = gymnasium.make_vec(policy.env_id, episodes, "vector_entry_point", config=policy.settings)
     observation, _ = envs.reset(seed=FIRST_SEED)
+    policy.reset(episodes)
+    state: Any = None
     largest = 0.0
     for _ in range(policy.settings.episode_steps):
-        seen = normaliser.normalize_obs(observation) if normaliser else observation
-        expected, _ = model.predict(seen, deterministic=True)
+        seen = model_input(model, normaliser, observation)
+        expected, state = model.predict(seen, state, deterministic=True)
         action = policy(observation)
         largest = max(largest, float(np.abs(action - expected).max()))
         observation = envs.step(action)[0]
     envs.close()
+    policy.reset()
     if largest > LARGEST_DIFFERENCE:
         raise PolicyError("NumPy minus torch", largest, f"at most {LARGEST_DIFFERENCE:g} in every action")
     return largest
 
 
-def _training(run: RunFolder, config: TrainConfig, model: BaseAlgorithm) -> dict[str, Any]:
+def _training(run: RunFolder, config: TrainConfig, steps: int) -> dict[str, Any]:
     """What a policy file says about training; the settings of the environment stand elsewhere in it."""
     plain = config.to_dict()
     del plain["env"]["settings"]
     path = run.path / "versions.json"
     try:
-        packages = {name: version for name, version in json.loads(path.read_text()).items() if name not in MACHINE}
+        packages = {
+            name: version for name, version in json.loads(path.read_text("utf-8")).items() if name not in MACHINE
+        }
     except (OSError, ValueError, AttributeError) as error:
         raise PolicyError("versions", str(path), "the versions that training used, as JSON", str(error)) from error
-    return {"config": plain, "steps": model.num_timesteps, "seed": config.seed, "versions": packages}
+    return {"config": plain, "steps": steps, "seed": config.seed, "versions": packages}

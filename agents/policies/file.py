@@ -16,9 +16,8 @@ from typing import Any
 import safetensors.numpy
 from numpy.typing import NDArray
 
-from agents.policies.network import PolicyError
+from agents.policies.errors import PolicyError
 
-FORMAT = 1
 SUFFIX = ".safetensors"
 LARGEST_FILE = 16 * 2**20
 
@@ -27,7 +26,7 @@ Tensors = Mapping[str, NDArray[Any]]
 
 def pack(content: Mapping[str, Any], tensors: Tensors) -> bytes:
     """The bytes of a policy file: the same for the same plain values and arrays."""
-    sealed = {"format": FORMAT, "sha256": content_hash(content, tensors), **content}
+    sealed = {"format": _format_of(content), "sha256": content_hash(content, tensors), **content}
     return safetensors.numpy.save(dict(tensors), {"policy": _text(sealed)})
 
 
@@ -44,25 +43,26 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
         content = dict(json.loads(header["__metadata__"]["policy"]))
         version, recorded = content.pop("format"), content.pop("sha256")
-        actual = content_hash(content, tensors)
+        expected, actual = _format_of(content), content_hash(content, tensors)
     except Exception as error:  # whatever a parser makes of foreign bytes
         raise PolicyError("policy file", source, "a file that agents.export wrote", _reason(error)) from error
-    if version != FORMAT:
-        raise PolicyError(f"{source}: format", version, str(FORMAT), "Another version of this package may read it.")
+    if version != expected:
+        raise PolicyError(f"{source}: format", version, str(expected), "Another version of this package may read it.")
     if recorded != actual:
         raise PolicyError(f"{source}: sha256", recorded, actual, "The file was damaged or edited: get it anew.")
     return content, tensors
 
 
-def read_bytes(path: Path) -> bytes:
-    """The bytes of a file of at most LARGEST_FILE; raises PolicyError for a larger or an unreadable one."""
+def read_bytes(path: Path, largest: int | None = None) -> bytes:
+    """The bytes of a file of at most so many (None: LARGEST_FILE); PolicyError for a larger or an unreadable one."""
+    largest = largest or LARGEST_FILE
     try:
         with path.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+            data = stream.read(largest + 1)
     except OSError as error:
         raise PolicyError("policy file", str(path), "a readable file", str(error)) from None
-    if len(data) > LARGEST_FILE:
-        raise PolicyError("policy file", str(path), f"at most {LARGEST_FILE} bytes")
+    if len(data) > largest:
+        raise PolicyError("policy file", str(path), f"at most {largest} bytes")
     return data
 
 
@@ -74,6 +74,12 @@ def content_hash(content: Mapping[str, Any], tensors: Tensors) -> str:
     for name in names:
         digest.update(tensors[name].tobytes())
     return digest.hexdigest()
+
+
+def _format_of(content: Mapping[str, Any]) -> int:
+    """2 where the network says what kind it is, which began with those that have a memory; else 1."""
+    network = content.get("network")
+    return 2 if isinstance(network, Mapping) and "kind" in network else 1
 
 
 def _text(values: Any) -> str:

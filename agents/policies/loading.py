@@ -1,28 +1,31 @@
-"""Shipped policies by name or from a file; the policy of a run folder only if its pickles are trusted."""
+"""Policies by name, from a policy file or from a run folder; from pickles only if they are trusted."""
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
+from agents.policies.errors import PolicyError
 from agents.policies.file import SUFFIX, read_bytes
-from agents.policies.network import PolicyError
 from agents.policies.shipped import ShippedPolicy
+from agents.runs.folder import PolicyFiles
 from rollingjoint.checks import suggestion
 
 FOLDER = Path(__file__).parent
-PICKLE = "an SB3 zip holds pickles, and loading one can run any code that its author put there"
+IN_A_RUN = PolicyFiles.within(Path()).network.name
+PICKLE = "An SB3 zip holds pickles, and loading one can run any code that its author put there"
 
 
 def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> ShippedPolicy:
     """The shipped policy of that name, or the policy in the file at that path.
 
     Args:
-        name_or_path: one of list_policies(), or a policy file that agents.export wrote, or policy.zip in a run folder.
+        name_or_path: one of list_policies(), a policy file that agents.export wrote, or policy.safetensors or
+            policy.zip in a run folder.
         trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, needs torch, and
-            warns (UserWarning).
+            warns (PickleWarning).
     Raises:
         PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
+        RunFolderError: a run folder that cannot be read.
     """
     path = Path(name_or_path)
     if path.suffix == ".zip":
@@ -33,6 +36,10 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
         hint = suggestion(str(name_or_path), list_policies())
         known = f"a policy file or one of {', '.join(list_policies())}"
         raise PolicyError("policy", str(name_or_path), known, hint)
+    elif path.name == IN_A_RUN:
+        from agents.policies.export import policy_in_run
+
+        return policy_in_run(path)
     return ShippedPolicy.from_bytes(read_bytes(path), str(path))
 
 
@@ -43,9 +50,8 @@ def list_policies() -> list[str]:
 
 def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
     if not trusted:
-        hint = f"{PICKLE[0].upper()}{PICKLE[1:]}: pass trust_pickle=True only if you trust it."
+        hint = f"{PICKLE}: pass trust_pickle=True only if you trust it, or load {IN_A_RUN} beside it."
         raise PolicyError("policy", str(path), f"a {SUFFIX} file", hint)
     from agents.policies.export import policy_in_run
 
-    warnings.warn(f"{path}: {PICKLE}", UserWarning, stacklevel=3)
     return policy_in_run(path)

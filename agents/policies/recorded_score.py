@@ -1,4 +1,8 @@
-"""The score that a policy file records, and the tolerances within which the same episodes must reproduce it."""
+"""The score that a policy file records: a regression band of fixed episodes.
+
+The same episodes must score within the tolerances again, on any machine. A band says nothing about other episodes: the
+standard error of a mean of 200 episodes is several times as wide. docs/results.md has intervals.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,12 @@ from dataclasses import dataclass
 from agents.evaluation.score import Score
 from agents.runs.checks import check_fields, integer, number
 from rollingjoint.checked_yaml import mapping
+from rollingjoint.errors import ConfigError
 
 ERRORS, SHARES = ("mean_mm", "median_mm", "p95_mm"), ("within_1_mm", "held_1_mm")
+LATER = ("last_10_mm",)  # an error, too; files of earlier versions lack it
 RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands: docs/policies.md says why
+WITH_MEMORY = 4.0  # times as wide: a memory carries last bits through the whole episode
 
 
 @dataclass(frozen=True)
@@ -18,7 +25,8 @@ class RecordedScore:
     """What a policy scored on the episodes with the seeds first_seed, first_seed + 1, ...
 
     Args:
-        values: by the names ERRORS [mm] and SHARES, which mean what they mean in agents.evaluation.score.Score.
+        values: by the names ERRORS and LATER [mm] and SHARES, which mean what they mean in
+            agents.evaluation.score.Score.
         tolerances: by the same names, how far a score of the same episodes may lie from the value.
     Raises:
         ConfigError: a missing name, or a number out of range.
@@ -32,16 +40,26 @@ class RecordedScore:
     def __post_init__(self) -> None:
         check_fields(self, "score.", first_seed=integer(0, 2**31), episodes=integer(1, 10**6))
         for part in ("values", "tolerances"):
-            numbers = mapping(f"score.{part}", getattr(self, part), ERRORS + SHARES, ERRORS + SHARES)
+            numbers = mapping(f"score.{part}", getattr(self, part), ERRORS + LATER + SHARES, ERRORS + SHARES)
             for name, value in numbers.items():
                 number(0.0, 1e6)(f"score.{part}.{name}", value)
+        if self.values.keys() != self.tolerances.keys():
+            raise ConfigError("score.tolerances", sorted(self.tolerances), f"those of {', '.join(self.values)}")
 
     @classmethod
-    def of(cls, score: Score, seeds: range) -> RecordedScore:
-        """The record of a score of the episodes with these seeds."""
-        values = {name: getattr(score, name) for name in ERRORS + SHARES}
-        tolerances = {name: RELATIVE * values[name] + ABSOLUTE_MM for name in ERRORS} | dict.fromkeys(SHARES, SHARE)
+    def of(cls, score: Score, seeds: range, has_memory: bool = False) -> RecordedScore:
+        """The record of a score of the episodes with these seeds, by a policy that has a memory or not."""
+        wide = WITH_MEMORY if has_memory else 1.0
+        values = {name: getattr(score, name) for name in ERRORS + LATER + SHARES}
+        errors = {name: wide * (RELATIVE * values[name] + ABSOLUTE_MM) for name in ERRORS + LATER}
+        tolerances = errors | dict.fromkeys(SHARES, wide * SHARE)
         return cls(seeds.start, len(seeds), values, tolerances)
+
+    @property
+    def described(self) -> str:
+        """What it is, in words."""
+        last = self.first_seed + self.episodes - 1
+        return f"regression band of {self.episodes} fixed episodes, seeds {self.first_seed} to {last}"
 
     @property
     def seeds(self) -> range:
@@ -54,5 +72,5 @@ class RecordedScore:
         for name, value in self.values.items():
             now, tolerance = getattr(score, name), self.tolerances[name]
             if not abs(now - value) <= tolerance:
-                lines.append(f"{name} is {now:.4g}, recorded were {value:.4g} ± {tolerance:.2g}")
+                lines.append(f"{name} is {now:.4g}, outside {value:.4g} ± {tolerance:.2g}, the {self.described}")
         return lines

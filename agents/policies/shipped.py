@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import gymnasium
@@ -12,8 +12,11 @@ import gymnasium
 from agents.evaluation.controller import Seen
 from agents.evaluation.rollout import run_episodes
 from agents.evaluation.score import Score
+from agents.policies.base import PolicyNetwork
+from agents.policies.content import located, network_in
+from agents.policies.errors import PolicyError
 from agents.policies.file import content_hash, pack, unpack
-from agents.policies.network import Network, PolicyError, Vectors
+from agents.policies.layers import Vectors
 from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
@@ -26,11 +29,19 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dic
 from rollingjoint.mechanism import AnyMechanism
 
 
+@dataclass
+class _Memory:
+    """What a policy remembers of the episodes that it drives, (B, memory); None before their first step."""
+
+    values: Vectors | None = None
+
+
 @dataclass(frozen=True)
 class ShippedPolicy:
     """A trained policy as it is shipped: network, normaliser, the environment that it was trained for, its score.
 
-    Call it with an observation, or use it as a Controller.
+    Call it with an observation, or use it as a Controller. A policy with memory advances it at every call, so one
+    object drives one batch of episodes at a time, and reset() begins the next.
 
     Args:
         name: what it is called.
@@ -47,7 +58,7 @@ class ShippedPolicy:
 
     name: str
     algorithm: str
-    network: Network
+    network: PolicyNetwork
     env_id: str
     settings: TaskConfig
     entries: tuple[str, ...]
@@ -89,18 +100,41 @@ class ShippedPolicy:
         """The environment that it was trained for; arguments, such as render_mode, go to gymnasium.make."""
         return gymnasium.make(self.env_id, config=self.settings, **arguments)
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether an action depends on what the policy saw since reset()."""
+        return self.network.start(1) is not None
+
+    def reset(self, episodes: int | None = None) -> None:
+        """Begin an episode, or several side by side; without memory this changes nothing.
+
+        Args:
+            episodes: how many observations every call will have; None leaves that to the first call.
+        Raises:
+            PolicyError: a number of episodes below one.
+        """
+        with prefixed("", PolicyError):
+            count = None if episodes is None else integer(1)("episodes", episodes)
+        self._memory.values = None if count is None else self.network.start(count)
+
     def __call__(self, observation: Any) -> Vectors:
         """The action, (m,) or (B, m) in [-1, 1]; the same as the deterministic action of the trained policy.
 
         Args:
             observation: (entries,) or (B, entries), or such a dictionary of the goal environment.
         Raises:
-            PolicyError: another shape, a missing key, or numbers that are not finite.
+            PolicyError: another shape, a missing key, numbers that are not finite, or, with memory, another number of
+                observations than before: reset() begins other episodes.
         """
-        return self.network(observation)
+        action, self._memory.values = self.network.advance(observation, self._memory.values)
+        return action
+
+    @cached_property
+    def _memory(self) -> _Memory:
+        return _Memory()
 
     def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Raise PolicyError unless the policy can drive episodes of this task: same observation, action, mechanism."""
+        """Begin episodes of this task; raises PolicyError unless observation, action and mechanism are as trained."""
         hint = "policy.make_env() makes the environment of this policy."
         if task is None:
             raise PolicyError("environment", "not one of rj_gym", self.env_id, hint)
@@ -111,6 +145,7 @@ class ShippedPolicy:
         if scale != self.settings.action_scale_mm:
             raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", hint)
         self._check_entries(replace(task.config, mechanism=task.mechanism), hint)
+        self.reset(episodes)
 
     def act(self, seen: Seen) -> Vectors:
         """The actions, (B, m)."""
@@ -135,12 +170,11 @@ class ShippedPolicy:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
-        network = self.network
         settings = {"mechanism": mechanism_to_dict(self.mechanism)} | plain_settings(self.settings)
         return {
             "name": self.name,
             "algorithm": self.algorithm,
-            "network": {"inputs": dict(network.inputs), "activation": network.activation, "output": network.output},
+            "network": self.network.description(),
             "environment": {"id": self.env_id, "settings": settings, "entries": list(self.entries)},
             "training": dict(self.training),
             "score": asdict(self.score) if self.score else None,
@@ -160,7 +194,7 @@ class ShippedPolicy:
             PolicyError: no policy file, a damaged one, or one whose parts do not fit together.
         """
         content, tensors = unpack(data, source)
-        with _located(source):
+        with located(source):
             return cls(**_fields(content, tensors))
 
 
@@ -188,7 +222,6 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     """The fields of the policy from the plain values and arrays of its file."""
     keys = ("name", "algorithm", "network", "environment", "training", "score")
     content = mapping("top level", content, keys, keys)
-    network = mapping("network", content["network"], *[("inputs", "activation", "output")] * 2)
     environment = mapping("environment", content["environment"], *[("id", "settings", "entries")] * 2)
     training = mapping("training", content["training"], *[("config", "steps", "seed", "versions")] * 2)
     settings = dict(environment["settings"])
@@ -199,7 +232,7 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     return {
         "name": text("name", content["name"]),
         "algorithm": text("algorithm", content["algorithm"]),
-        "network": Network.from_tensors(tensors, **network),
+        "network": network_in(content["network"], tensors),
         "env_id": env_id,
         "settings": kind.from_dict(settings | {"mechanism": mechanism}),
         "entries": tuple(environment["entries"]),
@@ -211,15 +244,3 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
 def _numbers_of(mechanism: AnyMechanism) -> dict[str, Any]:
     """All that makes up a mechanism, but its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}
-
-
-@contextmanager
-def _located(source: str) -> Iterator[None]:
-    """Makes every complaint about the content of a file a PolicyError that names the file."""
-    try:
-        with prefixed(f"{source}: ", PolicyError):
-            yield
-    except PolicyError:
-        raise
-    except Exception as error:  # whatever unexpected values lead to, such as 1e999
-        raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

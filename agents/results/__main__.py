@@ -1,8 +1,10 @@
-"""Rebuild the results page from run folders: python -m agents.results runs/results.
+"""Rebuild the results page from run folders, or from results files: python -m agents.results runs/results.
 
-It scores the policies of all finished runs, the baselines and the floor in the same episodes, and writes
-OUT/results.md with its pictures, OUT/images/results_*. Nothing but the run folders and the command of the campaign
-beside them is read. The same runs give the same page.
+It scores the policies of all finished runs, with --shipped also those that are shipped for other tasks, the baselines
+and the floor in the same episodes, and writes
+OUT/results.json with every episode's error, OUT/results.md, and its pictures OUT/images/results_*. With --from it reads
+results files instead of run folders, merges them and writes the same, with the animations that lie beside these files
+or are there already. The same runs, or the same files, give the same page.
 """
 
 from __future__ import annotations
@@ -14,120 +16,171 @@ import platform
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agents.executors.options import add_options
+from agents.results.record import Results, ResultsError
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.files import RunFolderError, write_bytes, write_text
 from agents.runs.folder import PACKAGES, versions
+from agents.runs.pickles import add_trust
+from agents.runs.seeds import TEST, VALIDATION
 
 if TYPE_CHECKING:
+    from agents.policies.shipped import ShippedPolicy
     from agents.results.runs import Benchmark
-    from agents.results.scores import Scored
+    from agents.results.worlds import Plan
 
-LEARNING = (
-    "Mean tip error in the evaluations during training over {}: median of the seeds, band from the smallest to the "
-    "largest; dashed: Jacobian feedback, black: the floor. All in the episodes of these evaluations."
-)
-LOADS = (
-    "Median tip error over the magnitude of the load at the end: the best policy of every task, with all its seeds; "
-    "shaded: the loads of training. Errors below 0.001 mm are drawn there."
-)
-SHARES = (
-    "Share of the episodes that end within an error: the best policy of every task, with all its seeds. Errors below "
-    "0.001 mm are drawn there."
-)
+FILE, OUT = "results.json", Path("docs")
+SIZES = {
+    "episodes": (len(TEST), "of the tables"),
+    "seed": (TEST.start, "of the first of them"),
+    "validation": (len(VALIDATION), "episodes to choose in"),
+    "per-point": (200, "episodes per point of a curve, 0: none"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
     parser = argparse.ArgumentParser(prog="python -m agents.results", description="Rebuild the results page.")
-    parser.add_argument("runs", type=Path, help="folder with run folders, as agents.campaign leaves it")
-    parser.add_argument("--episodes", type=int, default=1000, help="number of episodes (default 1000)")
-    parser.add_argument("--seed", type=int, default=10_000, help="seed of the first episode (default 10000)")
-    parser.add_argument("--out", type=Path, default=Path("docs"), help="where the page goes (default: docs)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: processors)")
+    parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as agents.campaign leaves it")
+    parser.add_argument("--from", dest="files", type=Path, nargs="+", help="results files to merge, instead of runs")
+    for name, (default, meaning) in SIZES.items():
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"{meaning} (default {default})")
+    parser.add_argument(
+        "--shipped", action="store_true", help="add shipped policies and their tasks where no run is of the task"
+    )
+    parser.add_argument("--out", type=Path, default=OUT, help="where the page goes (default: docs)")
+    add_options(parser, "policies")
+    add_trust(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments))
+    if (arguments.runs is None) == (arguments.files is None):
+        parser.error("give a folder with run folders, or --from with results files")
+    return exit_code(lambda: _command(arguments), arguments.trust)
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    episodes = integer(1, 100_000)("--episodes", arguments.episodes)
-    first, jobs = integer(0, 2**31)("--seed", arguments.seed), integer(1)("--jobs", arguments.jobs)
-    from agents.results.runs import find_benchmarks
+    from agents.results.file import read_results, write_results
 
+    results = _merged(arguments) if arguments.files else _scored(arguments)
+    if not any(record.of_role("test") for record in results.benchmarks):
+        titles = [record.title for record in results.benchmarks]
+        raise ResultsError("tasks", titles, "at least one task with test episodes", "Score with --seeds test.")
+    write_results(arguments.out / FILE, results)
+    _write_page(read_results(arguments.out / FILE), arguments.out)
+    print(f"The page is in {arguments.out / 'results.md'}, its figures in {arguments.out / FILE}")
+    return 0
+
+
+def _merged(arguments: argparse.Namespace) -> Results:
+    """What the files hold; their animations are brought to the page, whose commands end with this one if they merge."""
+    from agents.results.file import read_results
+    from agents.results.films import bring_films
+    from agents.results.merging import merged
+
+    sources = {path: read_results(path) for path in arguments.files}
+    results = merged(list(sources.values()))
+    bring_films(sources, results, arguments.out)
+    return replace(results, commands=[*results.commands, _typed(arguments)]) if len(sources) > 1 else results
+
+
+def _scored(arguments: argparse.Namespace) -> Results:
+    """The results of all runs, their animations written; raises ConfigError for seeds of training."""
+    from agents.results.runs import find_benchmarks
+    from agents.results.scores import driving, score_benchmark, score_shipped, shipped_for_others
+
+    plan, jobs = _plan(arguments), integer(1)("--jobs", arguments.jobs)
     benchmarks, left_out = find_benchmarks(arguments.runs)
     for path, reason in left_out.items():
         print(f"left out: {path}: {reason}", file=sys.stderr)
     if not benchmarks:
         raise RunFolderError("runs", str(arguments.runs), "a folder with at least one finished run")
-    seeds = range(first, first + episodes)
-    scored = _scored(benchmarks, seeds, jobs)
-    _write(scored, seeds, left_out, arguments)
-    print(f"The page is in {arguments.out / 'results.md'}")
-    return 0
-
-
-def _scored(benchmarks: Sequence[Benchmark], seeds: range, jobs: int) -> list[Scored]:
-    """The scores of every benchmark, under heavier loads too; raises ConfigError for seeds of training."""
-    from agents.results.scores import driving, score_benchmark
-
     for run in (run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs):
-        run.config.check_unused(seeds)
-    scored: list[Scored] = []
-    with driving(jobs) as drive:
+        run.config.check_unused(plan.test)
+        run.config.check_unused(plan.validation)
+    others = shipped_for_others(benchmarks) if arguments.shipped else {}
+    records = []
+    with driving(jobs, arguments.cluster) as drive:
         for benchmark in benchmarks:
             count = sum(len(recipe.runs) for recipe in benchmark.recipes)
             print(f"scoring: {benchmark.title}, {count} policies", flush=True)
-            scored.append(score_benchmark(benchmark, seeds, drive))
-    return scored
-
-
-def _write(scored: Sequence[Scored], seeds: range, left_out: Mapping[Path, str], arguments: argparse.Namespace) -> None:
-    from agents.results import pictures
-    from agents.results.page import About, page
-
-    images = {
-        "results_learning_steps.png": (pictures.learning_curves(scored, over_time=False), LEARNING.format("steps")),
-        "results_learning_time.png": (
-            pictures.learning_curves(scored, over_time=True),
-            LEARNING.format("processor time"),
-        ),
-        "results_distribution.png": (pictures.distributions(scored), SHARES),
-    }
-    if any(one.beyond for one in scored):
-        images["results_load.png"] = (pictures.error_against_load(scored), LOADS)
-    films = {one.benchmark.title: pictures.three_episodes(one) for one in pictures.to_film(scored)}
-    for name, (content, _) in [*images.items(), *(film for films_of in films.values() for film in films_of.items())]:
-        write_bytes(arguments.out / "images" / name, content)
-    about = About(
+            records.append(score_benchmark(benchmark, plan, drive))
+        for title, policy in others.items():
+            print(f"scoring: {title}, the shipped policy", flush=True)
+            records.append(score_shipped(policy, title, plan, drive))
+    results = Results(
+        records,
         commands=_commands(arguments),
-        seeds=seeds,
-        machine=f"{_processor()}, {os.cpu_count()} processors",
-        versions=_in_words(versions()),
-        trained_with=_trained_with(scored),
-        left_out=left_out,
-        pictures={name: caption for name, (_, caption) in images.items()},
-        animations={title: {name: caption for name, (_, caption) in some.items()} for title, some in films.items()},
+        scored_on=[f"{_processor()}, {os.cpu_count()} processors, {_in_words(versions())}"],
+        trained_with=_trained_with(benchmarks),
+        left_out={str(path): reason for path, reason in left_out.items()},
     )
-    write_text(arguments.out / "results.md", page(scored, about))
+    return replace(results, films=_filmed([*benchmarks, *others.values()], results, arguments.out))
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    from agents.results.worlds import Plan
+
+    episodes = integer(1, 100_000)("--episodes", arguments.episodes)
+    first = integer(0, 2**31)("--seed", arguments.seed)
+    choosing = integer(1, 100_000)("--validation", arguments.validation)
+    validation = range(VALIDATION.start, VALIDATION.start + choosing)
+    return Plan(range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point))
+
+
+def _filmed(sources: Sequence[Benchmark | ShippedPolicy], results: Results, out: Path) -> dict[str, dict[str, str]]:
+    """Writes the animations; their captions by file name, by title."""
+    from agents.results.films import three_episodes, three_of_shipped
+    from agents.results.runs import Benchmark
+
+    captions: dict[str, dict[str, str]] = {}
+    for source, record in zip(sources, results.benchmarks, strict=True):
+        made = three_episodes(source, record) if isinstance(source, Benchmark) else three_of_shipped(source, record)
+        for name, (content, caption) in made.items():
+            write_bytes(out / "images" / name, content)
+            captions[record.title] = {name: caption}
+    return captions
+
+
+def _write_page(results: Results, out: Path) -> None:
+    from agents.results.page import page
+    from agents.results.pictures import pictures
+
+    images = pictures(results)
+    for name, (content, _) in images.items():
+        write_bytes(out / "images" / name, content)
+    there: Mapping[str, Mapping[str, str]] = {
+        title: {name: caption for name, caption in films.items() if (out / "images" / name).is_file()}
+        for title, films in results.films.items()
+    }
+    write_text(out / "results.md", page(results, {name: caption for name, (_, caption) in images.items()}, there))
 
 
 def _commands(arguments: argparse.Namespace) -> list[str]:
-    """The commands that rebuild the page: that of the campaign, where it is known, and this one."""
-    campaign = arguments.runs / "command.txt"
-    words = [str(arguments.runs), "--episodes", str(arguments.episodes), "--seed", str(arguments.seed)]
-    words += [] if arguments.out == Path("docs") else ["--out", str(arguments.out)]
-    ours = shlex.join(typed_command("agents.results", words))
-    return [*([campaign.read_text().strip()] if campaign.is_file() else []), ours]
+    """The commands that rebuild the page: those of the campaigns, where they are known, and this one."""
+    typed = [path.read_text("utf-8").strip() for path in sorted(arguments.runs.rglob("command.txt"))]
+    return [*(text for text in typed if text.startswith("python -m agents.campaign ")), _typed(arguments)]
 
 
-def _trained_with(scored: Sequence[Scored]) -> str:
+def _typed(arguments: argparse.Namespace) -> str:
+    """This command, with what changes the page."""
+    words = ["--from", *map(str, arguments.files)] if arguments.files else [str(arguments.runs)]
+    for name, (default, _) in SIZES.items():
+        value = getattr(arguments, name.replace("-", "_"))
+        words += [] if value == default or arguments.files else [f"--{name}", str(value)]
+    words += ["--shipped"] if arguments.shipped and not arguments.files else []
+    words += [] if arguments.out == OUT else ["--out", str(arguments.out)]
+    return shlex.join(typed_command("agents.results", words))
+
+
+def _trained_with(benchmarks: Sequence[Benchmark]) -> list[str]:
     """Processors and versions of all runs; several, where they differ."""
-    runs = [run for one in scored for recipe in one.benchmark.recipes for run in recipe.runs]
-    found = [json.loads((run.folder.path / "versions.json").read_text()) for run in runs]
-    return "; ".join(sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found}))
+    runs = [run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs]
+    found = [json.loads((run.folder.path / "versions.json").read_text("utf-8")) for run in runs]
+    return sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found})
 
 
 def _in_words(found: Mapping[str, str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
 from rj_gym.core.config import FrictionConfig, TaskConfig
@@ -24,6 +25,8 @@ def description(config: TaskConfig) -> str:
         f"{config.action_scale_mm:g} mm of each tendon, from {start}.",
         *(_arm_loads(config) if isinstance(config, FlexibleArmConfig) else _loads(config)),
         _rubbing(config.friction),
+        _actuation(getattr(config, "actuation", None)),
+        _sensing(getattr(config, "sensing", None)),
         _noise(config.randomization),
         _randomised(config.randomization),
     ]
@@ -73,6 +76,54 @@ def _rubbing(settings: FrictionConfig | None) -> str:
     drawn = f"of {low:g}" if low == high else f"between {low:g} and {high:g}"
     whose = "the same for all tendons" if settings.shared else "its own for every tendon"
     return f"Tendons rub in their holes, by a hidden coefficient {drawn}, {whose}."
+
+
+def _actuation(settings: Any) -> str:
+    """How motors move tendons, where that is not exact."""
+    if settings is None:
+        return ""
+    (least, most), (low, high) = settings.play_mm, settings.sheath_friction
+    parts = {
+        f"a play of {_between(least, most)} mm between motor and tendon": most,
+        f"sheath friction of {_between(low, high)} that its motor measures with the tension": high,
+    }
+    hidden = [text for text, size in parts.items() if size]
+    slow = settings.rate_limit_mm is not None
+    return " ".join(
+        sentence
+        for sentence, there in (
+            (f"Every tendon has {' and '.join(hidden)}, hidden.", bool(hidden)),
+            (f"Motors move by at most {settings.rate_limit_mm or 0:g} mm in a step.", slow),
+            (f"Actions act {settings.delay} steps late.", settings.delay > 0),
+        )
+        if there
+    )
+
+
+def _sensing(settings: Any) -> str:
+    """What is measured, where that is not all of the pose at every step."""
+    if settings is None:
+        return ""
+    seen = {"none": "Neither pose nor tip is measured.", "tip": "Of the pose only the tip is measured."}
+    often = "at every step" if settings.period == 1 else f"at every {settings.period}th step"
+    late = settings.pose != "none" and (settings.period > 1 or settings.delay > 0)
+    biased = f"{settings.position_bias_mm:g} mm and {settings.angle_bias_rad:g} rad"
+    motors = f"{settings.encoder_noise_mm:g} mm"
+    return " ".join(
+        sentence
+        for sentence, there in (
+            (seen.get(settings.pose, ""), settings.pose in seen),
+            (f"A picture of the pose comes {often}, {settings.delay} steps late.", late),
+            (f"Measured poses are off by up to {biased}.", settings.position_bias_mm or settings.angle_bias_rad),
+            (f"Measured tensions are noisy (standard deviation {settings.tension_noise:g} N).", settings.tension_noise),
+            (f"Measured motor positions are noisy (standard deviation {motors}).", settings.encoder_noise_mm),
+        )
+        if there
+    )
+
+
+def _between(low: float, high: float) -> str:
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def _noise(settings: RandomizationConfig | ArmRandomizationConfig) -> str:

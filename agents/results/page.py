@@ -1,202 +1,176 @@
-"""The text of the results page. Every figure and every verdict is computed from the scores."""
+"""The text of the results page. Every figure and every verdict is computed from the results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from statistics import mean
-from textwrap import fill
+import re
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from agents.evaluation.controller import Array
-from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
-from agents.results.description import description, load_range
-from agents.results.runs import HEAVIER, Benchmark, Recipe
-from agents.results.scores import FEEDBACK, Comparison, Scored, Scores
+from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS
+from agents.results.record import ENTRY, POLICY, SHIFT, TEST, VALIDATION, BenchmarkRecord, Results
+from agents.results.standings import Standings
+from agents.results.wording import (
+    change_text,
+    in_short,
+    mm,
+    share,
+    signed_percent,
+    spread,
+    verdict_text,
+    with_interval,
+    wrapped,
+)
+from agents.results.worlds import NOTES
 from rollingjoint.tables import markdown_table
 
-CLEAR = 3.0  # standard errors: smaller differences do not count
-ERRORS = ("mean [mm]", "median [mm]", "95 % below [mm]")
+ERRORS = ("mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]")
 SHARES = (f"within {CLOSE_MM:g} mm [%]", f"held {HELD_STEPS} steps [%]")
 REGRET = "regret [mm]"
 TRAINING = ("steps", "training [min]", "seeds")
-WIDTH = 120
-PAYS, BEATS_FEEDBACK, NO_DIFFERENCE, DOES_NOT = ("pays", "beats feedback only", "no clear difference", "does not pay")
+CHANGE = "change of the mean [%]"
 
 
-@dataclass(frozen=True)
-class About:
-    """How the page was made.
+def page(results: Results, pictures: Mapping[str, str], films: Mapping[str, Mapping[str, str]]) -> str:
+    """The Markdown of the whole page.
 
     Args:
-        commands: that rebuild it. seeds: of the episodes. machine, versions: in words.
-        trained_with: in words, what the run folders say of the machine that trained.
-        left_out: why, by run folder.
-        pictures: captions, by file name in images/; animations: the same, by title of a benchmark.
+        pictures: captions by file name in images/. films: the same by title of a benchmark.
     """
-
-    commands: Sequence[str]
-    seeds: range
-    machine: str
-    versions: str
-    trained_with: str
-    left_out: Mapping[Path, str]
-    pictures: Mapping[str, str]
-    animations: Mapping[str, Mapping[str, str]]
-
-
-def page(scored: Sequence[Scored], about: About) -> str:
-    """The Markdown of the whole page."""
+    tables = [Tables(record) for record in results.benchmarks if record.of_role(TEST)]
     parts = [
         "# Results",
         "Trained policies, controllers that need no training, and the floor, all in the same episodes. This page is "
-        "generated from run folders, its verdicts too. Rebuild it:",
-        "```bash\n" + "\n".join(about.commands) + "\n```",
+        "generated from a results file, its verdicts too. Rebuild it:",
+        "```bash\n" + "\n".join(results.commands) + "\n```",
         "## In short",
-        _summary(scored),
-        _reading(about.seeds),
+        summary_table(tables),
+        _reading(results.benchmarks),
     ]
-    for one in scored:
-        parts += _section(one, about)
-    parts += ["## Pictures", *_pictures(about.pictures)]
-    parts += ["## How this was measured", _measured(scored, about)]
-    return "\n\n".join(map(_wrapped, parts)) + "\n"
+    for one in tables:
+        parts += [*one.section(), *_pictures(films.get(one.record.title, {}))]
+    parts += ["## Pictures", *_pictures(pictures), "## How this was measured", _measured(results)]
+    return "\n\n".join(map(wrapped, parts)) + "\n"
 
 
-def verdict(scores: Scores) -> str:
-    """Whether the best policy beats Jacobian feedback and the best baseline: one of four words."""
-    policy = scores.best_policy
-    feedback, best = (scores.compare(policy, name).standard_errors for name in (FEEDBACK, scores.best_baseline))
-    if best >= CLEAR:
-        return PAYS
-    if feedback >= CLEAR:
-        return BEATS_FEEDBACK
-    return NO_DIFFERENCE if best > -CLEAR else DOES_NOT
+class Tables:
+    """The tables and verdicts of one benchmark.
+
+    Attributes:
+        record: the benchmark. worlds: its standings in the episodes of its table and under every shift.
+    """
+
+    def __init__(self, record: BenchmarkRecord) -> None:
+        self.record = record
+        self.worlds = [Standings(record, world) for role in (TEST, SHIFT) for world in record.of_role(role)]
+
+    def section(self) -> list[str]:
+        """Heading, description, tables and verdicts."""
+        title = self.record.title
+        parts = [f"## {title[0].upper()}{title[1:]}", self.record.description]
+        for one in self.worlds:
+            heading = one.world.heading
+            parts += [f"### {heading}", NOTES.get(heading, "")] if heading else []
+            parts += [self.table(one), self._early(one), verdict_text(one), change_text(one, self.worlds[0])]
+        reasons: dict[str, list[str]] = {}
+        for name, reason in self.record.impossible.items():
+            reasons.setdefault(reason, []).append(name)
+        parts += [f"Not possible here: {', '.join(names)}. {reason}" for reason, names in reasons.items()]
+        return [part for part in parts if part]
+
+    def table(self, standing: Standings) -> str:
+        """A line per controller, and the floor; in other worlds than its own, what that changes beside it."""
+        own = standing is self.worlds[0]
+        last = TRAINING if own else (CHANGE,)
+        more = self._training if own else lambda name: self._change(standing, name)
+        rows = [(self._label(name), *self.columns(standing, name), *more(name)) for name in standing.names]
+        floors = standing.world.known_floors
+        if len(floors):
+            figures = floors.mean(), _iqm(floors), np.median(floors), np.percentile(floors, 95)
+            within = share(float(np.mean(floors <= CLOSE_MM)))
+            rows.append((FLOOR, *map(mm, map(float, figures)), within, "", "", *("" for _ in last)))
+        return markdown_table(("controller", *ERRORS, *SHARES, REGRET, *last), rows)
+
+    @staticmethod
+    def columns(standing: Standings, name: str) -> list[str]:
+        """The figures of one controller: ERRORS, SHARES, REGRET."""
+        found, regret = standing.summary(name), standing.regret(name)
+        errors = [with_interval(one, mm) for one in (found.mean, found.iqm, found.median, found.p95)]
+        return [*errors, share(standing.within(name)), share(standing.held(name)), "" if regret is None else mm(regret)]
+
+    def _label(self, name: str) -> str:
+        controller = self.record.controller(name)
+        marks = [*(["privileged"] if controller.privileged else []), *(["entered"] if controller.kind == ENTRY else [])]
+        return f"{name} ({', '.join(marks)})" if marks else name
+
+    def _change(self, standing: Standings, name: str) -> tuple[str]:
+        change = standing.change(name, self.worlds[0])
+        return ("" if change is None else with_interval(change, signed_percent),)
+
+    def _training(self, name: str) -> tuple[str, str, str]:
+        controller = self.record.controller(name)
+        if controller.kind != POLICY:
+            seeds = [seed for seed in controller.training_seeds if seed is not None]
+            return "", "", f"{len(seeds)}" if seeds else ""
+        known = [run.seconds / 60 for run in controller.runs if run.seconds]
+        minutes = spread(known, "{:.1f}".format) if known else ""
+        seeds_text = f"{len(controller.runs)}" if len(controller.runs) > 1 else "1 (one run)"
+        return f"{controller.training['steps']:,}", minutes, seeds_text
+
+    def _early(self, standing: Standings) -> str:
+        ended = {
+            name: sum(run.driven[standing.world.name].ended_early for run in self.record.controller(name).runs)
+            for name in standing.names
+        }
+        told = [f"{name} {count}" for name, count in ended.items() if count]
+        world = standing.world
+        unknown = 0 if world.floors is None else world.episodes - len(world.known_floors)
+        text = f"Episodes that ended early, without an equilibrium: {', '.join(told)}. " if told else ""
+        return (text + (f"Episodes without a known floor: {unknown}." if unknown else "")).strip()
 
 
-def _summary(scored: Sequence[Scored]) -> str:
-    head = ("task", "best policy", "mean [mm]", FEEDBACK, "best baseline", FLOOR, "learning")
+def summary_table(tables: Sequence[Tables]) -> str:
+    """A line per benchmark: the best trained controller and the best opponent of the validation episodes."""
+    head = ("task", "best learner", "mean [mm]", "best opponent", "mean [mm]", "difference [mm]", FLOOR, "learning")
     rows = []
-    for benchmark, scores in ((one.benchmark, one.scores) for one in scored):
-        policy, baseline = scores.best_policy, scores.best_baseline
-        link = f"[{benchmark.title}](#{benchmark.title.replace(' ', '-')})"
-        errors = [_mm(scores.errors(name).mean()) for name in (policy, FEEDBACK, baseline)]
-        best = f"{baseline} {errors[2]}"
-        rows.append((link, policy, errors[0], errors[1], best, _floor_figures(scores)[0], verdict(scores)))
+    for standing in (one.worlds[0] for one in tables):
+        title, names = standing.record.title, (standing.policy, standing.baseline)
+        cells = [f"[{title}](#{_anchor(title)})"]
+        for name in names:
+            cells += ["-", ""] if name is None else [name, with_interval(standing.mean(name), mm)]
+        difference = None if None in names else standing.compare(*names).difference  # type: ignore[arg-type]
+        floors = standing.world.known_floors
+        cells += ["" if difference is None else with_interval(difference, mm)]
+        rows.append([*cells, mm(float(floors.mean())) if len(floors) else "unknown", in_short(standing)])
     return markdown_table(head, rows)
 
 
-def _reading(seeds: range) -> str:
+def _anchor(title: str) -> str:
+    """What code hosts make of a heading."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+
+
+def _reading(records: Sequence[BenchmarkRecord]) -> str:
     return (
-        f"Errors are distances from tip to target at the end of an episode in mm, over {len(seeds):,} episodes (seeds "
-        f"{seeds[0]} to {seeds[-1]}, not used for training or tuning). Within {CLOSE_MM:g} mm: share of episodes that "
-        f"end so near; held: that are so near in all of the last {HELD_STEPS} steps. The floor is the smallest error "
-        "that any command reaches against the load of the episode; regret is what a controller leaves above it, on "
-        "average. A policy's figures are means over its training seeds, in brackets the smallest and the largest. "
-        "Comparisons are episode by episode; standard errors are over the episodes, of errors averaged over the "
-        f"seeds. A difference of less than {CLEAR:g} standard errors counts as none. The best policy and the best "
-        "baseline are those with the smallest mean in the same table."
+        f"Errors are distances from tip to target in mm, averaged over the last {HELD_STEPS} steps, in "
+        f"{_seeds_of_role(records, TEST)}. In square brackets are 95 % intervals by a bootstrap over training seeds and"
+        " episodes, both resampled, the episodes the same for all controllers; a policy's figures are means over its "
+        "training seeds. IQM: mean of the middle half of the episodes. Within "
+        f"{CLOSE_MM:g} mm: share of episodes that end so near; held: that are so near in all of the last {HELD_STEPS} "
+        "steps. The floor is the smallest error that any command reaches against the load at the end of the episode, "
+        "where it is known; regret is what a controller leaves above it there, on average. The best learner and the "
+        f"best opponent are those with the smallest mean in {_seeds_of_role(records, VALIDATION)}; "
+        "nothing is chosen in the tables. Learning pays where the intervals of their two means are separate, narrowly "
+        "where only that of the paired difference excludes zero, and does not pay where that excludes zero on the "
+        "other side. Controllers marked as privileged see what no robot shows."
     )
 
 
-def _section(scored: Scored, about: About) -> list[str]:
-    benchmark, scores, beyond = scored.benchmark, scored.scores, scored.beyond
-    parts = [
-        f"## {benchmark.title[0].upper()}{benchmark.title[1:]}",
-        description(benchmark.config),
-        score_table(benchmark, scores),
-    ]
-    parts += [_early(scores), verdict_text(scores)]
-    if beyond:
-        low = benchmark.config.load.magnitude[1]
-        parts += [
-            f"**Heavier loads than in training**, {load_range(benchmark.config.load, low, HEAVIER * low)}:",
-            _heavier_table(benchmark, beyond),
-            verdict_text(beyond),
-        ]
-    return [part for part in parts if part] + _pictures(about.animations.get(benchmark.title, {}))
-
-
-def score_table(benchmark: Benchmark, scores: Scores) -> str:
-    """The table of a benchmark: a line per configuration, baseline, and the floor."""
-    rows = [
-        (recipe.name, *_spread_columns(scores.of_policy(recipe.name)), *_training(recipe))
-        for recipe in benchmark.recipes
-    ]
-    rows += [(name, *_columns(scores.of_baseline(name)), "", "", "") for name in scores.baselines]
-    rows.append((FLOOR, *_floor_figures(scores), "", "", "", "", ""))
-    return markdown_table(("controller", *ERRORS, *SHARES, REGRET, *TRAINING), rows)
-
-
-def _heavier_table(benchmark: Benchmark, scores: Scores) -> str:
-    def short(columns: Sequence[str]) -> tuple[str, ...]:
-        return columns[0], columns[1], columns[3], columns[5]
-
-    rows = [(recipe.name, *short(_spread_columns(scores.of_policy(recipe.name)))) for recipe in benchmark.recipes]
-    rows += [(name, *short(_columns(scores.of_baseline(name)))) for name in scores.baselines]
-    mean_floor, median, _, share = _floor_figures(scores)
-    rows.append((FLOOR, mean_floor, median, share, ""))
-    return markdown_table(("controller", *ERRORS[:2], SHARES[0], REGRET), rows)
-
-
-def _columns(score: Score) -> list[str]:
-    shares = (_share(score.within_1_mm), _share(score.held_1_mm))
-    regret = "" if score.regret_mm is None else _mm(score.regret_mm)
-    return [_mm(score.mean_mm), _mm(score.median_mm), _mm(score.p95_mm), *shares, regret]
-
-
-def _spread_columns(scores: Sequence[Score]) -> list[str]:
-    """Means over the seeds, with the smallest and the largest where there are several."""
-    every = {
-        _mm: [[getattr(score, name) for score in scores] for name in ("mean_mm", "median_mm", "p95_mm")],
-        _share: [[getattr(score, name) for score in scores] for name in ("within_1_mm", "held_1_mm")],
-    }
-    columns = [_spread(values, form) for form, some in every.items() for values in some]
-    regrets = [score.regret_mm for score in scores if score.regret_mm is not None]
-    return [*columns, _spread(regrets, _mm) if regrets else ""]
-
-
-def _training(recipe: Recipe) -> tuple[str, str, str]:
-    minutes = [run.seconds / 60 for run in recipe.runs]
-    seeds = f"{len(recipe.runs)}" if len(recipe.runs) > 1 else "1 (one run)"
-    return f"{recipe.config.total_timesteps:,}", _spread(minutes, "{:.1f}".format), seeds
-
-
-def _early(scores: Scores) -> str:
-    ended = {name: sum(int(run.terminated.sum()) for run in runs) for name, runs in scores.policies.items()}
-    ended |= {name: int(run.terminated.sum()) for name, run in scores.baselines.items()}
-    told = [f"{name} {count}" for name, count in ended.items() if count]
-    unknown = len(scores.floors) - len(_finite(scores.floors))
-    text = f"Episodes that ended early, without an equilibrium: {', '.join(told)}. " if told else ""
-    return (text + (f"Episodes without a known floor: {unknown}." if unknown else "")).strip()
-
-
-def verdict_text(scores: Scores) -> str:
-    """Whether the best policy beats Jacobian feedback and the best baseline, and by how much."""
-    heads = {
-        PAYS: "Learning pays here.",
-        BEATS_FEEDBACK: "Learning beats Jacobian feedback here, but not the best baseline.",
-        NO_DIFFERENCE: "Learning makes no clear difference here.",
-        DOES_NOT: "Learning does not pay here.",
-    }
-    policy = scores.best_policy
-    names = [FEEDBACK] + ([scores.best_baseline] if scores.best_baseline != FEEDBACK else [])
-    against = [_compared(name, scores.errors(name).mean(), scores.compare(policy, name)) for name in names]
-    best = "" if len(names) > 1 else " Jacobian feedback is the best baseline."
-    error = f"The best policy, {policy} ({_mm(scores.errors(policy).mean())} mm), ends with"
-    return f"**{heads[verdict(scores)]}** {error} {'; with '.join(against)}.{best}"
-
-
-def _compared(name: str, error: float, found: Comparison) -> str:
-    less = "less" if found.gain_mm >= 0 else "more"
-    share = f" ({100 * found.share:.0f} %)" if found.share >= 0 else ""
-    seeds = f"better with {found.seeds_better} of {found.seeds} seeds" if found.seeds > 1 else "one run"
-    return (
-        f"{abs(found.gain_mm):.2g} mm{share} {less} than {name} ({_mm(error)} mm): "
-        f"{abs(found.standard_errors):.1f} standard errors, {seeds}"
-    )
+def _seeds_of_role(records: Sequence[BenchmarkRecord], role: str) -> str:
+    worlds = {(one.first_seed, one.episodes) for record in records for one in record.of_role(role)}
+    texts = [f"{count:,} episodes (seeds {first} to {first + count - 1})" for first, count in sorted(worlds)]
+    return f"{' or '.join(texts) or 'none'}"
 
 
 def _pictures(captions: Mapping[str, str]) -> list[str]:
@@ -204,69 +178,48 @@ def _pictures(captions: Mapping[str, str]) -> list[str]:
     return [part for both in lines for part in both]
 
 
-def _measured(scored: Sequence[Scored], about: About) -> str:
-    recipes = [recipe for one in scored for recipe in one.benchmark.recipes]
-    single = [recipe.name for recipe in recipes if len(recipe.runs) == 1]
+def _measured(results: Results) -> str:
+    learned = [one for record in results.benchmarks for one in record.controllers if one.kind == POLICY]
+    single = [one.name for one in learned if len(one.runs) == 1]
     lines = [
-        f"Scored on {about.machine}. {about.versions}.",
-        f"Trained on {about.trained_with}.",
+        *(f"Scored on {machine}." for machine in results.scored_on),
+        *(f"Trained on {machine}." for machine in results.trained_with),
         "Training time is processor time, evaluations during training included.",
-        f"Training seeds: {_seeds_of(recipes)}.",
-        f"Seeds of environments: {_used(recipes)}; here {about.seeds[0]} to {about.seeds[-1]}.",
+        f"Training seeds: {_training_seeds(results)}.",
+        f"Seeds of environments: {_used(results)}.",
         "Every policy is the one of its run with the smallest error in the evaluations during training (`best/`).",
         f"One run, not a mean over seeds: {', '.join(single)}." if single else "No line of a policy is a single run.",
     ]
-    lines += [f"Left out: `{path}`: {reason}" for path, reason in about.left_out.items()]
+    if shipped := [one.name for one in learned if one.training.get("shipped")]:
+        lines.append(f"Shipped policies, one training seed each, trained earlier: {', '.join(shipped)}.")
+    lines += [
+        f"{one.name} began as the best policy of {', which began as that of '.join(one.training['began_as'])}; its "
+        "training time includes that, its steps and its curve do not."
+        for one in learned
+        if "began_as" in one.training
+    ]
+    lines += [f"Left out: `{path}`: {reason}" for path, reason in results.left_out.items()]
     return "\n".join(f"- {line}" for line in lines)
 
 
-def _seeds_of(recipes: Sequence[Recipe]) -> str:
+def _training_seeds(results: Results) -> str:
     groups: dict[str, list[str]] = {}
-    for recipe in recipes:
-        groups.setdefault(", ".join(map(str, recipe.seeds)), []).append(recipe.name)
+    for one in (one for record in results.benchmarks for one in record.controllers if one.kind == POLICY):
+        groups.setdefault(", ".join(map(str, one.training_seeds)), []).append(one.name)
     return "; ".join(f"{seeds} ({', '.join(names) if len(groups) > 1 else 'all'})" for seeds, names in groups.items())
 
 
-def _used(recipes: Sequence[Recipe]) -> str:
+def _used(results: Results) -> str:
+    runs = [run for record in results.benchmarks for one in record.controllers for run in one.runs]
     texts = []
     for key, text in (("training_environments", "training"), ("evaluation_during_training", "evaluations during it")):
-        used = [run.config.seeds[key] for recipe in recipes for run in recipe.runs]
-        texts.append(f"{text} {min(seeds[0] for seeds in used)} to {max(seeds[-1] for seeds in used)}")
+        ends = [run.seeds[key] for run in runs if key in run.seeds]
+        texts += [f"{text} {min(first for first, _ in ends)} to {max(last for _, last in ends)}"] if ends else []
+    for role, text in ((VALIDATION, "choosing the best"), (TEST, "tables")):
+        texts.append(f"{text} {_seeds_of_role(results.benchmarks, role)}")
     return ", ".join(texts)
 
 
-def _finite(floors: Array) -> Array:
-    return floors[np.isfinite(floors)]
-
-
-def _floor_figures(scores: Scores) -> tuple[str, str, str, str]:
-    """Mean, median and 95th percentile of the known floors, and the share of those within 1 mm."""
-    floors = _finite(scores.floors)
-    if len(floors) == 0:
-        return "unknown", "", "", ""
-    high, share = np.percentile(floors, 95), float(np.mean(floors <= CLOSE_MM))
-    return _mm(floors.mean()), _mm(np.median(floors)), _mm(high), _share(share)
-
-
-def _mm(value: float) -> str:
-    if abs(value) < 0.001:
-        return "< 0.001"
-    return f"{value:.3f}" if abs(value) < 1 else f"{value:.2f}"
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.1f}"
-
-
-def _spread(values: Sequence[float], form: Callable[[float], str]) -> str:
-    around = f" ({form(min(values))} to {form(max(values))})" if len(values) > 1 else ""
-    return f"{form(mean(values))}{around}"
-
-
-def _wrapped(part: str) -> str:
-    """Paragraphs and lists in lines of limited width; tables, headings, pictures and code as they are."""
-    if part.startswith(("|", "#", "```", "![")):
-        return part
-    lines = part.split("\n")
-    indent = "  " if part.startswith("- ") else ""
-    return "\n".join(fill(line, WIDTH, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+def _iqm(values: Array) -> float:
+    cut = len(values) // 4
+    return float(np.sort(values)[cut : len(values) - cut].mean())

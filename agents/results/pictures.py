@@ -1,9 +1,9 @@
-"""Pictures of the results page: learning curves, error against load, distribution of the error, animations."""
+"""Pictures of the results page: learning curves, error over what was varied, distribution of the error."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any
 
@@ -13,147 +13,169 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from agents.evaluation.controller import Array
-from agents.evaluation.pictures import COLOURS, SMALLEST_MM, animation, figure_of, png, tidy
-from agents.evaluation.policy import Policy
+from agents.evaluation.pictures import COLOURS, SMALLEST_MM, figure_of, png, tidy
 from agents.evaluation.report import OPEN_LOOP
-from agents.evaluation.rollout import film
 from agents.evaluation.score import FLOOR
-from agents.results.runs import POLICY, Recipe
-from agents.results.scores import FEEDBACK, Scored
+from agents.results.record import (
+    BASELINE,
+    ENTRY,
+    POLICY,
+    SWEEP,
+    TEST,
+    BenchmarkRecord,
+    ControllerRecord,
+    Results,
+    World,
+)
+from agents.results.standings import FEEDBACK
+from agents.results.statistics import Bootstrap
 
-POLICY_LABEL = "best policy"
+POLICY_LABEL, OPPONENT_LABEL = "best learner", "best opponent"
 STYLES: dict[str, dict[str, Any]] = {  # dashes where lines lie on each other
     POLICY_LABEL: {"color": COLOURS[0], "linewidth": 2.4},
-    "predictive": {"color": COLOURS[4], "linewidth": 1.6},
-    "load estimate": {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "--"},
+    OPPONENT_LABEL: {"color": COLOURS[4], "linewidth": 1.6},
     FEEDBACK: {"color": COLOURS[1], "linewidth": 1.6, "linestyle": ":"},
-    OPEN_LOOP: {"color": COLOURS[2], "linewidth": 1.6},
-    "do nothing": {"color": COLOURS[6], "linewidth": 1.6},
+    OPEN_LOOP: {"color": COLOURS[2], "linewidth": 1.6, "linestyle": "--"},
     FLOOR: {"color": "black", "linewidth": 1},
 }
 LEARNED = (COLOURS[0], COLOURS[4], COLOURS[2], COLOURS[3], COLOURS[5])
-BINS = 10  # over the loads of training
-FEWEST = 10  # episodes in a bin
+RESAMPLES = 2000  # of bands
 DPI = 110
-PICTURE_WIDTH = 300  # of one episode in an animation [pixels]
-LONGEST = 60  # pictures in an animation; of longer episodes every second one is shown, or every third
+
+LEARNING = (
+    "Mean tip error at the end in the evaluations during training over {}: mean of the seeds, band: its 95 % interval "
+    "over the seeds; black: Jacobian feedback, the best opponent, the floor. All in the episodes of these evaluations."
+)
+VARIED = (
+    "Mean tip error of the last 10 steps over the {}: the best learner and the best opponent of every task, and others "
+    "for orientation; bands: 95 % intervals over training seeds and episodes; shaded: the range of training, where "
+    "there is one. Errors below 0.001 mm are drawn there."
+)
+SHARES = (
+    "Share of the episodes with an error over the last 10 steps below a value: the best learner of every task with all "
+    "its seeds, and others. Errors below 0.001 mm are drawn there."
+)
 
 
-def learning_curves(scored: Sequence[Scored], over_time: bool) -> bytes:
+def pictures(results: Results) -> dict[str, tuple[bytes, str]]:
+    """All pictures that results alone are enough for: PNG and caption, by file name."""
+    records = [record for record in results.benchmarks if record.of_role(TEST)]
+    found: dict[str, tuple[bytes, str]] = {}
+    learned = [
+        record for record in records if any(run.curve is not None for one in _learned(record) for run in one.runs)
+    ]
+    if learned:
+        found["results_learning_steps.png"] = learning_curves(learned, False), LEARNING.format("steps")
+        found["results_learning_time.png"] = learning_curves(learned, True), LEARNING.format("processor time")
+    found["results_distribution.png"] = distributions(records), SHARES
+    for axis in dict.fromkeys(world.axis for record in records for world in record.of_role(SWEEP)):
+        name = re.sub(r"\W+", "_", axis.partition("[")[0].partition(" of ")[0].strip())
+        found[f"results_{name}.png"] = error_over(axis, records), VARIED.format(axis.partition("[")[0].strip())
+    return found
+
+
+def lines_of(record: BenchmarkRecord) -> dict[str, str]:
+    """The controllers that pictures show, by the label of their line: the best, feedback, open loop, entered ones."""
+    chosen = {POLICY_LABEL: record.best(POLICY), OPPONENT_LABEL: record.best(BASELINE)}
+    chosen |= {name: name for name in (FEEDBACK, OPEN_LOOP, *record.names(ENTRY)) if name in record.names()}
+    return {label: name for label, name in chosen.items() if name}
+
+
+def _style(label: str) -> dict[str, Any]:
+    return STYLES.get(label, {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "-."})  # entered by somebody
+
+
+def learning_curves(records: Sequence[BenchmarkRecord], over_time: bool) -> bytes:
     """PNG: mean tip error in the evaluations during training, over steps or over processor time; a panel per benchmark.
 
-    Line: median over the seeds; band: smallest to largest.
+    Line: mean of the seeds; band: its 95 % interval over the seeds.
     """
     label = "minutes of processor time" if over_time else "thousand steps"
-    figure, panels = _panels(len(scored), label, "mean tip error [mm]")
-    for axes, one in zip(panels, scored, strict=True):
-        axes.set(title=one.benchmark.title)
+    figure, panels = _panels(len(records), label, "mean tip error [mm]")
+    for axes, record in zip(panels, records, strict=True):
+        axes.set(title=record.title)
         _logarithmic(axes, "xy", (1, 2, 5))
-        for recipe, colour in zip(one.benchmark.recipes, cycle(LEARNED), strict=False):
-            _draw_curve(axes, recipe, colour, over_time)
-        for (name, error), dashes in zip(one.levels.items(), ("--", "-"), strict=False):
+        for controller, colour in zip(_learned(record), cycle(LEARNED), strict=False):
+            _draw_curve(axes, controller, colour, over_time)
+        for name, error in record.levels.items():
+            dashes = {FLOOR: "-", FEEDBACK: ":"}.get(name, "--")
             axes.axhline(max(error, SMALLEST_MM), color="black", linestyle=dashes, linewidth=1, label=name)
         axes.legend(fontsize=7, edgecolor="none")
     return png(figure, DPI)
 
 
-def _draw_curve(axes: Axes, recipe: Recipe, colour: str, over_time: bool) -> None:
-    steps = recipe.runs[0].curve[0]
-    errors = np.array([np.interp(steps, run.curve[0], run.curve[1]) for run in recipe.runs])
-    seconds = np.median([np.interp(steps, run.curve[0], run.curve[2]) for run in recipe.runs], axis=0)
+def _draw_curve(axes: Axes, controller: ControllerRecord, colour: str, over_time: bool) -> None:
+    curves = [run.curve for run in controller.runs if run.curve is not None]
+    if not curves:
+        return
+    steps = curves[0][0]
+    errors = np.array([np.interp(steps, curve[0], curve[1]) for curve in curves])
+    seconds = np.median([np.interp(steps, curve[0], curve[2]) for curve in curves], axis=0)
     x = np.maximum(seconds, 1) / 60 if over_time else steps / 1000
-    axes.plot(x, np.median(errors, axis=0), color=colour, linewidth=1.8, label=recipe.name)
-    if len(recipe.runs) > 1:
-        axes.fill_between(x, errors.min(axis=0), errors.max(axis=0), color=colour, alpha=0.2, linewidth=0)
+    band = [Bootstrap(1, RESAMPLES).mean(column[:, None]) for column in errors.T]
+    axes.plot(x, [one.value for one in band], color=colour, linewidth=1.8, label=controller.name)
+    if len(curves) > 1:
+        _draw_band(axes, x, band, colour)
 
 
-def error_against_load(scored: Sequence[Scored]) -> bytes:
-    """PNG: median tip error at the end over the magnitude of the load then; loads of training shaded.
-
-    A panel per benchmark that has been scored under heavier loads, too.
-    """
-    with_loads = [(one.benchmark, one.scores, one.beyond) for one in scored if one.beyond]
-    figure, panels = _panels(len(with_loads), "load at the end [N]", "median tip error [mm]")
-    for axes, (benchmark, scores, beyond) in zip(panels, with_loads, strict=True):
-        low, high = benchmark.config.load.magnitude
-        axes.set(title=benchmark.title)
-        _logarithmic(axes, "y")
-        axes.axvspan(0 if benchmark.config.load.process == "ou" else low, high, color="black", alpha=0.06, linewidth=0)
-        inside, outside = scores.loads <= high, beyond.loads > high
-        loads = np.concatenate([scores.loads[inside], beyond.loads[outside]])
-        for name, label in ((scores.best_policy, POLICY_LABEL), (FEEDBACK, FEEDBACK), (OPEN_LOOP, OPEN_LOOP)):
-            errors = np.concatenate([scores.errors(name)[:, inside], beyond.errors(name)[:, outside]], axis=1)
-            axes.plot(*_binned(loads, errors, high / BINS), marker=".", label=label, **STYLES[label])
-        floors = np.concatenate([scores.floors[inside], beyond.floors[outside]])[None]
-        if np.isfinite(floors).any():
-            axes.plot(*_binned(loads, floors, high / BINS), label=FLOOR, **STYLES[FLOOR])
+def error_over(axis: str, records: Sequence[BenchmarkRecord]) -> bytes:
+    """PNG: mean tip error over the last 10 steps over what an axis varies; a panel per benchmark that has it."""
+    varied = [record for record in records if _along(record, axis)]
+    figure, panels = _panels(len(varied), axis, "mean tip error [mm]")
+    for axes, record in zip(panels, varied, strict=True):
+        worlds = _along(record, axis)
+        axes.set(title=record.title)
+        _logarithmic(axes, "y", (1, 2, 5))
+        axes.axvspan(*worlds[0].trained, color="black", alpha=0.06, linewidth=0)
+        for label, name in lines_of(record).items():
+            _draw_line(axes, record.controller(name), worlds, label)
+        floors = {world.value: world.known_floors.mean() for world in worlds if len(world.known_floors)}
+        if floors:
+            axes.plot(list(floors), np.maximum(list(floors.values()), SMALLEST_MM), label=FLOOR, **STYLES[FLOOR])
     return png(_with_legend(figure, panels), DPI)
 
 
-def _binned(loads: Array, errors: Array, width: float) -> tuple[Array, Array]:
-    """Middles of bins of that width [N] over the loads (E,), and the median of the errors (S, E) in each."""
-    places = np.floor(loads / width * (1 - 1e-9)).astype(int)
-    bins = [place for place in np.unique(places) if np.sum(places == place) >= FEWEST]
-    medians = [np.median(np.maximum(errors[:, places == place], SMALLEST_MM)) for place in bins]
-    return (np.array(bins) + 0.5) * width, np.array(medians)
+def _along(record: BenchmarkRecord, axis: str) -> list[World]:
+    """The worlds of a benchmark that are points of an axis, in order."""
+    return sorted((world for world in record.of_role(SWEEP) if world.axis == axis), key=lambda world: world.value)
 
 
-def distributions(scored: Sequence[Scored]) -> bytes:
-    """PNG: share of the episodes that end within an error, for the best policy (all seeds together) and the others."""
-    figure, panels = _panels(len(scored), "tip error at the end [mm]", "share of episodes below")
-    for axes, one in zip(panels, scored, strict=True):
-        scores = one.scores
-        axes.set(title=one.benchmark.title, ylim=(0, 1))
+def _draw_line(axes: Axes, controller: ControllerRecord, worlds: Sequence[World], label: str) -> None:
+    there = [world for world in worlds if controller.has(world.name)]
+    band = [Bootstrap(world.episodes, RESAMPLES).mean(controller.errors(world.name)) for world in there]
+    values, style = [world.value for world in there], _style(label)
+    axes.plot(values, [max(one.value, SMALLEST_MM) for one in band], marker=".", label=label, **style)
+    _draw_band(axes, values, band, style["color"])
+
+
+def _draw_band(axes: Axes, x: Any, band: Sequence[Any], colour: str) -> None:
+    low, high = (np.maximum([getattr(one, end) for one in band], SMALLEST_MM) for end in ("low", "high"))
+    axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def distributions(records: Sequence[BenchmarkRecord]) -> bytes:
+    """PNG: share of the episodes with an error below a value, for the best learner (all seeds together) and others."""
+    figure, panels = _panels(len(records), "tip error over the last 10 steps [mm]", "share of episodes below")
+    for axes, record in zip(panels, records, strict=True):
+        world = record.of_role(TEST)[0]
+        axes.set(title=record.title, ylim=(0, 1))
         _logarithmic(axes, "x")
         axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
-        _draw_shares(axes, POLICY_LABEL, scores.errors(scores.best_policy))
-        for name in scores.baselines:
-            _draw_shares(axes, name, scores.errors(name))
-        if np.isfinite(scores.floors).any():
-            _draw_shares(axes, FLOOR, scores.floors)
+        for label, name in lines_of(record).items():
+            if record.controller(name).has(world.name):
+                _draw_shares(axes, label, record.controller(name).errors(world.name))
+        if len(world.known_floors):
+            _draw_shares(axes, FLOOR, world.known_floors)
     return png(_with_legend(figure, panels), DPI)
 
 
 def _draw_shares(axes: Axes, label: str, errors: Array) -> None:
-    below = np.sort(np.maximum(errors[np.isfinite(errors)], SMALLEST_MM), axis=None)
-    shares = np.arange(1, len(below) + 1) / len(below)
-    axes.plot(below, shares, label=label, **STYLES[label])
+    below = np.sort(np.maximum(errors, SMALLEST_MM), axis=None)
+    axes.plot(below, np.arange(1, len(below) + 1) / len(below), label=label, **_style(label))
 
 
-def to_film(scored: Sequence[Scored]) -> list[Scored]:
-    """The first benchmark of every kind: of every mechanism, with fixed and with moving targets."""
-    kinds: dict[str, Scored] = {}
-    for one in scored:
-        settings = one.benchmark.recipes[0].config.env.complete_settings()
-        kinds.setdefault(repr((settings["mechanism"], settings["target"]["process"])), one)
-    return list(kinds.values())
-
-
-def three_episodes(scored: Scored) -> dict[str, tuple[bytes, str]]:
-    """GIF of the episodes that end with the smallest, the median and the largest error; by its name, with a caption.
-
-    Of the best configuration's run that did best in the evaluations during training.
-    """
-    benchmark, scores = scored.benchmark, scored.scores
-    recipe = next(recipe for recipe in benchmark.recipes if recipe.name == scores.best_policy)
-    run = recipe.chosen
-    episodes = scores.policies[recipe.name][list(recipe.runs).index(run)]
-    order = np.argsort(episodes.final_errors, kind="stable")
-    places = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
-    seeds = {name: int(episodes.seeds[place]) for name, place in places.items()}
-    policy = Policy.load(run.folder, POLICY)
-    frames = {
-        f"{name}: {episodes.final_errors[place]:.2g} mm": _shortened(film(run.config.env, policy, seeds[name]))
-        for name, place in places.items()
-    }
-    told = ", ".join(f"{name} (seed {seed})" for name, seed in seeds.items())
-    caption = f"{recipe.name}, training seed {run.config.seed}: of the episodes of the table the {told}."
-    return {f"results_{benchmark.file}.gif": (animation(frames, PICTURE_WIDTH), caption)}
-
-
-def _shortened(frames: Sequence[Any]) -> Sequence[Any]:
-    """At most LONGEST of the pictures, evenly, the last one among them."""
-    return frames[:: -math.ceil(len(frames) / LONGEST)][::-1]
+def _learned(record: BenchmarkRecord) -> list[ControllerRecord]:
+    return [record.controller(name) for name in record.names(POLICY)]
 
 
 def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]:
@@ -169,9 +191,12 @@ def _panels(count: int, x_label: str, y_label: str) -> tuple[Figure, list[Axes]]
 
 
 def _with_legend(figure: Figure, panels: Sequence[Axes]) -> Figure:
-    """The figure with one legend, since its panels have the same lines."""
+    """The figure with one legend of all lines of its panels."""
+    handles: Mapping[str, Any] = {
+        label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     columns = 4 if len(panels) > 1 else 2
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=columns, frameon=False)
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns, frameon=False)
     return figure
 
 

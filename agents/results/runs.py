@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.controller import Array
-from agents.evaluation.policy import Policy
+from agents.policies.trained import load_trained
+from agents.results.environment import common, episodes_key
 from agents.runs.algorithms import PARAMETERS
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
@@ -22,8 +23,8 @@ from rj_gym import IDS
 from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
-HEAVIER = 1.5  # times the largest load of training
-POLICY = "best"  # the one with the smallest error in the evaluations during training
+SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as agents.campaign names it
+CHECKPOINT = "best"  # the one with the smallest error in the evaluations during training
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Run:
     """A finished run: its configuration, its seed, its processor time [s], its evaluations during training.
 
     Args:
+        seconds: with those of the runs that it began from.
         curve: steps done, mean tip error [mm] and processor time [s] at every evaluation, (3, evaluations).
     """
 
@@ -50,8 +52,8 @@ class Run:
             hint = f"To go on: python -m agents.train --resume {path}"
             raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
-            Policy.load(folder, POLICY)
-            return cls(folder, config, folder.training_seconds, _curve(folder))
+            load_trained(folder, CHECKPOINT)
+            return cls(folder, config, sum(one.training_seconds for one in stages(folder)), _curve(folder))
         except RollingJointError:
             raise
         except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
@@ -77,8 +79,10 @@ class Recipe:
 
     @property
     def chosen(self) -> Run:
-        """The run with the smallest mean error in the evaluations during training."""
-        return min(self.runs, key=lambda run: float(np.min(run.curve[1])))
+        """The run with the smallest error in the evaluations during training: what its `best/` was chosen by."""
+        same = {run.folder.judged_by for run in self.runs}
+        column = same.pop() if len(same) == 1 else "mean_mm"
+        return min(self.runs, key=lambda run: min(float(row[column]) for row in read_rows(run.folder.evaluations)))
 
     @property
     def order(self) -> tuple[Any, ...]:
@@ -88,7 +92,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Recipes for the same episodes: equal environment settings except the reward; `title` for headings and files."""
+    """Recipes for the same episodes, as agents.results.environment has it; `title` for headings and files."""
 
     title: str
     recipes: Sequence[Recipe]
@@ -96,19 +100,13 @@ class Benchmark:
     @property
     def env(self) -> EnvConfig:
         """The environment that baselines and floor see."""
-        env = self.recipes[0].config.env
-        return EnvConfig(_without_goal(env.id), settings=dict(env.settings))
+        return common(self.recipes[0].config.env)
 
     @property
     def config(self) -> TaskConfig:
         """The settings of the environment."""
         config: TaskConfig = self.env.arguments()["config"]
         return config
-
-    @property
-    def file(self) -> str:
-        """The title as part of a file name."""
-        return re.sub(r"\W+", "_", self.title)
 
     @cached_property
     def complexity(self) -> tuple[int, int]:
@@ -118,17 +116,10 @@ class Benchmark:
         settings = self.recipes[0].config.env.complete_settings()
         return list(IDS).index(env_id), _differences(settings, default)
 
-    @property
-    def has_heavier(self) -> bool:
-        """Whether there are loads beyond those of training; not where loads are observed, in units of the largest."""
-        return self.config.load.magnitude[1] > 0 and not self.config.observe_load
 
-
-def heavier(env: EnvConfig) -> EnvConfig:
-    """The environment with loads from the largest one on, to HEAVIER times that."""
-    largest = env.arguments()["config"].load.magnitude[1]
-    load = dict(env.settings.get("load") or {}) | {"magnitude": [largest, HEAVIER * largest]}
-    return EnvConfig(env.id, env.n_envs, dict(env.settings) | {"load": load})
+def file_name(title: str) -> str:
+    """A title as part of a file name."""
+    return re.sub(r"\W+", "_", title)
 
 
 def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
@@ -145,14 +136,22 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
         except RollingJointError as error:
             left_out[path] = str(error)
     grouped: dict[str, list[Recipe]] = {}
-    names = _distinct([_name(runs[0].folder.path, root) for runs in groups.values()])
+    names = _distinct([recipe_name(runs[0].folder.path) for runs in groups.values()])
     for name, runs in zip(names, groups.values(), strict=True):
         recipe = Recipe(name, sorted(runs, key=lambda run: run.config.seed))
-        grouped.setdefault(_episodes_key(recipe.config), []).append(recipe)
+        grouped.setdefault(episodes_key(recipe.config.env), []).append(recipe)
     sorted_recipes = [sorted(recipes, key=lambda recipe: recipe.order) for recipes in grouped.values()]
     titles = _distinct([_title(recipes) for recipes in sorted_recipes])
     found = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
     return sorted(found, key=lambda one: (one.complexity, one.title)), left_out
+
+
+def stages(folder: RunFolder) -> list[RunFolder]:
+    """The run, and those that it began from, each the start of the one before it, as far as they are there."""
+    found = [folder]
+    while (start := found[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
+        found.append(RunFolder(Path(start)))
+    return found
 
 
 def _run_folders(root: Path) -> Iterator[Path]:
@@ -167,35 +166,31 @@ def _curve(folder: RunFolder) -> Array:
     steps, errors = (np.array([float(row[name]) for row in found]) for name in ("steps", "mean_mm"))
     names = ("time/total_timesteps", PROCESSOR)
     log = [[float(row[name]) for name in names] for row in read_rows(folder.progress) if all(row.get(n) for n in names)]
-    done, seconds = np.array(log).T
+    done, seconds = np.array([[0.0, 0.0], *log]).T  # short runs of learners that log seldom have no row
     return np.stack([steps, errors, np.interp(steps, done, seconds)])
 
 
 def _without_seed(config: TrainConfig) -> str:
-    return repr(config.content() | {"seed": 0})
+    """Equal for runs of one recipe, which may each begin from a run of their own seed."""
+    start = config.start_from and str(_recipe_folder(Path(config.start_from)))
+    return repr(config.content() | {"seed": 0, "start_from": start})
 
 
-def _episodes_key(config: TrainConfig) -> str:
-    """Equal for configurations with the same episodes and the same observations of them."""
-    return repr((_without_goal(config.env.id), config.env.complete_settings() | {"reward": None}))
-
-
-def _without_goal(env_id: str) -> str:
-    """The id of the same task whose observation is one vector."""
-    return env_id.replace("Goal-", "-")
-
-
-def _name(folder: Path, root: Path) -> str:
+def recipe_name(folder: Path) -> str:
     """What to call the configuration of a run folder: CONFIGURATION/seed_K, or a folder of its own name."""
-    return folder.resolve().parent.name if re.fullmatch(r"seed_\d+", folder.name) else folder.name
+    return _recipe_folder(folder.resolve()).name if SEED.fullmatch(folder.name) else folder.name
+
+
+def _recipe_folder(folder: Path) -> Path:
+    return folder.parent if SEED.fullmatch(folder.name) else folder
 
 
 def _title(recipes: Sequence[Recipe]) -> str:
     """The name of the first configuration without that of its algorithm: ppo_fixed_target -> fixed target."""
-    words = recipes[0].name.split("_")
-    while len(words) > 1 and words[0] in (*PARAMETERS, "her"):
-        words.pop(0)
-    return " ".join(words)
+    words = recipes[0].name
+    for algorithm in sorted((*PARAMETERS, "her"), key=len, reverse=True):
+        words = words.removeprefix(f"{algorithm}_")
+    return words.replace("_", " ")
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

@@ -1,126 +1,50 @@
-"""What all controllers of a benchmark do in the same episodes, and comparisons of them episode by episode."""
+"""What all controllers of a benchmark do in the same episodes: from run folders to a record."""
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
-from agents.baselines import baselines
-from agents.evaluation.controller import Array
+from agents.evaluation.controller import Array, Controller
 from agents.evaluation.floor import episode_floor, why_no_floor
-from agents.evaluation.policy import Policy
-from agents.evaluation.rollout import Episodes, run_episodes
-from agents.evaluation.score import FLOOR, Score
-from agents.results.runs import POLICY, Benchmark, heavier
+from agents.evaluation.rollout import run_episodes
+from agents.evaluation.score import FLOOR
+from agents.executors.driver import values_of
+from agents.executors.options import LOCAL, executor_of
+from agents.executors.policies import PolicyUnit
+from agents.executors.progress import Progress
+from agents.policies.loading import list_policies, load_policy
+from agents.policies.shipped import ShippedPolicy
+from agents.policies.trained import load_driving
+from agents.results.description import description
+from agents.results.environment import changed, common, episodes_key, plain
+from agents.results.record import (
+    BASELINE,
+    POLICY,
+    SHIFT,
+    TEST,
+    BenchmarkRecord,
+    ControllerRecord,
+    Driven,
+    RunRecord,
+    World,
+)
+from agents.results.roster import candidates, env_for, is_privileged, opponents
+from agents.results.runs import CHECKPOINT, Benchmark, Recipe, Run, recipe_name, stages
+from agents.results.standings import FEEDBACK
+from agents.results.worlds import Plan, worlds_of
+from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from rollingjoint import set_threads
+from agents.runs.pickles import PickleWarning
 
-FEEDBACK = "jacobian feedback"
 Drive = Callable[[Sequence["_Part"]], Iterator[Any]]
-Change = Callable[[EnvConfig], EnvConfig]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """By how much one controller's error is smaller than another's in the same E episodes [mm].
-
-    Args:
-        gain_mm: mean of the differences. standard_error_mm: of that mean, over the episodes.
-        share: of the other's mean error that is gained.
-        seeds_better, seeds: of the first one's runs, how many have a smaller mean error; all of them.
-    """
-
-    gain_mm: float
-    standard_error_mm: float
-    share: float
-    seeds_better: int
-    seeds: int
-
-    @classmethod
-    def of(cls, own: Array, other: Array) -> Comparison:
-        """Errors of the runs of one, (S, E), against those of another, (E,)."""
-        gains = other - own.mean(axis=0)
-        error = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else np.inf
-        better = int(np.sum(own.mean(axis=1) < other.mean()))
-        return cls(float(gains.mean()), error, float(gains.mean() / other.mean()), better, len(own))
-
-    @property
-    def standard_errors(self) -> float:
-        """The gain in units of its standard error."""
-        if self.standard_error_mm > 0:
-            return self.gain_mm / self.standard_error_mm
-        return float(np.sign(self.gain_mm) * np.inf) if self.gain_mm else 0.0
-
-
-@dataclass(frozen=True)
-class Scores:
-    """What all controllers of a benchmark did in the same E episodes.
-
-    Args:
-        policies: by name of the configuration, the episodes of each of its runs.
-        baselines: by name. floors: (E,) [mm], NaN where none is known.
-    """
-
-    policies: Mapping[str, Sequence[Episodes]]
-    baselines: Mapping[str, Episodes]
-    floors: Array
-
-    def of_policy(self, name: str) -> list[Score]:
-        """The score of every run of a configuration."""
-        return [Score.of(episodes, self.floors) for episodes in self.policies[name]]
-
-    def of_baseline(self, name: str) -> Score:
-        """The score of a baseline."""
-        return Score.of(self.baselines[name], self.floors)
-
-    def errors(self, name: str) -> Array:
-        """Tip error at the end: of every run of a configuration, or of a baseline, (runs, E) [mm]."""
-        found = self.policies[name] if name in self.policies else [self.baselines[name]]
-        return np.stack([episodes.final_errors for episodes in found])
-
-    @property
-    def loads(self) -> Array:
-        """Magnitude of the load at the end, (E,) [N]."""
-        forces = next(iter(self.baselines.values())).loads
-        assert forces is not None
-        return np.linalg.norm(forces[:, -1], axis=-1)
-
-    @property
-    def best_policy(self) -> str:
-        """The configuration with the smallest mean error."""
-        return min(self.policies, key=lambda name: float(self.errors(name).mean()))
-
-    @property
-    def best_baseline(self) -> str:
-        """The baseline with the smallest mean error."""
-        return min(self.baselines, key=lambda name: float(self.errors(name).mean()))
-
-    def compare(self, policy: str, baseline: str) -> Comparison:
-        """How the runs of a configuration do against a baseline."""
-        return Comparison.of(self.errors(policy), self.errors(baseline)[0])
-
-
-@dataclass(frozen=True)
-class Scored:
-    """A benchmark with what was found.
-
-    Args:
-        scores: in the episodes of the tables. beyond: in those with heavier loads; None where there are none.
-        levels: mean errors of Jacobian feedback and, where it is known, floor in the evaluations during training [mm],
-            by name.
-    """
-
-    benchmark: Benchmark
-    scores: Scores
-    beyond: Scores | None
-    levels: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -130,44 +54,153 @@ class _Part:
     env: EnvConfig
     driver: RunFolder | str | None
     seeds: Sequence[int]
+    complete: bool = True
 
-    def __call__(self) -> Episodes | Array:
+    @property
+    def run(self) -> RunFolder | None:
+        """The run whose policy drives; None for a baseline and for floors."""
+        return self.driver if isinstance(self.driver, RunFolder) else None
+
+    def __call__(self) -> Driven | Array:
         if self.driver is None:
             known = not why_no_floor(self.env)
             return episode_floor(self.env, self.seeds).errors if known else np.full(len(self.seeds), np.nan)
-        if isinstance(self.driver, str):
-            return run_episodes(self.env, baselines()[self.driver], self.seeds)
-        episodes = run_episodes(self.env, Policy.load(self.driver, POLICY), self.seeds)
-        return replace(episodes, loads=None, link=None, targets=None)  # the same as those of the baselines
+        return Driven.of(run_episodes(self.env, _controller(self.env.id, self.driver), self.seeds), self.complete)
 
 
-def score_benchmark(benchmark: Benchmark, seeds: Sequence[int], drive: Drive) -> Scored:
-    """All that the page says of a benchmark, in the episodes with these seeds."""
-    beyond = score(benchmark, seeds, drive, heavier) if benchmark.has_heavier else None
-    during = benchmark.recipes[0].config.evaluation.seeds
-    feedback, floors = drive([_Part(benchmark.env, driver, during) for driver in (FEEDBACK, None)])
-    levels = {FEEDBACK: float(feedback.final_errors.mean())}
-    if np.isfinite(floors).any():
-        levels[FLOOR] = float(floors[np.isfinite(floors)].mean())
-    return Scored(benchmark, score(benchmark, seeds, drive), beyond, levels)
+@lru_cache(maxsize=1)  # one controller after another drives in many worlds
+def _controller(env_id: str, driver: RunFolder | str) -> Controller:
+    if isinstance(driver, RunFolder):
+        return load_driving(driver, CHECKPOINT)
+    return load_policy(driver) if driver in list_policies() else candidates(env_id)[driver]
 
 
-def score(benchmark: Benchmark, seeds: Sequence[int], drive: Drive, change: Change = lambda env: env) -> Scores:
-    """The scores of all controllers of a benchmark in the episodes with these seeds, its environments changed so."""
-    driven: list[tuple[EnvConfig, RunFolder | str | None]] = []
-    driven += [(run.config.env, run.folder) for recipe in benchmark.recipes for run in recipe.runs]
-    driven += [(benchmark.env, driver) for driver in (*baselines(), None)]
-    found = drive([_Part(change(env), driver, seeds) for env, driver in driven])
-    policies = {recipe.name: [next(found) for _ in recipe.runs] for recipe in benchmark.recipes}
-    return Scores(policies, {name: next(found) for name in baselines()}, next(found))
+@dataclass(frozen=True)
+class Learner:
+    """A learned controller that is to be scored.
+
+    Args:
+        name, training: of its record. runs: the environment and the driver of every run, a run folder or the name of a
+            shipped policy, and what makes its record of what it did in all worlds.
+    """
+
+    name: str
+    training: Mapping[str, Any]
+    runs: Sequence[tuple[EnvConfig, RunFolder | str, Callable[[Mapping[str, Driven]], RunRecord]]]
+
+
+def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive) -> BenchmarkRecord:
+    """All that the page says of a benchmark, in the episodes of the plan."""
+    env, learners = common(benchmark.env), [_trained(recipe) for recipe in benchmark.recipes]
+    record = _score(benchmark.title, env, learners, plan, drive)
+    names = [FEEDBACK] if FEEDBACK in record.names() else []
+    return replace(record, levels=_levels(benchmark, env, dict.fromkeys([*names, record.best(BASELINE)]), drive))
+
+
+def score_shipped(policy: ShippedPolicy, title: str, plan: Plan, drive: Drive) -> BenchmarkRecord:
+    """The same of a shipped policy and its task, without curves: one training seed, trained earlier."""
+    known = policy.training
+    training = {name: known[name] for name in ("steps", "config")} | {"algorithm": policy.algorithm, "shipped": True}
+    run = (policy.environment, policy.name, lambda driven: RunRecord(driven, known["seed"]))
+    learner = Learner(f"{policy.algorithm}_{policy.name}", training, [run])
+    return _score(title, common(policy.environment), [learner], replace(plan, per_point=0), drive)
+
+
+def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPolicy]:
+    """The shipped policies of tasks that are none of these, by a title for their task."""
+    known, titles = {episodes_key(one.env) for one in benchmarks}, {one.title for one in benchmarks}
+    found = {}
+    for policy in map(load_policy, list_policies()):
+        if episodes_key(policy.environment) not in known:
+            title = policy.name.replace("_", " ")
+            found[f"{title} (shipped)" if title in titles else title] = policy
+    return found
+
+
+def _score(title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, drive: Drive) -> BenchmarkRecord:
+    able, impossible = opponents(env)
+    worlds = worlds_of(env, plan)
+    driven = [(own, driver) for learner in learners for own, driver, _ in learner.runs]
+    driven += [(env_for(env, controller), name) for name, controller in able.items()]
+    parts = [
+        _Part(changed(own, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
+        for own, driver in driven
+        for world in worlds
+    ]
+    found = drive([*parts, *_floor_parts(env, worlds)])
+    done = iter([{world.name: next(found) for world in worlds} for _ in driven])
+    learned = [
+        ControllerRecord(one.name, POLICY, [record(next(done)) for *_, record in one.runs], training=one.training)
+        for one in learners
+    ]
+    compared = [
+        ControllerRecord(name, BASELINE, [RunRecord(next(done))], is_privileged(controller))
+        for name, controller in able.items()
+    ]
+    return BenchmarkRecord(
+        title=title,
+        description=description(env.arguments()["config"]),
+        env_id=env.id,
+        settings=plain(env),
+        worlds=[_with_floors(world, next(found)) if _has_floors(world) else world for world in worlds],
+        controllers=[*learned, *compared],
+        impossible=impossible,
+    )
+
+
+def _floor_parts(env: EnvConfig, worlds: Sequence[World]) -> list[_Part]:
+    return [_Part(changed(env, world.changes), None, world.seeds) for world in worlds if _has_floors(world)]
+
+
+def _has_floors(world: World) -> bool:
+    """Whether floors are looked for: in tables, and where loads vary, which moves them."""
+    return world.role in (TEST, SHIFT) or "load" in world.changes
+
+
+def _with_floors(world: World, floors: Array) -> World:
+    return replace(world, floors=floors if np.isfinite(floors).any() else None)
+
+
+def _trained(recipe: Recipe) -> Learner:
+    config = recipe.config.to_dict()
+    shown = {name: config[name] for name in ("parameters", "policy", "normalise", "her")}
+    training = {"algorithm": config["algorithm"], "steps": config["total_timesteps"], "config": shown}
+    if earlier := [recipe_name(stage.path) for stage in stages(recipe.runs[0].folder)[1:]]:
+        training["began_as"] = earlier
+    runs = [(run.config.env, run.folder, partial(_run_record, run)) for run in recipe.runs]
+    return Learner(recipe.name, training, runs)
+
+
+def _run_record(run: Run, driven: Mapping[str, Driven]) -> RunRecord:
+    used = {use: (seeds[0], seeds[-1]) for use, seeds in run.config.seeds.items()}
+    return RunRecord(driven, run.config.seed, run.seconds, used, run.curve)
+
+
+def _levels(benchmark: Benchmark, env: EnvConfig, names: Iterable[str | None], drive: Drive) -> dict[str, float]:
+    """Mean errors at the end of these controllers and of the floor, in the evaluations during training [mm]."""
+    during, known = benchmark.recipes[0].config.evaluation.seeds, list(filter(None, names))
+    *driven, floors = drive([_Part(env, name, during) for name in (*known, None)])
+    levels = {name: float(one.final.mean()) for name, one in zip(known, driven, strict=True)}
+    finite = floors[np.isfinite(floors)]
+    return levels | ({FLOOR: float(finite.mean())} if len(finite) else {})
 
 
 @contextmanager
-def driving(jobs: int) -> Iterator[Drive]:
-    """Works through parts in order, `jobs` at a time, in processes of their own if more than one."""
-    if jobs == 1:
-        yield lambda parts: iter([part() for part in parts])
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, initializer=set_threads, initargs=(1,)) as pool:
-        yield lambda parts: pool.map(_Part.__call__, parts)
+def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
+    """Works through parts, `jobs` at a time here or on a Ray cluster; their values come in the order of the parts."""
+    with executor_of(cluster, jobs, inline=True) as executor:
+
+        def drive(parts: Sequence[_Part]) -> Iterator[Any]:
+            units = [PolicyUnit(str(place), _driven, (part,), part.run) for place, part in enumerate(parts)]
+            with signals_seen() as signals, Progress(len(parts), "part") as progress:
+                values = values_of(executor, units, progress, signals)
+            return iter(values)
+
+        yield drive
+
+
+def _driven(part: _Part, run: RunFolder | None) -> Driven | Array:
+    """In a worker: the episodes of a part, whose policy is in the folder of `run` on this machine."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PickleWarning)  # the first process has warned
+        return (part if run is None else replace(part, driver=run))()

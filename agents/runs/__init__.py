@@ -4,11 +4,15 @@ Modules:
     checks: checks of configuration values.
     schedules: hyper-parameters that change during training.
     algorithms: learning algorithms and the hyper-parameters that a configuration may set.
+    evaluations: the columns of evaluations.csv, and which of them chooses the best policy.
     environment: the environment of a run, and how Gymnasium makes it.
     config: the whole configuration, read from YAML.
+    seeds: which seeds serve for what.
     files: files that are written whole or not at all; tables read back.
     locks: locks between processes.
+    pickles: warnings before pickles of run folders are read.
     folder: the run folder.
+    processes: how commands are asked to stop.
     command_line: exit codes, error lines and signals of the commands.
 
 Nothing is imported here; torch and Stable-Baselines3 are loaded by the functions that need them.

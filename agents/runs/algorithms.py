@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from agents.runs.checks import Check, boolean, integer, number, optional
 from agents.runs.schedules import built, schedule
-from rollingjoint.checked_yaml import mapping
+from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,35 +50,68 @@ _OFF_POLICY: dict[str, Check] = _COMMON | {
     "use_sde_at_warmup": boolean,
 }
 _TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
+_ON_POLICY: dict[str, Check] = _COMMON | {
+    "n_steps": integer(2),
+    "n_epochs": _count,
+    "gae_lambda": _share,
+    "clip_range": schedule(),
+    "clip_range_vf": optional(schedule()),
+    "normalize_advantage": boolean,
+    "ent_coef": _positive,
+    "vf_coef": _positive,
+    "max_grad_norm": _positive,
+    "target_kl": optional(_positive),
+}
+_LESSONS: dict[str, Check] = {
+    "learning_rate": schedule(),
+    "teacher": optional(text),
+    "taught": _share,
+    "delta": number(1e-6),
+    "gradient_steps": _count,
+    "batch_size": _count,
+    "kept_rollouts": _count,
+    "max_grad_norm": _positive,
+    "stats_window_size": _count,
+}
 PARAMETERS: dict[str, dict[str, Check]] = {
-    "ppo": _COMMON
-    | {
-        "n_steps": integer(2),
-        "n_epochs": _count,
-        "gae_lambda": _share,
-        "clip_range": schedule(),
-        "clip_range_vf": optional(schedule()),
-        "normalize_advantage": boolean,
-        "ent_coef": _positive,
-        "vf_coef": _positive,
-        "max_grad_norm": _positive,
-        "target_kl": optional(_positive),
-    },
+    "ppo": _ON_POLICY,
+    "recurrent_ppo": _ON_POLICY,
     "sac": _OFF_POLICY | _TARGETS,
     "tqc": _OFF_POLICY | _TARGETS | {"top_quantiles_to_drop_per_net": integer(0, 24)},
     "crossq": _OFF_POLICY | {"policy_delay": _count},
+    "apg": _LESSONS
+    | {
+        "lessons": _share,
+        "settled_steps": _count,
+        "whole_weight": _positive,
+        "estimate_weight": _positive,
+        "lane_gradient": optional(_positive),
+    },
+    "distill": _LESSONS,
 }
 HINDSIGHT = ("sac", "tqc")
+ON_POLICY = {"ppo": (2048, 64), "recurrent_ppo": (128, 128)}
+"""Algorithms that learn from whole rollouts, with their default n_steps and batch_size."""
+OWN = ("apg", "distill")
+"""Those of agents.learners, which train a RecurrentActor on whole episodes of all lanes."""
 _SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
-    """The class of "ppo" or "sac" in Stable-Baselines3, of "tqc" or "crossq" in its contributions."""
-    if name in ("tqc", "crossq"):
+    """The class of an algorithm: in Stable-Baselines3, in its contributions, or our own in agents.learners."""
+    if name == "apg":
+        from agents.learners.apg import APG
+
+        return APG
+    if name == "distill":
+        from agents.learners.distill import Distill
+
+        return Distill
+    if name in (contributions := {"tqc": "TQC", "crossq": "CrossQ", "recurrent_ppo": "RecurrentPPO"}):
         import sb3_contrib
 
-        contributed: dict[str, type[BaseAlgorithm]] = {"tqc": sb3_contrib.TQC, "crossq": sb3_contrib.CrossQ}
-        return contributed[name]
+        contributed: type[BaseAlgorithm] = getattr(sb3_contrib, contributions[name])
+        return contributed
     import stable_baselines3
 
     classes: dict[str, type[BaseAlgorithm]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
@@ -90,8 +123,8 @@ def checked_parameters(algorithm: str, parameters: Any, n_envs: int) -> dict[str
     checks = PARAMETERS[algorithm]
     given = mapping("parameters", parameters, list(checks))
     checked = {name: checks[name](f"parameters.{name}", value) for name, value in given.items()}
-    if algorithm == "ppo":
-        _check_batches(checked, n_envs)
+    if algorithm in ON_POLICY:
+        _check_batches(algorithm, checked, n_envs)
     return checked
 
 
@@ -123,9 +156,10 @@ def schedules(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return {name: built(parameters[name]) for name in _SCHEDULES if name in parameters}
 
 
-def _check_batches(parameters: Mapping[str, Any], n_envs: int) -> None:
-    rollout = parameters.get("n_steps", 2048) * n_envs
-    batch = parameters.get("batch_size", 64)
+def _check_batches(algorithm: str, parameters: Mapping[str, Any], n_envs: int) -> None:
+    steps, size = ON_POLICY[algorithm]
+    rollout = parameters.get("n_steps", steps) * n_envs
+    batch = parameters.get("batch_size", size)
     if rollout % batch:
         allowed = f"a divisor of n_steps x n_envs = {rollout}"
         raise ConfigError("parameters.batch_size", batch, allowed, "Else the last batch of every epoch is cut short.")

@@ -9,15 +9,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from agents.runs.pickles import pickle_warnings
+from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
+from rollingjoint.tables import print_any_character
 
 FAILED, INTERRUPTED = 2, 130
 
 
-def exit_code(command: Callable[[], int]) -> int:
-    """The exit code of `command`; errors that a user can fix become one line and code 2."""
+def exit_code(command: Callable[[], int], trust: bool = False) -> int:
+    """The exit code of `command`; errors that a user can fix become one line and code 2.
+
+    Args:
+        trust: whether pickles of run folders are read without a warning.
+    """
+    print_any_character()
     try:
-        return command()
+        with pickle_warnings(trust):
+            return command()
     except (RollingJointError, OSError) as error:
         print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
@@ -33,10 +42,9 @@ def exit_code(command: Callable[[], int]) -> int:
 
 @contextmanager
 def signals_seen() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM as they arrive, in place of what they do otherwise."""
+    """Collects the signals that ask to stop as they arrive, in place of what they do otherwise."""
     seen: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in numbers}
+    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in STOPPING}
     try:
         yield seen
     finally:

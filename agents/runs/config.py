@@ -4,34 +4,52 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.runs.algorithms import PARAMETERS, check_hindsight, checked_parameters
+from agents.runs.algorithms import ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
 from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
+from rollingjoint.checked_yaml import text as checked_text
 from rollingjoint.errors import ConfigError
+
+PRIVILEGED = "privileged"  # what rj_gym calls the true state
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """The networks: hidden layers, activation, first log standard deviation (PPO).
+    """The networks.
 
-    `value_hidden` are the hidden layers of the value functions; None: those of the policy.
+    Args:
+        hidden: widths of the hidden layers; with a memory, of those behind it.
+        value_hidden: the same of the value functions; None: as in the policy.
+        activation: of the hidden layers: "tanh", "relu" or "elu".
+        log_std_init: logarithm of the first standard deviation of the actions (ppo, recurrent_ppo).
+        memory: width of the LSTM (recurrent_ppo), or of all layers (apg, distill).
+        critic: what the value function sees in training (ppo, recurrent_ppo): the "observation", or the "privileged"
+            state of the environment as well. The policy always sees the observation alone.
     """
 
     hidden: Sequence[int] = (64, 64)
     value_hidden: Sequence[int] | None = None
     activation: str = "tanh"
     log_std_init: float = 0.0
+    memory: int = 128
+    critic: str = "observation"
 
     def __post_init__(self) -> None:
         widths = integers(1, 4096)
         activation = choice("tanh", "relu", "elu")
         check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
-        check_fields(self, "policy.", log_std_init=number(-10.0, 3.0))
+        check_fields(self, "policy.", log_std_init=number(-10.0, 3.0), memory=integer(1, 4096))
+        check_fields(self, "policy.", critic=choice("observation", PRIVILEGED))
+
+    @property
+    def critic_is_privileged(self) -> bool:
+        """Whether the value function sees more than the policy."""
+        return self.critic == PRIVILEGED
 
 
 @dataclass(frozen=True)
@@ -78,7 +96,11 @@ class EvaluationConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Everything that a training run depends on; steps are counted over all environments together."""
+    """Everything that a training run depends on; steps are counted over all environments together.
+
+    `residual` names the controller to whose actions the policy adds its own; None: the policy acts alone. `start_from`
+    is the folder of an earlier run as whose best policy this one starts (apg, distill); None: it starts from nothing.
+    """
 
     algorithm: str = "ppo"
     total_timesteps: int = 1_000_000
@@ -88,6 +110,8 @@ class TrainConfig:
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     normalise: NormaliseConfig = field(default_factory=NormaliseConfig)
     her: HerConfig | None = None
+    residual: str | None = None
+    start_from: str | None = None
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     checkpoint_every: int = 250_000
     torch_threads: int = 1
@@ -99,6 +123,42 @@ class TrainConfig:
         object.__setattr__(self, "parameters", parameters)
         if self.her is not None:
             check_hindsight(self.algorithm, self.parameters, self.env.n_envs, self.env.episode_steps)
+        if self.residual is not None:
+            self._check_residual()
+        if self.start_from is not None:
+            self._check_start()
+        if self.policy.critic_is_privileged:
+            self._check_privileged_critic()
+
+    def _check_start(self) -> None:
+        checked_text("start_from", self.start_from)
+        if self.algorithm not in OWN:
+            raise ConfigError("start_from", self.start_from, f"null, or a run folder with {' or '.join(OWN)}")
+
+    def _check_residual(self) -> None:
+        checked_text("residual", self.residual)
+        if self.algorithm == "distill" or self.parameters.get("lessons", 0.0) > 0.0:
+            allowed = "null with distill, and with apg that has lessons"
+            raise ConfigError("residual", self.residual, allowed, "A teacher shows whole actions.")
+        if self.her is not None or not self.env.is_tracking:
+            allowed = "null with her, and where the environment is not a tracking task of rj_gym"
+            raise ConfigError("residual", self.residual, allowed, "There controllers have nothing to act on.")
+
+    def _check_privileged_critic(self) -> None:
+        what, critic = "policy.critic", self.policy.critic
+        if self.algorithm not in ON_POLICY:
+            hint = f"Critics of {self.algorithm} see the observation."
+            raise ConfigError(what, critic, f"observation, or {PRIVILEGED} with {' or '.join(ON_POLICY)}", hint)
+        if not self.env.is_tracking or self.env.has_goals:
+            allowed = f"observation, or {PRIVILEGED} in a tracking environment without goals"
+            raise ConfigError(what, critic, allowed, "Only there the true state can be read.")
+
+    @property
+    def training_env(self) -> EnvConfig:
+        """The environment as the learner steps it: `env`, with the privileged state if its critic sees that."""
+        if not self.policy.critic_is_privileged:
+            return self.env
+        return replace(self.env, settings={**self.env.settings, PRIVILEGED: "observation"})
 
     @property
     def seeds(self) -> dict[str, range]:
@@ -160,6 +220,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
     """The configuration in a YAML file, with "section.key=value" overrides on top.
 
     `env.file` names a YAML file of environment settings, relative to this file; `env.settings` goes on top of it.
+    `start_from`, as run folders elsewhere, is relative to the working directory.
     Raises ConfigError that names the file, the key and the nearest valid key.
     """
     path = Path(path)
@@ -168,6 +229,8 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
         values = apply_overrides(values, overrides)
         if isinstance(values.get("env"), dict):
             values["env"] = _resolve_env(values["env"], path.parent)
+        if isinstance(values.get("start_from"), str):
+            values["start_from"] = str(Path(values["start_from"]).resolve())
         return TrainConfig.from_dict(values)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from agents.runs.checks import check_fields, integer, prefixed
+from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,6 +51,18 @@ class EnvConfig:
         from rj_gym import IDS
 
         return self.id in IDS
+
+    @property
+    def judged_by(self) -> str:
+        """The column of evaluations.csv that policies are chosen by: LAST_10 in tracking tasks, as in tables."""
+        return LAST_10 if self.is_tracking else AT_THE_END
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether it is one of rj_gym's goal environments."""
+        from rj_gym import IDS
+
+        return self.is_ours and IDS.get(self.id, "").endswith("Goal")
 
     def arguments(self) -> dict[str, Any]:
         """Keyword arguments for gymnasium.make; raises ConfigError for settings the environment does not have."""

@@ -96,7 +96,7 @@ def is_as_written(path: Path) -> bool:
     beside = hash_file(path)
     if not beside.is_file():
         return True
-    return path.is_file() and _hash(path) in beside.read_text(errors="replace").split()
+    return path.is_file() and _hash(path) in beside.read_text("utf-8", errors="replace").split()
 
 
 def check_as_written(*paths: Path) -> None:
@@ -139,5 +139,5 @@ def read_rows(table: Path) -> list[dict[str, str]]:
     check_as_written(table)
     if not table.is_file():
         return []
-    with table.open(newline="") as stream:
+    with table.open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))

@@ -5,9 +5,11 @@
     mechanism.yaml       the mechanism, where the environment names a mechanism file
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
-    policy.zip           the policy at the end (or where training was stopped), with normaliser.pkl
-    best/                the policy with the smallest tip error in the evaluations, with its normaliser.pkl
-    checkpoints/         STEPS/ with the policy at that time; the newest two hold all that --resume needs
+    policy.safetensors   the policy at the end (or where training was stopped), with its normaliser: what commands read
+    policy.zip           the same with its critic, for Stable-Baselines3
+    normaliser.pkl       its VecNormalize, for Stable-Baselines3
+    best/                these files of the policy with the smallest mean tip error in the evaluations
+    checkpoints/         STEPS/ with these files at that time; the newest two hold all that --resume needs
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
     evaluation/          report, pictures and animation, written by agents.evaluate
@@ -16,11 +18,13 @@
 
 Beside these files FILE.sha256 has the hash of FILE, beside tables from the end of training on: what has changed is
 refused where it is read. TensorBoard events have checksums of their own; evaluation/, error.txt and lock have none.
-Policies and normalisers are pickles: load only run folders that you trust.
+Pickles (.pkl, .zip) are read by --resume and in folders without policy.safetensors, after a warning that names them:
+those of earlier versions, and of policies that have no form in NumPy.
 """
 
 from __future__ import annotations
 
+import csv
 import importlib.metadata
 import json
 import os
@@ -32,9 +36,10 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.runs.config import TrainConfig, filled, load_config
+from agents.runs.evaluations import AT_THE_END
 from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml
@@ -43,6 +48,24 @@ UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, 
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
 _BEGUN_WITH = ("config.yaml", "command.txt", "mechanism.yaml", "versions.json", "seeds.json")
 PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, which does not depend on other work
+
+
+class PolicyFiles(NamedTuple):
+    """One policy of a run: the form that commands read, and two pickles for Stable-Baselines3."""
+
+    network: Path
+    model: Path
+    normaliser: Path
+
+    @classmethod
+    def within(cls, folder: Path) -> PolicyFiles:
+        """The files of the policy in a folder."""
+        return cls(folder / "policy.safetensors", folder / "policy.zip", folder / "normaliser.pkl")
+
+    @property
+    def are_there(self) -> bool:
+        """Whether there is a policy, in one form at least."""
+        return self.network.is_file() or self.model.is_file()
 
 
 @dataclass(frozen=True)
@@ -68,6 +91,8 @@ class RunFolder:
             if force and path.exists():
                 cls(path)._give_way_to(partial)
             else:
+                if path.exists():
+                    path.rmdir()  # it is empty; Windows moves nothing to where something is
                 os.replace(partial, path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
@@ -77,9 +102,10 @@ class RunFolder:
         """Replace this folder by `partial`; raises RunFolderError where a training run holds it."""
         old = partial.with_name(f"{partial.name}.old")
         with self.locked():
-            os.replace(self.path, old)
-            os.replace(partial, self.path)
-            shutil.rmtree(old)
+            pass  # and free it again: Windows moves no folder in which a file is open
+        os.replace(self.path, old)
+        os.replace(partial, self.path)
+        shutil.rmtree(old)
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
@@ -120,11 +146,13 @@ class RunFolder:
         (self.path / "error.txt").unlink(missing_ok=True)
 
     def extend(self, total_timesteps: int, command: Sequence[str]) -> None:
-        """Record the new end of the run, and the command that set it."""
+        """Record the new end of the run, and the command that set it, if there is one."""
         values = filled(self.path / "config.yaml")
         write_hashed_text(self.path / "config.yaml", dump_yaml(values | {"total_timesteps": total_timesteps}))
+        if not command:
+            return
         commands = self.path / "command.txt"
-        write_hashed_text(commands, commands.read_text() + shlex.join(command) + "\n")
+        write_hashed_text(commands, commands.read_text("utf-8") + shlex.join(command) + "\n")
 
     def config(self, overrides: Sequence[str] = ()) -> TrainConfig:
         """The configuration of the run, with overrides on top; raises RunFolderError for damaged files."""
@@ -135,7 +163,7 @@ class RunFolder:
     def begun_with(self) -> str:
         """The version of this project that wrote the folder, in words."""
         try:
-            found = json.loads((self.path / "versions.json").read_text())["rollingjoint"]
+            found = json.loads((self.path / "versions.json").read_text("utf-8"))["rollingjoint"]
         except (OSError, ValueError, LookupError, TypeError):
             return "an unknown version of rollingjoint"
         return f"rollingjoint {found}"
@@ -177,6 +205,20 @@ class RunFolder:
         return self.path / "evaluations.csv"
 
     @property
+    def judged_by(self) -> str:
+        """The column of evaluations.csv that its best policy is chosen by: in older runs always AT_THE_END."""
+        column = self.config().env.judged_by
+        return column if not self.evaluations.is_file() or column in self.evaluated else AT_THE_END
+
+    @property
+    def evaluated(self) -> Sequence[str]:
+        """The columns of evaluations.csv; none if there is no file."""
+        if not self.evaluations.is_file():
+            return ()
+        with self.evaluations.open(encoding="utf-8", newline="") as stream:
+            return next(csv.reader(stream), ())
+
+    @property
     def tables(self) -> tuple[Path, Path]:
         """What grows during training, sealed when it ends."""
         return self.evaluations, self.progress
@@ -186,11 +228,26 @@ class RunFolder:
         """Folder of the report that agents.evaluate writes."""
         return self.path / "evaluation"
 
-    def policy_files(self, which: str) -> tuple[Path, Path]:
-        """Policy and normaliser: "last", "best", or the steps of a checkpoint."""
+    def policy_files(self, which: str) -> PolicyFiles:
+        """The files of a policy: "last", "best", or the steps of a checkpoint."""
         folders = {"last": self.path, "best": self.path / "best"}
-        folder = folders.get(which, self.checkpoints / which)
-        return folder / "policy.zip", folder / "normaliser.pkl"
+        return PolicyFiles.within(folders.get(which, self.checkpoints / which))
+
+    def saved_policy(self, which: str) -> PolicyFiles:
+        """The files of a policy, as they were written; raises RunFolderError where there is none, or a damaged one."""
+        files = self.policy_files(which)
+        check_as_written(*files)
+        if not files.are_there:
+            raise RunFolderError("policy", str(files.network), "a saved policy", "Has the training run got that far?")
+        return files
+
+    def network_to_start_from(self) -> PolicyFiles:
+        """The files of the best policy, as saved_policy; raises RunFolderError where it is in pickles alone."""
+        files = self.saved_policy("best")
+        if not files.network.is_file():
+            hint = "Its pickle is not read. Train that run anew from its config.yaml: it is of an earlier version."
+            raise RunFolderError("start_from", str(self.path), f"a run with best/{files.network.name}", hint)
+        return files
 
 
 def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ Modules:
     map_elites: MAP-Elites.
     folder: the folder of a run, with its journal.
     run: a run from its beginning, or continued.
-    workers: runs in several processes.
+    spread: runs whose batches are scored in chunks by many workers.
     outcome: what the runs below a folder found.
     verdicts: what the runs say, in sentences.
     report: the report of a search.

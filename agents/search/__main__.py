@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from agents.executors.driver import work_through
+from agents.executors.folders import FolderUnit, marked
+from agents.executors.options import LOCAL, add_options, executor_of
+from agents.executors.progress import Progress
+from agents.executors.protocol import Executor
 from agents.runs.checks import choice, integer
-from agents.runs.command_line import exit_code, finished, progress_bar, signals_seen, typed_command
+from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
-from agents.search.run import Progress
-from agents.search.workers import DONE, work_on
+from agents.search.run import search_in
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods of the file")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: processors)")
+    add_options(parser, "runs")
     parser.add_argument("--force", action="store_true", help="restart existing runs")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
@@ -49,9 +53,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     out = arguments.out or Path("runs/search") / arguments.config.stem
     runs = [SearchRun.begin(out / one.run_name, one, command, arguments.force) for one in config.runs()]
     left = [run.path for run in runs if not run.is_finished]
-    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {jobs} at a time", flush=True)
-    with signals_seen() as signals:
-        failed = _work(left, config.budget, jobs, signals)
+    where = f"{jobs} at a time" if arguments.cluster == LOCAL else f"on the cluster {arguments.cluster}"
+    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {where}", flush=True)
+    with executor_of(arguments.cluster, jobs) as executor, signals_seen() as signals:
+        failed = _work(executor, left, out, signals)
     code = finished(len(runs), failed, signals, " ".join(word for word in command if word != "--force"))
     if code == 0:
         write_report(out)
@@ -65,21 +70,23 @@ def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig
     return replace(config, methods={name: config.methods[name] for name in methods}) if methods else config
 
 
-def _work(paths: Sequence[Path], budget: int, jobs: int, signals: Sequence[int]) -> dict[Path, str]:
+def _work(executor: Executor, paths: Sequence[Path], out: Path, signals: MutableSequence[int]) -> dict[Path, str]:
     """Let the workers finish all runs; why some failed."""
-    now, failed, done = dict[Path, Progress](), dict[Path, str](), 0
-    with progress_bar(budget * len(paths), " designs") as bar:
-        for path, said in work_on(paths, jobs, lambda: bool(signals)):
-            if isinstance(said, Progress):
-                now[path] = said
-                bar.update(sum(one.evaluations for one in now.values()) - bar.n)
-                bar.set_postfix_str(f"best cost {_cost(min(one.best for one in now.values()))}", refresh=False)
-            elif said == DONE:
-                done += 1
-                name, last = "/".join(path.parts[-2:]), now[path]
-                bar.write(f"{done:>4} of {len(paths)}  {name}: best cost {_cost(last.best)}, {last.seconds:.1f} s")
-            else:
-                failed[path] = said
+    from agents.search.spread import SpreadRuns
+
+    failed, done = dict[Path, str](), 0
+    with ExitStack() as held:
+        home, progress = held.enter_context(marked(out)), held.enter_context(Progress(len(paths), "run"))
+        units = [FolderUnit(str(path), search_in, (), home, path.relative_to(out).as_posix()) for path in paths]
+        spread = held.enter_context(SpreadRuns(units, progress))
+        for ended in spread.runs(work_through(executor, spread.units(), progress, signals)):
+            if ended.failure:
+                failed[Path(ended.unit.name)] = ended.failure
+                continue
+            done += 1
+            last = ended.value
+            line = f"{ended.unit.place}: best cost {_cost(last.best)}, {last.seconds:.1f} s"
+            progress.write(f"{done:>4} of {len(paths)}  {line}")
     return failed
 
 

@@ -12,6 +12,8 @@ from agents.search.methods import METHODS
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError
 
+SMALLEST_CHUNK = 100  # designs
+
 
 @dataclass(frozen=True)
 class SearchConfig:
@@ -27,6 +29,8 @@ class SearchConfig:
         reference: the mechanism to compare with, a preset or the path of a mechanism file.
         budget: designs that every run evaluates; one with its gradient is one.
         seeds: every method runs once with each.
+        chunk: designs that are scored together at least, 100 or more; batches of twice as many or more are scored in
+            such chunks, by several workers. 0: every batch as a whole, by the process of its run.
     """
 
     objectives: Sequence[Mapping[str, Any]]
@@ -37,18 +41,23 @@ class SearchConfig:
     reference: str = "five_link"
     budget: int = 1000
     seeds: Sequence[int] = (1, 2, 3)
+    chunk: int = 0
 
     def __post_init__(self) -> None:
         entries("objectives", self.objectives)
         if not isinstance(self.limits, list | tuple):
             raise ConfigError("limits", self.limits, "a list of limits")
         for name, settings in mapping("methods", self.methods, tuple(METHODS)).items():
-            mapping(f"methods.{name}", settings, list(settings or {}))
+            if not isinstance(settings, Mapping | None):
+                raise ConfigError(f"methods.{name}", settings, "the settings of the method, keys and values, or none")
         if not self.methods:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
         text("reference", self.reference)
         entries("seeds", self.seeds)
-        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1))
+        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1), chunk=integer(0))
+        if 0 < self.chunk < SMALLEST_CHUNK:
+            hint = "Fewer designs are scored sooner than they are handed over."
+            raise ConfigError("chunk", self.chunk, f"0, or {SMALLEST_CHUNK} or more", hint)
         if len(set(self.seeds)) < len(self.seeds):
             raise ConfigError("seeds", list(self.seeds), "every seed once")
         settings = {name: dict(settings or {}) for name, settings in self.methods.items()}

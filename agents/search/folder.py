@@ -29,6 +29,7 @@ from agents.search.config import SearchConfig, load_search
 from agents.search.optimiser import Evaluated
 from rollingjoint.checked_yaml import dump_yaml
 
+VERSIONS = "versions.json"
 COLUMNS = {field.name: bool if field.name in ("ok", "feasible") else float for field in fields(Evaluated)}
 
 
@@ -45,22 +46,23 @@ class SearchRun:
         Raises RunFolderError where the folder holds something else, another search, or a run that a process works on.
         """
         run = cls(path)
-        if path.exists() and any(path.iterdir()):
+        if path.exists() and not _not_begun(path):
             if not run.is_there:
                 raise RunFolderError("run", str(path), "a new folder, or one with a run", "It stays as it is.")
             if force:
                 with run.locked():
-                    shutil.rmtree(path)
+                    pass  # and free it again: Windows deletes no file that is open
+                shutil.rmtree(path)
             elif run.config.to_dict() != config.to_dict():
                 hint = "Another --out begins a new search, --force replaces the runs that are there."
                 raise RunFolderError("run", str(path), "a run of the search that the file describes now", hint)
         if not run.is_there:
-            write_json(path / "versions.json", versions("cma", "ribs", "optuna"))
+            write_json(path / VERSIONS, versions("cma", "ribs", "optuna"))
             write_text(path / "config.yaml", dump_yaml(config.to_dict()))
         run = cls(path)
         if not run.is_finished:
             commands = path / "command.txt"
-            before = commands.read_text() if commands.is_file() else ""
+            before = commands.read_text("utf-8") if commands.is_file() else ""
             write_text(commands, before + shlex.join(command) + "\n")
         return run
 
@@ -112,6 +114,12 @@ class SearchRun:
             stream.write(json.dumps({"seconds": seconds, **values}).encode() + b"\n")
             stream.flush()
             os.fsync(stream.fileno())
+
+
+def _not_begun(path: Path) -> bool:
+    """Whether a folder has nothing but what a process leaves that is killed before the configuration is written."""
+    partial = f".{VERSIONS}.", ".config.yaml."
+    return all(each.name == VERSIONS or each.name.startswith(partial) for each in path.iterdir())
 
 
 def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:

@@ -7,7 +7,7 @@ search is resumed by telling a new optimiser what the journal holds, which bring
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -72,6 +72,15 @@ class Evaluated:
         names = ["x", "cost", "ok", "feasible", *(["worth", "constraints"] if "jacobian" in derivatives else [])]
         columns: dict[str, Any] = {name: getattr(evaluation, name) for name in names} | derivatives
         return cls(measured=np.hstack([evaluation.values, evaluation.limited]), **columns)
+
+    @classmethod
+    def whole(cls, parts: Sequence[Evaluated]) -> Evaluated:
+        """The batch that the parts are of."""
+        columns: dict[str, Any] = {}
+        for field in fields(cls):
+            column = [getattr(part, field.name) for part in parts]
+            columns[field.name] = None if column[0] is None else np.concatenate(column)
+        return cls(**columns)
 
     @classmethod
     def joined(cls, batches: Sequence[Evaluated]) -> Evaluated:

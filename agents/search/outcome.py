@@ -125,7 +125,7 @@ class Search:
             methods |= run.config.methods
             seeds.add(outcome.seed)
             commons.append(replace(run.config, methods={BASELINE: {}}, seeds=(0,)))
-            command = _for_all_methods((run.path / "command.txt").read_text().splitlines()[-1])
+            command = _for_all_methods((run.path / "command.txt").read_text("utf-8").splitlines()[-1])
         if not outcomes:
             raise RunFolderError("search", str(out), "a folder with at least one finished run")
         if any(common != commons[0] for common in commons):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.runs.command_line import signals_seen
 from agents.runs.files import RunFolderError, cut_off_unfinished_line
 from agents.search.folder import SearchRun
-from agents.search.optimiser import Evaluated, Optimiser
+from agents.search.optimiser import Derivatives, Evaluated, Optimiser
 
 AGREEMENT = 1e-9  # largest difference between designs in the journal and those that a resumed optimiser asks for
 
@@ -23,11 +25,33 @@ class Progress(NamedTuple):
     seconds: float
 
 
+def search_in(folder: Path) -> Progress:
+    """Search the run in its folder to the end of its budget; where that is.
+
+    Raises:
+        RollingJointError: it cannot be searched.
+        KeyboardInterrupt: a signal came; the batch in work was finished and is in the journal.
+    """
+    import torch
+
+    from agents.search.problem import design_problem, optimiser
+
+    torch.set_num_threads(1)
+    run = SearchRun(folder)
+    problem, first = design_problem(run.config), optimiser(run.config, design_problem(run.config))
+    # compilation does not count as time of a run
+    first.tell(evaluated_by(problem, first.wants, first.ask(run.config.budget)))
+    with signals_seen() as signals:
+        for now in search(run, problem, optimiser(run.config, problem), run.config.budget):
+            if signals and now.evaluations < run.config.budget:
+                raise KeyboardInterrupt
+    return now
+
+
 def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
     """Run to the end of the budget; yields after every batch, and once before the first.
 
-    Its seconds are processor time of this process with all its threads: what other processes do does not count, what
-    this one does between two batches would.
+    Its seconds are processor time of this process with all its threads: what other processes do does not count.
 
     Args:
         problem: `evaluate`, `with_gradient` and `with_jacobian`, as rollingjoint.design.Problem has them.
@@ -37,25 +61,66 @@ def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> I
         RunFolderError: the journal does not agree with what the optimiser asks for; another process holds the run.
     """
     with run.locked():
+        work = RunInWork(run, optimiser, budget)
+        yield work.now
+        while not work.is_finished:
+            x, begun = work.ask(), time.process_time()
+            parts = [evaluated_by(problem, optimiser.wants, part) for part in chunks(x, run.config.chunk)]
+            work.tell(Evaluated.whole(parts), time.process_time() - begun)
+            yield work.now
+
+
+class RunInWork:
+    """A run whose lock is held, after its last complete batch; what scores its designs is up to others.
+
+    Args:
+        optimiser: new; it is told what the journal holds.
+        budget: designs of the whole run.
+    Raises:
+        RunFolderError: the journal does not agree with what the optimiser asks for.
+    """
+
+    def __init__(self, run: SearchRun, optimiser: Optimiser, budget: int) -> None:
         cut_off_unfinished_line(run.journal)
-        now = _replay(run, optimiser, budget)
-        yield now
-        begun = time.process_time() - now.seconds
-        while now.evaluations < budget:
-            evaluated = evaluated_by(problem, optimiser, optimiser.ask(budget - now.evaluations))
-            optimiser.tell(evaluated)
-            seconds = time.process_time() - begun
-            run.append(evaluated, seconds)
-            now = _advanced(now, evaluated, seconds)
-            yield now
+        self.run, self.optimiser, self.budget = run, optimiser, budget
+        self.now = _replay(run, optimiser, budget)
+        self._asking = 0.0  # seconds
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the budget is used up."""
+        return self.now.evaluations == self.budget
+
+    def ask(self) -> np.ndarray:
+        """The next batch, (B, d)."""
+        begun = time.process_time()
+        x = self.optimiser.ask(self.budget - self.now.evaluations)
+        self._asking = time.process_time() - begun
+        return x
+
+    def tell(self, evaluated: Evaluated, seconds: float) -> None:
+        """Go on with what was found about the batch, which took `seconds` of processor time; it is in the journal."""
+        begun = time.process_time()
+        self.optimiser.tell(evaluated)
+        seconds += self.now.seconds + self._asking + time.process_time() - begun
+        self.run.append(evaluated, seconds)
+        self.now = _advanced(self.now, evaluated, seconds)
 
 
-def evaluated_by(problem: Any, optimiser: Optimiser, x: np.ndarray) -> Evaluated:
-    """What the problem says of designs, with the derivatives that the optimiser wants."""
-    if optimiser.wants == "gradient":
+def chunks(x: np.ndarray, least: int) -> list[np.ndarray]:
+    """A batch in as many equal parts of `least` designs or more as it has, at least one; 0: the whole.
+
+    What is found about a design depends, in its last bits, on those that it is scored with, but not on where.
+    """
+    return np.array_split(x, max(len(x) // least, 1)) if least else [x]
+
+
+def evaluated_by(problem: Any, wants: Derivatives, x: np.ndarray) -> Evaluated:
+    """What the problem says of designs, with these derivatives."""
+    if wants == "gradient":
         evaluation, gradient = problem.with_gradient(x)
         return Evaluated.of(evaluation, gradient=gradient)
-    if optimiser.wants == "jacobian":
+    if wants == "jacobian":
         evaluation, jacobian = problem.with_jacobian(x)
         return Evaluated.of(evaluation, jacobian=jacobian)
     return Evaluated.of(problem.evaluate(x))

@@ -22,6 +22,7 @@ from agents.runs.command_line import exit_code, typed_command
 from agents.runs.environment import EnvConfig
 from agents.runs.files import write_text
 from agents.runs.folder import RunFolder
+from agents.runs.pickles import add_trust
 from agents.search.compare import around
 from agents.search.methods import make
 from agents.search.optimiser import Array, Setup
@@ -50,8 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tasks", type=int, default=100, help="tasks (default 100)")
     parser.add_argument("--budget", type=int, default=20, help="designs that each method evaluates (default 20)")
     parser.add_argument("--page", type=Path, help="page with the two marks")
+    add_trust(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)), arguments.trust)
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
@@ -103,9 +105,9 @@ def _row(name: str, errors: Array, policy: Array, seconds: float) -> list[str]:
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
     from agents.evaluation.controller import Seen
-    from agents.evaluation.policy import Policy
+    from agents.policies.trained import load_trained
 
-    policy, envs = Policy.load(run), _environments(env, tasks)
+    policy, envs = load_trained(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)
     errors = [info["error_mm"]]
     for _ in range(budget - 1):
@@ -127,7 +129,7 @@ def _method_errors(name: str, env: EnvConfig, tasks: int, budget: int) -> Array:
         problem = Problem(space, (Term(BendingShapes(*(part.tolist() for part in wanted))),))
         optimiser, left = make(name, Setup(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
         while left:
-            evaluated = evaluated_by(problem, optimiser, optimiser.ask(left))
+            evaluated = evaluated_by(problem, optimiser.wants, optimiser.ask(left))
             optimiser.tell(evaluated)
             left -= len(evaluated)
             errors[task] = min([errors[task], *evaluated.cost[evaluated.feasible].tolist()])

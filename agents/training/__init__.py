@@ -1,7 +1,11 @@
 """Training: from a configuration to a run folder with a policy.
 
 Modules:
+    asymmetric: networks whose critic sees more than the policy.
+    residual: environments with the advice of a controller.
     build: environments and model of a configuration.
+    teaching: controllers as teachers.
+    start: the model with which a run begins, fresh or as an earlier policy.
     learn: a run from its beginning, or continued.
     callbacks: checkpoints, evaluations, progress, stopping on a signal.
     checkpoint: checkpoints, from which a run continues exactly.

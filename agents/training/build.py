@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -10,9 +11,13 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
-from agents.runs.algorithms import algorithm_class, constructor_arguments
+from agents.baselines.residual import advice_size, guide_named
+from agents.runs.algorithms import ON_POLICY, OWN, algorithm_class, constructor_arguments
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
+from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
+from agents.training.residual import AdvisedVecEnv
+from agents.training.teaching import ControllerTeacher
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 
@@ -27,6 +32,15 @@ def make_training_env(config: EnvConfig) -> VecEnv:
         _check_reports_error(config)
         envs = DummyVecEnv([lambda: make_env(config) for _ in range(config.n_envs)])
     return VecMonitor(envs, info_keywords=("error_mm",))
+
+
+def _advised(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
+    """The copies with the advice of a controller; raises ConfigError for one that cannot act there."""
+    try:
+        return AdvisedVecEnv(envs, partial(guide_named, controller, config.id), advice_size(controller, config))
+    except ConfigError:
+        envs.close()
+        raise
 
 
 def _check_reports_error(config: EnvConfig) -> None:
@@ -44,16 +58,23 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     Raises ConfigError if Stable-Baselines3 refuses the configuration.
     """
     torch.set_num_threads(config.torch_threads)
-    env = make_training_env(config.env)
+    env = make_training_env(config.training_env)
+    if config.residual is not None:
+        env = _advised(env, config.residual, config.env)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
-    policy = "MultiInputPolicy" if isinstance(env.observation_space, gymnasium.spaces.Dict) else "MlpPolicy"
     arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
+        arguments |= _teacher_argument(config)
         _check_observation(config, env.observation_space)
         return algorithm_class(config.algorithm)(
-            policy, env, seed=config.seed, device="cpu", policy_kwargs=_policy_arguments(config), **arguments
+            _policy_class(config, env.observation_space),
+            env,
+            seed=config.seed,
+            device="cpu",
+            policy_kwargs=_policy_arguments(config),
+            **arguments,
         )
     except ConfigError:
         env.close()
@@ -70,15 +91,28 @@ def close(model: BaseAlgorithm) -> None:
         env.close()
 
 
+def _policy_class(config: TrainConfig, space: gymnasium.Space[Any]) -> Any:
+    """The class of the networks, or the name that Stable-Baselines3 has for it."""
+    recurrent = config.algorithm == "recurrent_ppo"
+    if config.policy.critic_is_privileged:
+        return AsymmetricRecurrentPolicy if recurrent else AsymmetricPolicy
+    kind = "MultiInput" if isinstance(space, gymnasium.spaces.Dict) else "Mlp"
+    return f"{kind}{'Lstm' if recurrent else ''}Policy"
+
+
 def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
+    if config.algorithm in OWN:
+        return {"width": config.policy.memory}
     activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
     layers: Any = list(config.policy.hidden)
     if config.policy.value_hidden is not None:
-        value = "vf" if config.algorithm == "ppo" else "qf"
+        value = "vf" if config.algorithm in ON_POLICY else "qf"
         layers = {"pi": layers, value: list(config.policy.value_hidden)}
     arguments: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
-    if config.algorithm == "ppo":
+    if config.algorithm in ON_POLICY:
         arguments["log_std_init"] = config.policy.log_std_init
+    if config.algorithm == "recurrent_ppo":
+        arguments["lstm_hidden_size"] = config.policy.memory
     return arguments
 
 
@@ -87,6 +121,12 @@ def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
         return {}
     goals = {"n_sampled_goal": config.her.goals, "goal_selection_strategy": config.her.strategy}
     return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
+
+
+def _teacher_argument(config: TrainConfig) -> dict[str, Any]:
+    """The controller that a distillation imitates, where it names one."""
+    name = config.parameters.get("teacher")
+    return {} if name is None else {"teacher": ControllerTeacher.named(name, config.env)}
 
 
 def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None:

@@ -12,11 +12,14 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.evaluation.policy import Policy
-from agents.evaluation.rollout import run_episodes
+from agents.baselines.residual import driving
+from agents.evaluation.rollout import Episodes, run_episodes
+from agents.policies.trained import policy_of
 from agents.runs.command_line import progress_bar
 from agents.runs.config import TrainConfig
+from agents.runs.evaluations import COLUMNS, in_words
 from agents.runs.folder import RunFolder
+from agents.runs.processes import STOPPING
 from agents.training import checkpoint
 from agents.training.checkpoint import Moment, save_policy
 
@@ -30,13 +33,11 @@ def due_after(every: int, steps: int) -> int:
 
 
 class StopOnSignal(BaseCallback):
-    """Ends training cleanly after SIGINT (Ctrl-C) or SIGTERM; a second one interrupts at once.
+    """Ends training cleanly after SIGINT (Ctrl-C) or SIGTERM (Windows: SIGBREAK); a second one interrupts at once.
 
     Training continues to the end of the rollout, from where it can be resumed exactly. A context manager: the
     handlers are in place inside it. `signal` is what arrived, or None.
     """
-
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
     def __init__(self) -> None:
         super().__init__()
@@ -44,7 +45,7 @@ class StopOnSignal(BaseCallback):
         self.ends = False
 
     def __enter__(self) -> StopOnSignal:
-        self.handlers = {number: signal.signal(number, self._stop) for number in self.SIGNALS}
+        self.handlers = {number: signal.signal(number, self._stop) for number in STOPPING}
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -94,13 +95,12 @@ class Checkpoints(BaseCallback):
 class Evaluator(BaseCallback):
     """Evaluates the deterministic policy on fixed seeds, at regular intervals and at the end, and keeps the best one.
 
-    The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...).
+    The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...). The best
+    policy has the smallest mean error over the last 10 steps in tracking tasks, else at the end (RunFolder.judged_by).
 
     Args:
         watch: called with every new row of evaluations.csv but the last; True ends training.
     """
-
-    COLUMNS = ("steps", "mean_mm", "median_mm", "p95_mm", "mean_reward")
 
     def __init__(
         self, run: RunFolder, config: TrainConfig, show: Callable[[str], Any] = tqdm.write, watch: Watch | None = None
@@ -112,9 +112,10 @@ class Evaluator(BaseCallback):
     def _on_training_start(self) -> None:
         self.next = due_after(self.config.evaluation.every, self.model.num_timesteps)
         if not self.run.evaluations.is_file():
-            self._write(self.COLUMNS)
-        with self.run.evaluations.open(newline="") as stream:
-            self.best = min((float(row["mean_mm"]) for row in csv.DictReader(stream)), default=np.inf)
+            self._write(COLUMNS)
+        self.columns, self.judged_by = self.run.evaluated, self.run.judged_by
+        with self.run.evaluations.open(encoding="utf-8", newline="") as stream:
+            self.best = min((float(row[self.judged_by]) for row in csv.DictReader(stream)), default=np.inf)
 
     def _on_step(self) -> bool:
         if self.next <= self.num_timesteps < self.locals["total_timesteps"]:
@@ -129,23 +130,30 @@ class Evaluator(BaseCallback):
 
     def evaluate(self) -> Row:
         """Score the policy as it is now: the new row of evaluations.csv."""
-        policy = Policy(self.model, self.model.get_vec_normalize_env())
-        episodes = run_episodes(self.config.env, policy, self.seeds)
-        final = episodes.final_errors
-        mean, median, p95 = float(final.mean()), float(np.median(final)), float(np.percentile(final, 95))
-        values = (self.num_timesteps, mean, median, p95, float(episodes.rewards.mean()))
-        for name, value in zip(self.COLUMNS[1:], values[1:], strict=True):
-            self.logger.record(f"evaluation/{name}", value)
-        self._write(values)
-        is_best = mean < self.best
-        self.show(f"{self.num_timesteps:>9} steps: mean tip error {mean:6.2f} mm{'  (best so far)' if is_best else ''}")
+        policy = driving(self.config, policy_of(self.model, self.model.get_vec_normalize_env()))
+        row = self._row(run_episodes(self.config.env, policy, self.seeds))
+        for name in self.columns[1:]:
+            self.logger.record(f"evaluation/{name}", row[name])
+        self._write([row[name] for name in self.columns])
+        error = row[self.judged_by]
+        is_best = error < self.best
+        best = "  (best so far)" if is_best else ""
+        self.show(f"{self.num_timesteps:>9} steps: {in_words(self.judged_by, error)}{best}")
         if is_best:
-            self.best = mean
+            self.best = error
             save_policy(self.model, self.run.policy_files("best"))
-        return dict(zip(self.COLUMNS, values, strict=True))
+        return row
+
+    def _row(self, episodes: Episodes) -> Row:
+        """What these episodes say, by column; a run begun by an older version keeps the columns that it has."""
+        final = episodes.final_errors
+        last, rewards = float(episodes.last_errors.mean()), float(episodes.rewards.mean())
+        errors = float(final.mean()), float(np.median(final)), float(np.percentile(final, 95)), last
+        whole = dict(zip(COLUMNS, (self.num_timesteps, *errors, rewards), strict=True))
+        return {name: whole[name] for name in self.columns}
 
     def _write(self, row: Any) -> None:
-        with self.run.evaluations.open("a", newline="") as stream:
+        with self.run.evaluations.open("a", encoding="utf-8", newline="") as stream:
             csv.writer(stream).writerow(row)
 
 

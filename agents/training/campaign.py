@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
 import sys
-import time
-from collections.abc import Mapping, Sequence
+import traceback
+import warnings
+from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from agents.executors.driver import work_through
+from agents.executors.folders import FolderUnit, Home, marked
+from agents.executors.options import LOCAL, executor_of
+from agents.executors.progress import Progress
+from agents.executors.protocol import Executor
+from agents.executors.worker import output_to
 from agents.runs.checks import integer
-from agents.runs.command_line import finished, signals_seen
+from agents.runs.command_line import finished, signals_seen, typed_command
 from agents.runs.config import load_config
+from agents.runs.evaluations import in_words
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
+from agents.runs.pickles import PickleWarning, warn_of_pickles
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
-
-POLL = 0.1  # seconds between two looks at the children
 
 
 @dataclass(frozen=True)
@@ -41,20 +47,38 @@ class Member:
         """Its run folder in the folder of the campaign."""
         return out / self.config.stem / f"seed_{self.seed}"
 
-    def arguments(self, out: Path) -> list[str] | None:
-        """Arguments of agents.train that begin or resume the run; None if it is finished.
+    def begun(self, out: Path) -> bool | None:
+        """Whether its run has begun; None if it is finished.
 
-        Raises RollingJointError where the folder holds another configuration.
+        Resuming unpickles, so that comes after a PickleWarning; the run itself, in a log, gives no other.
+        Raises RollingJointError where the folder holds another configuration, and for a run that cannot be started
+        from.
         """
         folder = self.folder(out)
         if not (folder / "config.yaml").is_file():
-            changes = [word for override in self.overrides for word in ("--set", override)]
-            return ["--config", str(self.config), "--run-dir", str(folder), *changes]
+            self._check_start()
+            return False
         run = RunFolder.open(folder)
         if run.config().content() != load_config(self.config, self.overrides).content():
             hint = "To train what the file says now, remove that folder or give another --out."
             raise RunFolderError("run folder", str(folder), f"what {self.config} says", hint)
-        return None if run.is_finished else ["--resume", str(folder)]
+        if run.is_finished:
+            return None
+        warn_of_pickles(*(checkpoint / "resume" / "training.pkl" for checkpoint in sorted(run.checkpoint_folders)))
+        return True
+
+    def _check_start(self) -> None:
+        """Raise RunFolderError for a run to start from that is here, and that a new run would refuse."""
+        start = load_config(self.config, self.overrides).start_from
+        if start is not None and RunFolder(Path(start)).policy_files("best").are_there:
+            RunFolder(Path(start)).network_to_start_from()
+
+    def create(self, out: Path) -> RunFolder:
+        """Its run folder before training; raises RollingJointError where another file or folder is there."""
+        folder = self.folder(out)
+        changes = [word for override in self.overrides for word in ("--set", override)]
+        command = typed_command("agents.train", ["--config", str(self.config), "--run-dir", str(folder), *changes])
+        return RunFolder.create(folder, load_config(self.config, self.overrides), command)
 
 
 def load_campaign(path: Path) -> list[Member]:
@@ -76,84 +100,109 @@ def load_campaign(path: Path) -> list[Member]:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Runs to train into a folder, `jobs` of them at a time."""
+    """Runs to train into a folder.
+
+    Args:
+        jobs: processes, where `cluster` is "local"; else it is a Ray cluster, as for agents.executors.options.
+    """
 
     members: Sequence[Member]
     out: Path
-    jobs: int
+    jobs: int = 1
+    cluster: str = LOCAL
 
     def train(self) -> int:
         """Train what is not finished; the exit code. A run that fails does not stop the others."""
         waiting, failed = self._plan()
-        with signals_seen() as signals:
-            failed |= self._work(waiting, signals)
-        code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text().strip())
+        with executor_of(self.cluster, self.jobs) as executor, signals_seen() as signals:
+            failed |= self._work(executor, waiting, signals)
+        code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text("utf-8").strip())
         if code == 0:
             print(f"All {len(self.members)} runs are finished.\nNext: python -m agents.results {self.out}")
         return code
 
-    def _plan(self) -> tuple[dict[Member, list[str]], dict[Member, str]]:
-        """Arguments of agents.train by run, and why other runs cannot be trained."""
-        waiting, failed = dict[Member, list[str]](), dict[Member, str]()
+    def _plan(self) -> tuple[list[Member], dict[Member, str]]:
+        """The runs to train, and why others cannot be trained."""
+        begun, failed = dict[Member, bool | None](), dict[Member, str]()
         for member in self.members:
             try:
-                arguments = member.arguments(self.out)
+                begun[member] = member.begun(self.out)
             except RollingJointError as error:
                 failed[member] = str(error)
-            else:
-                if arguments is not None:
-                    waiting[member] = arguments
-        begun = sum(arguments[0] == "--resume" for arguments in waiting.values())
-        finished = len(self.members) - len(waiting) - len(failed)
+        states = list(begun.values())
+        where = f"{self.jobs} at a time" if self.cluster == LOCAL else f"on the cluster {self.cluster}"
         print(
-            f"{finished} runs are finished, {begun} begun, {len(waiting) - begun} new; {self.jobs} at a time",
+            f"{states.count(None)} runs are finished, {states.count(True)} begun, {states.count(False)} new; {where}",
             flush=True,
         )
-        return waiting, failed
+        for member, reason in failed.items():
+            print(f"cannot be trained: {member}: {reason}", file=sys.stderr, flush=True)
+        return [member for member, state in begun.items() if state is not None], failed
 
-    def _work(self, waiting: Mapping[Member, list[str]], signals: Sequence[int]) -> dict[Member, str]:
-        """Train them all; why some failed. A signal goes to the children, which save; no more are started."""
-        left, failed, told = dict(waiting), dict[Member, str](), 0
-        running: dict[Member, subprocess.Popen[bytes]] = {}
-        while running or (left and not signals):
-            while left and len(running) < self.jobs and not signals:
-                member = next(iter(left))
-                running[member] = self._start(member, left.pop(member))
-            if len(signals) > told:
-                told = len(signals)
-                for child in running.values():
-                    child.terminate()
-            for member in [member for member, child in running.items() if child.poll() is not None]:
-                code = running.pop(member).returncode
-                if code == 0:
-                    self._say(member, len(waiting) - len(left) - len(running), len(waiting))
-                elif not signals:
-                    failed[member] = self._reason(member, code)
-                    print(f"{member} failed", flush=True)
-            time.sleep(POLL)
+    def _work(self, executor: Executor, waiting: Sequence[Member], signals: MutableSequence[int]) -> dict[Member, str]:
+        """Train them all; why some failed. With a signal running ones save, and no more are started."""
+        failed, done = dict[Member, str](), 0
+        with marked(self.out) as home, Progress(len(waiting), "run") as progress:
+            units = (TrainingUnit.of(member, self.out, home) for member in waiting)
+            for ended in work_through(executor, units, progress, signals):
+                done += 1
+                if ended.failure:
+                    failed[ended.unit.member] = ended.failure
+                    progress.write(f"{ended.unit.name} failed")
+                else:
+                    progress.write(f"{done:>4} of {len(waiting)}  {self._summary(ended.unit.member)}")
         return failed
 
-    def _start(self, member: Member, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-        """The process that trains, in its own process group, so that Ctrl-C reaches it through this one alone."""
-        folder = member.folder(self.out)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with folder.with_suffix(".log").open("wb") as log:
-            command = [sys.executable, "-m", "agents.train", *arguments]
-            return subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-            )
-
-    def _say(self, member: Member, count: int, total: int) -> None:
+    def _summary(self, member: Member) -> str:
         run = RunFolder(member.folder(self.out))
-        error = float(read_rows(run.evaluations)[-1]["mean_mm"])
-        seconds = run.training_seconds
-        print(f"{count:>4} of {total}  {member}: {seconds:.0f} s, mean tip error {error:.3f} mm", flush=True)
+        error = in_words(run.judged_by, float(read_rows(run.evaluations)[-1][run.judged_by]))
+        return f"{member}: {run.training_seconds:.0f} s, {error}"
 
-    def _reason(self, member: Member, code: int) -> str:
-        """Why a run failed: its own one-line error, else how it ended."""
-        log = member.folder(self.out).with_suffix(".log")
-        said = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        errors = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]
-        if code < 0:
-            return f"ended by {signal.Signals(-code).name}; the same command goes on with it"
-        return errors[-1] if errors else f"exit code {code}: {said[-1] if said else 'nothing said'}; see {log}"
+
+@dataclass(frozen=True)
+class TrainingUnit(FolderUnit):
+    """The training of one run, in its run folder.
+
+    Args:
+        out: the folder of the campaign as it was typed.
+    """
+
+    member: Member = Member(Path(), 0)
+    out: Path = Path()
+
+    @classmethod
+    def of(cls, member: Member, out: Path, home: Home) -> TrainingUnit:
+        """The unit of a run."""
+        place = member.folder(Path()).as_posix()
+        return cls(str(member), train_in, (), home, place, member=member, out=out)
+
+    def call(self, attempt: int) -> tuple[Any, tuple[Any, ...]]:
+        """Function and arguments; a new run folder is made before, which is all that training reads."""
+        if not (self.member.folder(self.out) / "config.yaml").is_file():
+            self.member.create(self.out)
+        return super().call(attempt)
+
+
+def train_in(folder: Path) -> None:
+    """Train the run in its folder to the end, from its newest checkpoint on; what is said goes to FOLDER.log.
+
+    Raises:
+        RollingJointError: it cannot be trained.
+        KeyboardInterrupt: it was stopped by a signal, and has saved.
+    """
+    from agents.training.learn import resume
+
+    run = RunFolder.open(folder)
+    begun = bool(run.checkpoint_folders)
+    with output_to(folder.with_name(f"{folder.name}.log")), warnings.catch_warnings():
+        if begun:
+            warnings.simplefilter("ignore", PickleWarning)  # the campaign has warned
+        try:
+            code = resume(folder, command=typed_command("agents.train", ["--resume", str(folder)]) if begun else ())
+        except RollingJointError:
+            raise
+        except Exception:  # the log says where
+            traceback.print_exc()
+            raise
+    if code:
+        raise KeyboardInterrupt

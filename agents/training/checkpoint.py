@@ -2,7 +2,7 @@
 
 A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by renaming, or not at all.
 
-    policy.zip, normaliser.pkl              the policy as it was
+    policy.safetensors, policy.zip, normaliser.pkl      the policy as it was
     resume/                                 what else resuming needs; deleted from all but the newest two checkpoints
         training.pkl                        model, optimisers, environments, random numbers, the pending row of the log
         replay_buffer.pkl                   where the algorithm has one
@@ -32,6 +32,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
+from agents.policies.trained import TrainedPolicy, policy_of
 from agents.runs.config import TrainConfig
 from agents.runs.files import (
     RunFolderError,
@@ -42,7 +43,8 @@ from agents.runs.files import (
     write_hashed,
     write_hashed_bytes,
 )
-from agents.runs.folder import RunFolder
+from agents.runs.folder import PolicyFiles, RunFolder
+from agents.runs.pickles import warn_of_pickles
 from agents.training.build import build_model
 
 NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
@@ -92,14 +94,20 @@ class Moment:
         model._num_timesteps_at_start = 0
 
 
-def save_policy(model: BaseAlgorithm, files: tuple[Path, Path]) -> None:
-    """Save model and normaliser in two files, each whole or not at all."""
-    policy, normaliser = files
-    if model.get_vec_normalize_env() is not None:
-        write_hashed_bytes(normaliser, pickle.dumps(model.get_vec_normalize_env()))
+def save_policy(model: BaseAlgorithm, files: PolicyFiles) -> None:
+    """Save the policy as commands read it and, with its critic, as Stable-Baselines3 does; each file whole or not."""
+    normaliser = model.get_vec_normalize_env()
+    policy = policy_of(model, normaliser)
+    if isinstance(policy, TrainedPolicy):
+        write_hashed_bytes(files.network, policy.to_bytes())
+    else:
+        unseal(files.network)
+        files.network.unlink(missing_ok=True)
+    if normaliser is not None:
+        write_hashed_bytes(files.normaliser, pickle.dumps(normaliser))
     stream = io.BytesIO()  # so that a full disk is an OSError: torch would make something else of it
     model.save(stream, exclude=NO_PART_OF_A_POLICY)
-    write_hashed_bytes(policy, stream.getvalue())
+    write_hashed_bytes(files.model, stream.getvalue())
 
 
 def save(model: BaseAlgorithm, run: RunFolder) -> bool:
@@ -110,7 +118,7 @@ def save(model: BaseAlgorithm, run: RunFolder) -> bool:
     folder = run.checkpoints / f"{model.num_timesteps:09d}"
     partial = folder.with_name(f".{folder.name}")
     try:
-        save_policy(model, (partial / "policy.zip", partial / "normaliser.pkl"))
+        save_policy(model, PolicyFiles.within(partial))
         can_resume = _save_rest(model, run, partial / "resume")
         shutil.rmtree(folder, ignore_errors=True)
         os.rename(partial, folder)
@@ -164,13 +172,19 @@ def steps_of(checkpoint: Path) -> int:
 
 
 def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
-    """The model with its environments, and the moment to restore; raises RunFolderError if they cannot be read."""
+    """The model with its environments, and the moment to restore, after a PickleWarning.
+
+    Raises:
+        RunFolderError: a checkpoint that cannot be read.
+    """
+    buffer = checkpoint / "resume" / "replay_buffer.pkl"
+    warn_of_pickles(checkpoint / "resume" / "training.pkl", buffer)
     try:
         content = torch.load(checkpoint / "resume" / "training.pkl", weights_only=False)
         model = build_model(config)
         model.__dict__.update(content["model"])
         _put_back(model.env, *content["environments"])
-        _load_replay_buffer(model, checkpoint / "resume" / "replay_buffer.pkl")
+        _load_replay_buffer(model, buffer)
     except UNREADABLE as error:
         raise _unreadable(checkpoint, error) from error
     return model, content["moment"]

@@ -12,14 +12,16 @@ from pathlib import Path
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents.runs.algorithms import ON_POLICY
 from agents.runs.config import TrainConfig
 from agents.runs.files import RunFolderError, seal, unseal, write_text
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
-from agents.training.build import build_model, close
+from agents.training.build import close
 from agents.training.callbacks import Checkpoints, Evaluator, FinalError, Progress, StopOnSignal
 from agents.training.checkpoint import Moment
 from agents.training.log import training_log
+from agents.training.start import fresh_model
 from rollingjoint.errors import ConfigError, RollingJointError
 
 
@@ -29,7 +31,7 @@ class TrainingError(RollingJointError):
 
 def train(config: TrainConfig, path: Path, command: Sequence[str] = (), force: bool = False) -> int:
     """Train into a run folder at `path`; the exit code. Raises RollingJointError."""
-    model = build_model(config)
+    model = fresh_model(config)
     run = RunFolder.create(path, config, command, force)
     with run.locked():
         return _train(model, config, run)
@@ -56,7 +58,7 @@ def resume(path: Path, overrides: Sequence[str] = (), command: Sequence[str] = (
             checkpoint.bring_back_files(newest, run)
         else:
             _check_nothing_is_lost(run)
-            model = build_model(config)
+            model = fresh_model(config)
             run.restart()
         run.extend(config.total_timesteps, command)
         return _train(model, config, run, moment)
@@ -74,7 +76,7 @@ def _resumed_config(run: RunFolder, overrides: Sequence[str], done: int) -> Trai
 
 def _check_nothing_is_lost(run: RunFolder) -> None:
     """Raise RunFolderError if there is a policy but no checkpoint to resume from."""
-    if run.checkpoint_folders or run.policy_files("last")[0].exists():
+    if run.checkpoint_folders or run.policy_files("last").are_there:
         hint = "To start over: --config with --force."
         raise RunFolderError("run folder", str(run.path), "a run with a checkpoint that can be resumed", hint)
 
@@ -123,7 +125,9 @@ def _learn_and_save(
 def learn(model: BaseAlgorithm, config: TrainConfig, callbacks: Sequence[BaseCallback]) -> None:
     """Train the model until config.total_timesteps, from its current step."""
     remaining = config.total_timesteps - model.num_timesteps
-    often = 1 if config.algorithm == "ppo" else max(4, config.env.n_envs)  # rollouts, episodes per row of the log
+    # rollouts, or episodes where learning goes on within them, per row of the log
+    rare = {name: 1 for name in ON_POLICY} | {"apg": 20, "distill": 1}
+    often = rare.get(config.algorithm, max(4, config.env.n_envs))
     model.learn(remaining, list(callbacks), log_interval=often, reset_num_timesteps=model._last_obs is None)
 
 

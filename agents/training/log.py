@@ -27,7 +27,7 @@ class _Rows(CSVOutputFormat):
     """Appends rows to a CSV file; Stable-Baselines3's own class would overwrite it."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.open("r+" if path.is_file() else "w+")
+        self.file = path.open("r+" if path.is_file() else "w+", encoding="utf-8", newline="")
         rows = list(csv.DictReader(self.file))
         self.keys = list(rows[0]) if rows else []
         self.separator, self.quotechar = ",", '"'

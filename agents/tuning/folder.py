@@ -9,7 +9,7 @@ import optuna
 from optuna.study import Study
 
 from agents.runs.files import RunFolderError, write_text
-from agents.tuning.journal import journal_storage
+from agents.tuning.journal import journal_storage, opened
 from agents.tuning.study import StudyConfig, load_study
 from rollingjoint.checked_yaml import dump_yaml
 from rollingjoint.errors import ConfigError
@@ -17,9 +17,14 @@ from rollingjoint.errors import ConfigError
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """Paths of a study, and its journal."""
+    """Paths of a study, and its journal.
+
+    Args:
+        storage: URL of a storage of Optuna that holds the trials; none: the file journal.log in the folder.
+    """
 
     path: Path
+    storage: str = ""
 
     def config(self, file: Path | None) -> StudyConfig:
         """What the study searches; raises ConfigError where `file` says something else than the study that is there."""
@@ -41,17 +46,30 @@ class StudyFolder:
             write_text(self.path / "study.yaml", dump_yaml(config.to_dict()))
 
     def journal(self, config: StudyConfig) -> Study:
-        """The study as Optuna knows it, in a file that several processes may write."""
+        """The study as Optuna knows it, in a file that several processes may write, or in the storage.
+
+        Raises ConfigError for a storage that cannot be opened.
+        """
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         pruners = {
             "median": optuna.pruners.MedianPruner(n_startup_trials=config.startup),
             "halving": optuna.pruners.SuccessiveHalvingPruner(),
             "none": optuna.pruners.NopPruner(),
         }
-        storage = journal_storage(self.path / "journal.log")
-        return optuna.create_study(
-            storage=storage, study_name="study", load_if_exists=True, pruner=pruners[config.pruner]
-        )
+        name = self.path.resolve().name if self.storage else "study"  # a storage may hold several
+        storage = opened(self.storage) if self.storage else journal_storage(self._file)
+        return optuna.create_study(storage=storage, study_name=name, load_if_exists=True, pruner=pruners[config.pruner])
+
+    def reached(self, config: StudyConfig) -> Study:
+        """The same from a worker; raises ConfigError where it does not see the file."""
+        if not self.storage and not self._file.is_file():
+            hint = "Trials end early by the scores of others: every machine needs the storage; or set pruner: none."
+            raise ConfigError("--storage", self.storage, f"a URL, since {self._file} is not on this machine", hint)
+        return self.journal(config)
+
+    @property
+    def _file(self) -> Path:
+        return self.path / "journal.log"
 
     def trial(self, number: int) -> Path:
         """Folder of a trial."""

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, prefixed
 from agents.runs.config import TrainConfig, load_config, overlap
+from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from optuna.trial import Trial
 
-SCORES = ("mean_mm", "median_mm", "p95_mm")
+SCORES = (LAST_10, AT_THE_END, "median_mm", "p95_mm")
 PRUNERS = ("median", "halving", "none")
 RESERVED = {"agents.evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
 
@@ -92,7 +93,8 @@ class StudyConfig:
     Args:
         train: what every trial trains, except for the keys in `space`.
         space: what is searched, by dotted key of the training configuration (a number is an index of a list).
-        score: of the evaluations during training, whose last one scores a trial; smaller is better.
+        score: column of the evaluations during training, whose last one scores a trial; smaller is better. "": the one
+            that policies of this environment are chosen by.
         training_seeds: a trial trains once with each; its score is the mean.
         episodes, first_seed: evaluation episodes of a trial, their seeds: used by nothing else.
         pruner: ends trials that fall behind: "median" of the earlier ones, "halving" (successive halving) or "none".
@@ -102,7 +104,7 @@ class StudyConfig:
 
     train: TrainConfig
     space: Mapping[str, Interval | Choices]
-    score: str = "mean_mm"
+    score: str = ""
     training_seeds: Sequence[int] = (1,)
     episodes: int = 100
     first_seed: int = 2_000_000
@@ -112,6 +114,7 @@ class StudyConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "score", self.score or self.train.env.judged_by)
         check_fields(self, score=choice(*SCORES), pruner=choice(*PRUNERS), episodes=integer(1))
         check_fields(self, first_seed=integer(0, 2**31), startup=integer(0), trials=integer(0), seed=integer(0))
         entries("training_seeds", self.training_seeds)

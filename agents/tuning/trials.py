@@ -1,13 +1,15 @@
-"""The trials of a study: claiming, training and recording them; trials of killed processes are queued again."""
+"""The trials of a study: claimed and recorded here, trained by an executor; those of killed processes queued again."""
 
 from __future__ import annotations
 
 import math
-import sys
+import signal
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from typing import Any
+from collections.abc import Iterator, Mapping, MutableSequence, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import optuna
 from filelock import Timeout
@@ -15,13 +17,20 @@ from optuna import TrialPruned
 from optuna.study import Study
 from optuna.trial import Trial, TrialState
 
+from agents.executors.driver import work_through
+from agents.executors.folders import FolderUnit, Home, marked
+from agents.executors.options import LOCAL, executor_of
+from agents.executors.progress import Progress
+from agents.executors.protocol import Executor, UnitFailed, WorkerLost
+from agents.runs.command_line import signals_seen
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
 from agents.runs.locks import file_lock
-from agents.training.build import build_model, close
-from agents.training.callbacks import Evaluator, FinalError, Progress, StopOnSignal
+from agents.training.build import close
+from agents.training.callbacks import Evaluator, FinalError, StopOnSignal
 from agents.training.learn import learn
 from agents.training.log import training_log
+from agents.training.start import earlier_policy, fresh_model
 from agents.tuning.folder import StudyFolder
 from agents.tuning.report import write_results
 from agents.tuning.study import StudyConfig
@@ -29,18 +38,32 @@ from agents.tuning.study import StudyConfig
 KILLED = "its process ended"
 
 
-def tune(config: StudyConfig, folder: StudyFolder, trials: int, command: Sequence[str] = ()) -> int:
-    """Work on the study until it has `trials` trials, then write its results; the exit code."""
+def tune(
+    config: StudyConfig,
+    folder: StudyFolder,
+    trials: int,
+    command: Sequence[str] = (),
+    jobs: int = 1,
+    cluster: str = LOCAL,
+) -> int:
+    """Begin the study or go on until it has `trials` trials, then write its results; the exit code.
+
+    Args:
+        jobs: trials at a time in processes of this machine; 1: in this one. cluster: as for agents.executors.options.
+    Raises:
+        RollingJointError: no trial finished, no such cluster, no policy to start from, or a folder that holds something
+            else.
+    """
+    if cluster == LOCAL:  # other machines look for `start_from` themselves
+        earlier_policy(config.train)
+    folder.begin(config)
     study = folder.journal(config)
-    with StopOnSignal() as stop:
-        try:
-            _work(study, config, folder, trials, stop)
-        except KeyboardInterrupt:
-            print("the trial that was interrupted is queued again", file=sys.stderr)
+    with executor_of(cluster, jobs, inline=True) as executor, signals_seen() as signals:
+        _work(executor, study, config, folder, trials, signals)
     write_results(study, config, folder.path, command)
-    if stop.signal is not None:
-        print(f"stopped by {stop.signal.name}; to go on: python -m agents.tune --study {folder.path}")
-        return 128 + stop.signal
+    if signals:
+        print(f"stopped by {signal.Signals(signals[0]).name}; to go on: python -m agents.tune --study {folder.path}")
+        return 128 + signals[0]
     if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         raise RunFolderError(
             "study", str(folder.path), "one trial at least that finishes", "report.md says why none did."
@@ -50,30 +73,73 @@ def tune(config: StudyConfig, folder: StudyFolder, trials: int, command: Sequenc
     return 0
 
 
-def _work(study: Study, config: StudyConfig, folder: StudyFolder, trials: int, stop: StopOnSignal) -> None:
-    while stop.signal is None:
-        with _claimed(study, config, folder, trials) as trial:
-            if trial is None:
-                return
-            print(_told(study, trial, _try(study, trial, config, folder, stop)), flush=True)
+@dataclass(frozen=True)
+class TrialUnit(FolderUnit):
+    """The training of one trial, in its folder; the lock of the trial is held meanwhile.
+
+    Args:
+        trial: as Optuna knows it. held: what to close when the trial has been told.
+    """
+
+    waits: bool = False
+    trial: Any = None
+    held: ExitStack = field(default_factory=ExitStack)
 
 
-@contextmanager
-def _claimed(study: Study, config: StudyConfig, folder: StudyFolder, trials: int) -> Iterator[Trial | None]:
-    """A new trial, which holds its lock as long as it is worked on; None if the study has enough of them."""
-    with ExitStack() as held:
-        trial = None
+class Tried(NamedTuple):
+    """What training found: the score, why there is none, or that the trial fell behind; reports by step; seconds."""
+
+    outcome: float | str
+    reports: Mapping[int, float]
+    seconds: float
+
+
+PRUNED = "pruned"
+
+
+def _work(
+    executor: Executor,
+    study: Study,
+    config: StudyConfig,
+    folder: StudyFolder,
+    trials: int,
+    signals: MutableSequence[int],
+) -> None:
+    left, broken = max(trials - _begun(study), 0), None
+    with ExitStack() as held, marked(folder.path) as home, Progress(left, "trial") as progress:
+        units = _claimed(study, config, folder, trials, home, held)
+        for ended in work_through(executor, units, progress, signals):
+            if ended.failure and not isinstance(ended.error, WorkerLost):  # no fault of the trial: a full disk
+                broken = ended
+                signals.append(signal.SIGINT)  # the others end in good order
+                continue
+            progress.write(_told(study, ended.unit.trial, ended.value or Tried(ended.failure, {}, 0.0)))
+            ended.unit.held.close()
+    if broken is not None:
+        raise UnitFailed(broken.failure) from broken.error
+
+
+def _claimed(
+    study: Study, config: StudyConfig, folder: StudyFolder, trials: int, home: Home, held: ExitStack
+) -> Iterator[TrialUnit]:
+    """New trials, until the study has enough of them."""
+    while True:
+        own = held.enter_context(ExitStack())
         with file_lock(folder.path / "lock", wait=True):
             _put_lost_trials_back(study, folder)
-            if _begun(study) < trials:
-                place = len(study.get_trials(deepcopy=False))
-                study.sampler = optuna.samplers.TPESampler(
-                    n_startup_trials=config.startup, seed=1000 * config.seed + place
-                )
-                trial = study.ask()
-                folder.trial(trial.number).mkdir(parents=True, exist_ok=True)
-                held.enter_context(file_lock(folder.trial(trial.number) / "lock"))
-        yield trial
+            if _begun(study) >= trials:
+                return
+            place = len(study.get_trials(deepcopy=False))
+            study.sampler = optuna.samplers.TPESampler(n_startup_trials=config.startup, seed=1000 * config.seed + place)
+            trial = study.ask()
+            folder.trial(trial.number).mkdir(parents=True, exist_ok=True)
+            own.enter_context(file_lock(folder.trial(trial.number) / "lock"))
+        values = config.drawn(trial)
+        at = f"trials/{trial.number:04d}"
+        there = StudyFolder(home.path, folder.storage)
+        yield TrialUnit(
+            f"trial {trial.number}", try_in, (config, values, there, trial._trial_id), home, at, trial=trial, held=own
+        )
 
 
 def _begun(study: Study) -> int:
@@ -98,25 +164,38 @@ def _put_lost_trials_back(study: Study, folder: StudyFolder) -> None:
             pass
 
 
-def _try(study: Study, trial: Trial, config: StudyConfig, folder: StudyFolder, stop: StopOnSignal) -> float | str:
-    """The score of the trial, or why it has none. A full disk or a signal ends the study; the trial is not lost."""
-    values = config.drawn(trial)
+def try_in(path: Path, config: StudyConfig, values: Mapping[str, Any], study: StudyFolder, trial_id: int) -> Tried:
+    """Train a trial into its folder. A full disk or a signal ends the study; the trial is not lost.
+
+    Args:
+        values: of the keys that are searched. study: where this machine reaches it. trial_id: in Optuna's storage.
+    Raises:
+        OSError: a full disk, for example.
+        ConfigError: the trials are to be compared while they run, and the storage cannot be reached from here.
+        KeyboardInterrupt: a signal came.
+    """
+    trial = Trial(study.reached(config), trial_id) if config.pruner != "none" else None
+    reports: dict[int, float] = {}
     begun = time.monotonic()
     try:
-        scores = [_train(trial, config, values, place, folder, stop) for place in range(len(config.training_seeds))]
-        return sum(scores) / len(scores)
+        scores = [_train(path, config, values, place, trial, reports) for place in range(len(config.training_seeds))]
+        outcome: float | str = sum(scores) / len(scores)
     except TrialPruned:
-        return "pruned"
+        outcome = PRUNED
     except OSError:
         raise
     except Exception as error:
-        return " ".join(f"{type(error).__name__}: {error}".split())
-    finally:
-        trial.set_user_attr("seconds", round(time.monotonic() - begun, 1))
+        outcome = " ".join(f"{type(error).__name__}: {error}".split())
+    return Tried(outcome, reports, round(time.monotonic() - begun, 1))
 
 
 def _train(
-    trial: Trial, config: StudyConfig, values: Mapping[str, Any], place: int, folder: StudyFolder, stop: StopOnSignal
+    path: Path,
+    config: StudyConfig,
+    values: Mapping[str, Any],
+    place: int,
+    trial: Trial | None,
+    reports: dict[int, float],
 ) -> float:
     """The score of training with one seed, the last evaluation; raises TrialPruned where it falls behind."""
     seed = config.training_seeds[place]
@@ -125,28 +204,38 @@ def _train(
 
     def watch(row: Mapping[str, float]) -> bool:
         nonlocal behind
-        if math.isfinite(row[config.score]):
+        score = row[config.score]
+        if math.isfinite(score):
             at = place * train.total_timesteps + row["steps"] // train.evaluation.every * train.evaluation.every
-            trial.report(row[config.score], int(at))
-            behind = trial.should_prune()
-        return behind or not math.isfinite(row[config.score])
+            behind = _falls_behind(trial, reports, int(at), score)
+        return behind or not math.isfinite(score)
 
-    model = build_model(train)
+    model = fresh_model(train)
     try:
-        run = RunFolder.create(folder.trial(trial.number) / f"seed-{seed}", train, [])
+        run = RunFolder.create(path / f"seed-{seed}", train, [], force=True)  # a lost worker may have left one
         logger = training_log(run)
         model.set_logger(logger)
         evaluator = Evaluator(run, train, show=lambda line: None, watch=watch)
-        with ExitStack() as stack:
+        with StopOnSignal() as stop, ExitStack() as stack:
             stack.callback(logger.close)
-            learn(model, train, [stop, Progress(), FinalError(), evaluator])
+            learn(model, train, [stop, FinalError(), evaluator])
     finally:
         close(model)
     if stop.signal is not None:
+        signal.raise_signal(stop.signal)
         raise KeyboardInterrupt
     if behind:
         raise TrialPruned
     return _last_score(run, config.score)
+
+
+def _falls_behind(trial: Trial | None, reports: dict[int, float], step: int, score: float) -> bool:
+    reports[step] = score
+    if trial is None:
+        return False
+    if step not in trial._get_latest_trial().intermediate_values:  # a lost worker may have reported it
+        trial.report(score, step)
+    return trial.should_prune()
 
 
 def _last_score(run: RunFolder, score: str) -> float:
@@ -156,18 +245,23 @@ def _last_score(run: RunFolder, score: str) -> float:
     return float(last[score])
 
 
-def _told(study: Study, trial: Trial, outcome: float | str) -> str:
+def _told(study: Study, trial: Trial, tried: Tried) -> str:
     """Tell the study how the trial ended; the line about it."""
-    if isinstance(outcome, float):
-        study.tell(trial, outcome)
-        text = f"{outcome:.3f} mm"
-    elif outcome == "pruned":
+    trial.set_user_attr("seconds", tried.seconds)
+    known = study.get_trials(deepcopy=False)[trial.number].intermediate_values
+    for step, score in tried.reports.items():
+        if step not in known:
+            trial.report(score, step)
+    if isinstance(tried.outcome, float):
+        study.tell(trial, tried.outcome)
+        text = f"{tried.outcome:.3f} mm"
+    elif tried.outcome == PRUNED:
         study.tell(trial, state=TrialState.PRUNED)
         text = "ended early, it fell behind"
     else:
-        trial.set_user_attr("reason", outcome)
+        trial.set_user_attr("reason", tried.outcome)
         study.tell(trial, state=TrialState.FAIL)
-        text = f"failed: {outcome}"
+        text = f"failed: {tried.outcome}"
     done = study.get_trials(deepcopy=False, states=[TrialState.COMPLETE])
     best = f"; best: {study.best_value:.3f} mm, trial {study.best_trial.number}" if done else ""
-    return f"trial {trial.number:3}: {text} ({trial.user_attrs['seconds']:.0f} s{best})"
+    return f"trial {trial.number:3}: {text} ({tried.seconds:.0f} s{best})"

@@ -10,6 +10,10 @@ import subprocess
 import sys
 from typing import IO, Any
 
+import pytest
+
+if not hasattr(os, "fork"):
+    pytest.skip("processes cannot be forked here", allow_module_level=True)
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(["agents.train", "agents.tune", "agents.tuning.trials"])
 

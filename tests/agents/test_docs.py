@@ -12,6 +12,11 @@ FEW_STEPS = {
     "demo": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
     "ppo_rolling_joint": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
     "sac_rolling_joint": "total_timesteps=40 env.n_envs=2 parameters.learning_starts=20",
+    "recurrent_ppo_instrument": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "distill_instrument": "total_timesteps=40 env.n_envs=2 parameters.gradient_steps=1 parameters.batch_size=2",
+    "ppo_late_pose": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "ppo_instrument_shift": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "apg_instrument": "total_timesteps=40 env.n_envs=2",
     "config": "",
 }
 

@@ -31,6 +31,7 @@ def test_a_score_is_what_its_names_say():
     assert score.p95_mm == pytest.approx(2.7)
     assert (score.within_1_mm, score.held_1_mm) == (0.75, 0.75)
     assert (score.mean_reward, score.ended_early, score.regret_mm) == (-2.0, 4, None)
+    assert score.last_10_mm == pytest.approx((9 * 0.5 + 1.15) / 10)
 
 
 def test_held_asks_for_all_of_the_last_ten_steps():
@@ -38,6 +39,11 @@ def test_held_asks_for_all_of_the_last_ten_steps():
     some.errors[0, -10] = 1.1
     some.errors[1, -11] = 1.1
     assert Score.of(some).held_1_mm == pytest.approx(2 / 3)
+
+
+def test_the_last_steps_are_those_after_the_start_where_there_are_fewer_than_ten():
+    few = Episodes(np.arange(1), np.array([[9.0, 2.0, 4.0]]), np.zeros(1), np.zeros(1, bool))
+    assert Score.of(few).last_10_mm == 3.0
 
 
 def test_regret_is_the_mean_of_error_minus_floor_where_there_is_a_floor():
@@ -59,8 +65,8 @@ def test_the_table_ends_with_the_floor():
     report = Report({"one": episodes([0.2, 3.0])}, 100.0, np.array([0.1, 0.2]), {"run": "somewhere"})
     rows = report.table()
     assert [row[0] for row in rows] == ["controller", "one", "floor"]
-    assert rows[1][1:] == ["1.60 mm", "1.60 mm", "2.86 mm", "50.0 %", "50.0 %", "1.45 mm"]
-    assert rows[2][1:5] == ["0.150 mm", "0.150 mm", "0.195 mm", "100.0 %"]
+    assert rows[1][1:] == ["1.60 mm", "1.60 mm", "2.86 mm", "0.610 mm", "50.0 %", "50.0 %", "1.45 mm"]
+    assert rows[2][1:6] == ["0.150 mm", "0.150 mm", "0.195 mm", "", "100.0 %"]
     assert len({len(row) for row in rows}) == 1
     assert rows[2] not in replace(report, floors=None).table()
     assert "| one | 1.60 mm |" in report.markdown({"one": "the first"}, {})

@@ -8,7 +8,7 @@ from agents.baselines import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy
-from agents.evaluation.rollout import film, run_episodes
+from agents.evaluation.rollout import film, run_episodes, run_with_options
 from agents.runs.environment import EnvConfig, make_env
 from rollingjoint.errors import ConfigError, InvalidInput
 
@@ -181,3 +181,18 @@ def test_an_environment_without_a_tip_error_is_refused(countdown):
 def test_an_unknown_id_of_ours_is_refused_in_one_line():
     with pytest.raises(ConfigError, match="expected one of rj_gym/RollingJoint-v0"):
         run_episodes(EnvConfig("rj_gym/RollingJoint-v9"), Zeros(), [3])
+
+
+def test_lanes_with_reset_options_of_their_own_are_the_episodes_of_scalar_environments_with_them():
+    config = EnvConfig(settings={"episode_steps": 6, "randomization": {"stiffness_spread": 0.2}})
+    still, pulled = {"load": {"link": -1, "force": (0.0, 0.0)}}, {"start": (2.0, 5.0), "mechanism": "five_link"}
+    options, seeds = [still, still, pulled, {}, pulled], [3, 4, 4, 5, 6]
+    found = run_with_options(config, DoNothing(), seeds, options)
+    env = make_env(config)
+    for errors, seed, option in zip(found.errors, seeds, options, strict=True):
+        expected = [env.reset(seed=seed, options=option)[1]["error_mm"]]
+        expected += [env.step([0.0, 0.0])[-1]["error_mm"] for _ in range(6)]
+        np.testing.assert_array_equal(errors, expected)
+    assert found.targets is None
+    with pytest.raises(InvalidInput, match="one per seed"):
+        run_with_options(config, DoNothing(), seeds, options[:2])

@@ -1,11 +1,9 @@
 """Exporting policies: NumPy computes what Stable-Baselines3 computes, and the command writes files that load."""
 
 import json
-import pickle
 import re
 import shlex
 import shutil
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +14,19 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import export
+from agents.policies import export as export_module
 from agents.policies.conversion import network_of
 from agents.policies.export import check_against_torch, export_policy, export_run
 from agents.policies.file import unpack
 from agents.policies.network import PolicyError
 from agents.runs.config import load_config
 from agents.runs.environment import EnvConfig
-from agents.runs.files import hash_file, write_file
+from agents.runs.files import hash_file
 from agents.runs.folder import RunFolder
+from agents.runs.pickles import PickleWarning
 from agents.shipped import ShippedPolicy, list_policies, load_policy
 from agents.training.build import build_model
+from agents.training.checkpoint import save_policy
 from rj_gym.sb3 import make_sb3_env
 
 torch.set_num_threads(1)
@@ -144,9 +145,10 @@ def test_action_bounds_other_than_one_are_kept():
         assert np.abs(actions - expected_actions(model, None, seen)).max() < 1e-6
 
 
-def test_policy_with_squashed_noise_of_ppo_is_exported():
+@pytest.mark.parametrize(("algorithm", "policy"), [(PPO, {"squash_output": True}), (SAC, {}), (TQC, {})])
+def test_policy_with_state_dependent_exploration_is_exported(algorithm, policy):
     env = make_sb3_env(FLAT, 1)
-    model = random_model(PPO, env, {"squash_output": True}, use_sde=True)
+    model = random_model(algorithm, env, policy, use_sde=True)
     actions = network_of(model)(seen := observations(env))
     assert np.abs(actions - expected_actions(model, None, seen)).max() < 1e-6
 
@@ -156,7 +158,6 @@ def test_policy_with_squashed_noise_of_ppo_is_exported():
     [
         (lambda env: random_model(A2C, env), "algorithm = 'a2c': expected one of ppo, sac, tqc, crossq"),
         (lambda env: random_model(PPO, env, {"activation_fn": torch.nn.GELU}), "layer = 'GELU'"),
-        (lambda env: random_model(SAC, env, use_sde=True), "layer = 'Hardtanh'"),
     ],
 )
 def test_policy_that_has_no_form_in_numpy_is_a_clear_error(make, message):
@@ -190,9 +191,8 @@ def trained(tmp_path_factory):
     model = build_model(config)
     for names in (["best", "000000040"], ["last"]):
         model.learn(40, reset_num_timesteps=False)
-        for policy, normaliser in map(folder.policy_files, names):
-            write_file(policy, model.save)
-            write_file(normaliser, partial(pickle.dump, model.get_vec_normalize_env()))
+        for files in map(folder.policy_files, names):
+            save_policy(model, files)
     return folder.path
 
 
@@ -207,7 +207,6 @@ def test_command_writes_a_file_with_the_score_that_scores_again(trained, tmp_pat
     assert policy.score.seeds == range(20_000, 20_005)
     assert policy.score.complaints(policy.rescore()) == []
     assert policy.sha256 in printed and f"{policy.score.values['mean_mm']:.3f} mm" in printed
-    assert float(re.search(r"within (\S+) on", printed)[1]) < 1e-5
     assert policy.training["steps"] == 40 and policy.training["seed"] == 1
     assert policy.training["config"]["policy"]["hidden"] == [8]
     assert "settings" not in policy.training["config"]["env"] and policy.settings.episode_steps == 10
@@ -232,8 +231,23 @@ def test_command_replaces_a_file_only_with_force(trained, tmp_path, capsys):
     assert load_policy(tmp_path / "tiny.safetensors").name == "tiny"
 
 
-def without(name):
-    return lambda folder: (folder / name).unlink()
+def without(*names):
+    def harm(folder):
+        for name in names:
+            (folder / name).unlink()
+            hash_file(folder / name).unlink(missing_ok=True)
+
+    return harm
+
+
+def old(harm=lambda folder: None):
+    """As an earlier version wrote it, with pickles alone."""
+
+    def harm_old(folder):
+        without(*(str(path.relative_to(folder)) for path in folder.rglob("policy.safetensors")))(folder)
+        harm(folder)
+
+    return harm_old
 
 
 def overwritten(name, text):
@@ -254,9 +268,10 @@ def with_seed(folder):
     ("harm", "arguments", "message"),
     [
         (without("config.yaml"), "", "a folder with a config.yaml"),
-        (without("best/policy.zip"), "", "a saved policy"),
-        (overwritten("best/policy.zip", "nonsense"), "", "a zip that Stable-Baselines3 can load"),
-        (overwritten("best/normaliser.pkl", "nonsense"), "", "a zip that Stable-Baselines3 can load"),
+        (without("best/policy.safetensors", "best/policy.zip"), "", "a saved policy"),
+        (overwritten("best/policy.safetensors", "nonsense"), "", "a file that agents.export wrote"),
+        (old(overwritten("best/policy.zip", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
+        (old(overwritten("best/normaliser.pkl", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
         (overwritten("versions.json", "[]"), "", "the versions that training used"),
         (with_seed, "", "in training"),
         (lambda folder: None, "--policy 123", "a saved policy"),
@@ -292,17 +307,44 @@ def test_list_shows_every_shipped_policy_with_its_recorded_score(capsys):
 @pytest.mark.parametrize("which", ["last", "best", "000000040"])
 def test_trusted_zip_gives_the_same_actions_and_warns_that_it_ran_pickle(which, trained):
     with pytest.warns(UserWarning, match="can run any code"):
-        policy = load_policy(RunFolder(trained).policy_files(which)[0], trust_pickle=True)
-    exported, _ = export_run(RunFolder(trained), which, "x")
+        policy = load_policy(RunFolder(trained).policy_files(which).model, trust_pickle=True)
+    exported = export_run(RunFolder(trained), which, "x")
     observation = policy.make_env().reset(seed=0)[0]
     assert np.array_equal(policy(observation), exported(observation))
     assert policy.score is None
 
 
-def test_zip_outside_a_run_folder_is_a_clear_error(trained, tmp_path):
-    shutil.copy(trained / "policy.zip", tmp_path / "policy.zip")
-    with pytest.warns(UserWarning, match="can run any code"), pytest.raises(PolicyError, match="in its run folder"):
-        load_policy(tmp_path / "policy.zip", trust_pickle=True)
+@pytest.mark.parametrize("name", ["policy.zip", "policy.safetensors"])
+def test_policy_of_a_run_outside_its_folder_is_a_clear_error(name, trained, tmp_path):
+    shutil.copy(trained / name, tmp_path / name)
+    with pytest.raises(PolicyError, match="in its run folder"):
+        load_policy(tmp_path / name, trust_pickle=True)
+
+
+def test_old_run_is_compared_with_torch(trained, tmp_path, monkeypatch):
+    folder = shutil.copytree(trained, tmp_path / "old")
+    old()(folder)
+    with pytest.warns(PickleWarning, match="best/policy.zip"):
+        again = export_run(RunFolder(folder), "best", "x")
+    assert again.to_bytes() == export_run(RunFolder(trained), "best", "x").to_bytes()
+    monkeypatch.setattr(export_module, "LARGEST_DIFFERENCE", -1.0)
+    with pytest.warns(PickleWarning), pytest.raises(PolicyError, match="NumPy minus torch"):
+        export_run(RunFolder(folder), "best", "x")
+
+
+def test_policy_of_a_run_is_loaded_from_its_folder(trained):
+    policy = load_policy(trained / "best/policy.safetensors")
+    assert policy.name == trained.name and policy.training["steps"] == 40 and policy.score is None
+    assert policy.settings.episode_steps == 10
+
+
+def test_onnx_file_of_a_run_is_written_beside_the_policy_file_or_alone(trained, tmp_path, capsys):
+    names = "--name", "tiny", "--out", tmp_path, "--episodes", 2
+    assert run(trained, *names, "--onnx", tmp_path / "both.onnx") == 0
+    assert f'"sha256": "{load_policy(tmp_path / "tiny.safetensors").sha256}"' in capsys.readouterr().out
+    assert run(trained, "--policy", "last", "--onnx", tmp_path / "alone.onnx") == 0
+    assert '"steps": 80' in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"tiny.safetensors", "both.onnx", "alone.onnx"}
 
 
 def test_json_of_a_file_can_be_read_without_this_package():

@@ -1,69 +1,45 @@
-"""agents.results: the page and its pictures, rebuilt from run folders alone."""
+"""agents.results: the results file, the page and its pictures, rebuilt from run folders or from the file alone."""
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.stats import trim_mean
 
-from agents import train
 from agents.baselines import baselines
+from agents.baselines.opponents import opponents
 from agents.evaluate import evaluate_controllers
-from agents.evaluation.policy import Policy
-from agents.evaluation.rollout import Episodes
-from agents.evaluation.score import Score
+from agents.executors.folders import FILES, files_of
+from agents.executors.local import InlineExecutor
+from agents.executors.policies import PolicyUnit, with_policy
+from agents.policies.export import export_run
+from agents.policies.trained import load_trained
+from agents.results import Results, films, read_results, scores, worlds
 from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
-from agents.results.description import description
-from agents.results.page import BEATS_FEEDBACK, DOES_NOT, NO_DIFFERENCE, PAYS, score_table, verdict, verdict_text
-from agents.results.runs import Benchmark, Recipe, Run, find_benchmarks, heavier
-from agents.results.scores import Comparison, Scores, driving, score
-from agents.runs.config import TrainConfig
+from agents.results.environment import changed
+from agents.results.file import write_results
+from agents.results.page import Tables
+from agents.results.page import page as whole_page
+from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION
+from agents.results.runs import find_benchmarks
 from agents.runs.environment import EnvConfig
-from agents.runs.files import hash_file
 from agents.runs.folder import RunFolder
-from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.planar.config import TrackingConfig
+from tests.agents.results.tiny_runs import SEEDS, train_all
 
-COMMON = ["total_timesteps=80", "env.n_envs=2", "env.settings.episode_steps=12", "policy.hidden=[8]",
-          "evaluation.every=40", "evaluation.episodes=2", "normalise.reward=false"]  # fmt: skip
-RECIPES = {
-    "ppo_near": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}"],
-    "sac_near": [
-        "algorithm=sac",
-        "parameters={learning_starts: 20, batch_size: 8}",
-        "env.settings.reward.effort=0",
-        "env.id=rj_gym/RollingJointGoal-v0",
-    ],
-    "ppo_drift": ["parameters={n_steps: 20, batch_size: 40, n_epochs: 1}", "env.settings.load.process=ou"],
-    "ppo_reach": [
-        "parameters={n_steps: 20, batch_size: 40, n_epochs: 1}",
-        "env={id: rj_gym/FlexibleArm-v0, n_envs: 2, settings: {mechanism: small_arm, episode_steps: 12}}",
-    ],
-}
-SEEDS = {"ppo_near": (1, 2), "sac_near": (1, 2), "ppo_drift": (3,), "ppo_reach": (4,)}
 EPISODES, FIRST = 12, 20_000
+SIZES = ["--episodes", "12", "--seed", "20000", "--validation", "6", "--per-point", "4"]
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Path:
     """Finished runs, one that is not finished, one whose policy is damaged, one of which nothing but files is left."""
     folder = tmp_path_factory.mktemp("runs")
-    for name, overrides in RECIPES.items():
-        for seed in SEEDS[name]:
-            words = [word for text in [*COMMON, *overrides, f"seed={seed}"] for word in ("--set", text)]
-            out = str(folder / name / f"seed_{seed}")
-            assert train.main(["--config", "configs/train/demo.yaml", "--run-dir", out, *words]) == 0
-    for broken in ("unfinished", "damaged", "empty"):
-        shutil.copytree(folder / "ppo_near/seed_1", folder / broken / "seed_9")
-    shutil.rmtree(folder / "unfinished/seed_9/checkpoints")
-    (folder / "damaged/seed_9/best/policy.zip").write_bytes(b"PK")
-    (folder / "empty/seed_9/config.yaml").write_text("algorithm: [")
-    hash_file(folder / "empty/seed_9/config.yaml").unlink()
-    shutil.copytree(folder / "ppo_near/seed_1", folder / "second/seed_1")
-    (folder / "command.txt").write_text("python -m agents.campaign list.yaml\n")
+    train_all(folder)
     return folder
 
 
@@ -71,14 +47,21 @@ def runs(tmp_path_factory) -> Path:
 def out(runs, tmp_path_factory) -> Path:
     """Where the page of these runs is."""
     folder = tmp_path_factory.mktemp("out")
-    arguments = ["--episodes", str(EPISODES), "--seed", str(FIRST), "--jobs", "1"]
-    assert results.main([str(runs), "--out", str(folder), *arguments]) == 0
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(worlds, "POINTS", (0.0, 1.25))  # which takes less time than all of them
+        assert results.main([str(runs), "--out", str(folder), *SIZES, "--jobs", "1"]) == 0
     return folder
 
 
 @pytest.fixture(scope="module")
 def page(out) -> str:
     return (out / "results.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def records(out):
+    """Benchmarks of the results file, by title."""
+    return {record.title: record for record in read_results(out / "results.json").benchmarks}
 
 
 def table(page: str, heading: str, number: int = 0) -> dict[str, list[str]]:
@@ -91,11 +74,6 @@ def table(page: str, heading: str, number: int = 0) -> dict[str, list[str]]:
     }
 
 
-def cell(values: list[float], form: str) -> str:
-    texts = [form.format(value) for value in (np.mean(values), min(values), max(values))]
-    return f"{texts[0]} ({texts[1]} to {texts[2]})" if len(values) > 1 else texts[0]
-
-
 def mm(value: float) -> str:
     return "< 0.001" if abs(value) < 0.001 else f"{value:.3f}" if abs(value) < 1 else f"{value:.2f}"
 
@@ -104,9 +82,11 @@ def test_every_task_has_a_row_for_every_configuration_baseline_and_the_floor(pag
     rows = {*baselines(), "floor", "controller", ":--"}
     for number in (0, 1):
         assert table(page, "Near", number).keys() == rows | {"ppo_near", "sac_near"}
-        assert table(page, "Drift", number).keys() == rows | {"ppo_drift"}
+        blind = rows - baselines().keys() | {"do nothing", "privileged teacher (privileged)"}
+        blind |= opponents("rj_gym/Instrument-v0").keys() | {"apg_drift"}
+        assert table(page, "Drift", number).keys() == (blind - {"floor"} if number else blind)  # none with friction
         assert table(page, "Reach", number).keys() == rows | {"ppo_reach"}
-    assert list(table(page, "In short"))[2:] == ["[near](#near)", "[drift](#drift)", "[reach](#reach)"]
+    assert list(table(page, "In short"))[2:] == ["[near](#near)", "[reach](#reach)", "[drift](#drift)"]
 
 
 @pytest.mark.parametrize("loads", ["of training", "heavier"])
@@ -115,44 +95,174 @@ def test_the_figures_are_those_of_evaluate_controllers_on_the_same_seeds(loads, 
         scores, known = [], None
         for seed in SEEDS[name]:
             run = RunFolder.open(runs / name / f"seed_{seed}")
-            env = run.config().env if loads == "of training" else heavier(run.config().env)
-            policies = {"policy": Policy.load(run), **baselines()}
-            report = evaluate_controllers(env, policies, range(FIRST, FIRST + EPISODES))
-            scores.append(report.scores["policy"])
-            known = report
+            heavier = {"load": {"magnitude": [1.0, 1.5]}} if loads == "heavier" else {}
+            policies = {"policy": load_trained(run), **baselines()}
+            known = evaluate_controllers(changed(run.config().env, heavier), policies, range(FIRST, FIRST + EPISODES))
+            scores.append(known.scores["policy"])
         found = table(page, "Near", 0 if loads == "of training" else 1)
-        means = [score.mean_mm for score in scores]
-        assert found[name][0] == f"{mm(np.mean(means))} ({mm(min(means))} to {mm(max(means))})"
-        within = [100 * score.within_1_mm for score in scores]
-        assert found[name][3 if loads == "of training" else 2] == cell(within, "{:.1f}")
+        assert found[name][0].startswith(f"{mm(np.mean([score.last_10_mm for score in scores]))} [")
+        assert found[name][4] == f"{100 * np.mean([score.within_1_mm for score in scores]):.1f}"
+        assert float(found[name][6]) == pytest.approx(
+            np.mean([score.regret_mm for score in scores]), rel=5e-3, abs=1e-3
+        )
         for baseline in baselines():
-            score = known.scores[baseline]
-            assert found[baseline][:2] == [mm(score.mean_mm), mm(score.median_mm)]
-            assert found[baseline][5 if loads == "of training" else 3] == mm(score.regret_mm)
+            score, last = known.scores[baseline], known.episodes[baseline].last_errors.mean(axis=1)
+            figures = score.last_10_mm, trim_mean(last, 0.25), np.median(last), np.percentile(last, 95)
+            shown = [float(cell.split(" [")[0]) for cell in found[baseline][:4]]
+            assert shown == pytest.approx(figures, rel=5e-3, abs=1e-3), baseline
+            assert found[baseline][4:6] == [f"{100 * score.within_1_mm:.1f}", f"{100 * score.held_1_mm:.1f}"]
+            assert float(found[baseline][6]) == pytest.approx(score.regret_mm, rel=5e-3, abs=2e-3)
         assert found["floor"][0] == mm(np.mean(known.floors))
 
 
-def test_the_heavier_loads_lie_between_the_largest_of_training_and_half_as_much_again():
-    env = heavier(EnvConfig(settings={"load": {"link": "tip", "magnitude": [0.2, 0.8]}}))
-    assert env.arguments()["config"].load.magnitude == (0.8, pytest.approx(1.2))
-    assert env.arguments()["config"].load.link == "tip"
+@pytest.mark.parametrize("name", ["ppo_near", "sac_near"])
+def test_a_policy_in_a_worker_does_what_it_does_here(name, runs):
+    run = RunFolder(runs / name / "seed_1")
+    controllers = {"policy": load_trained(run), "feedback": baselines()["jacobian feedback"]}
+    env, seeds = run.config().env, range(FIRST, FIRST + 3)
+    here, there = (
+        evaluate_controllers(env, controllers, seeds, with_floor=False, executor=executor)
+        for executor in (None, InlineExecutor())
+    )
+    assert here.to_dict() == there.to_dict()
+
+
+def test_a_policy_travels_where_its_run_folder_is_not_seen(runs, tmp_path):
+    run = RunFolder(runs / "ppo_near/seed_1")
+    files = files_of(run.path, FILES)
+    gone = RunFolder(tmp_path / "gone")
+    found = PolicyUnit("policy", _load, (), gone).received(with_policy(_load, (), gone, {}))
+    assert found.travels
+    assert with_policy(_load, (), gone, files) == _load(run)
+
+
+def _load(run: RunFolder) -> list[float]:
+    return [float(one.sum()) for one in load_trained(run).network.tensors().values()]
+
+
+def test_the_summary_shows_the_best_of_the_validation_episodes(records, page, runs):
+    near = records["near"]
+    means = {}
+    for name in ("ppo_near", "sac_near"):
+        driven = []
+        for seed in SEEDS[name]:
+            run = RunFolder.open(runs / name / f"seed_{seed}")
+            report = evaluate_controllers(
+                run.config().env, {"p": load_trained(run)}, range(3_000_000, 3_000_006), False
+            )
+            driven.append(report.scores["p"].last_10_mm)
+        means[name] = np.mean(driven)
+    assert near.best("policy") == min(means, key=means.get)
+    for record in (near, records["drift"]):  # beside the learning curves
+        feedback = {"jacobian feedback"} & set(record.names())
+        assert record.levels.keys() == feedback | {record.best("baseline"), "floor"}
+    row = table(page, "In short")["[near](#near)"]
+    assert row[0] == near.best("policy") and row[2] == near.best("baseline")
+    assert row[1] == table(page, "Near")[row[0]][0] and row[3] == table(page, "Near")[row[2]][0]
 
 
 def test_steps_seeds_and_single_runs_are_said(page):
     near, drift = table(page, "Near"), table(page, "Drift")
-    assert near["ppo_near"][6::2] == ["80", "2"]
-    assert drift["ppo_drift"][6::2] == ["80", "1 (one run)"]
+    assert near["ppo_near"][7::2] == ["80", "2"]
+    assert drift["apg_drift"][7::2] == ["80", "1 (one run)"]
     flat = " ".join(page.split())
-    assert "One run, not a mean over seeds: ppo_drift, ppo_reach." in flat
-    assert "Training seeds: 1, 2 (ppo_near, sac_near); 3 (ppo_drift); 4 (ppo_reach)." in flat
-    assert "training 1 to 5, evaluations during it 1000000 to 1000001; here 20000 to 20011" in flat
+    assert "One run, not a mean over seeds: ppo_reach, apg_drift." in flat
+    assert "Training seeds: 1, 2 (ppo_near, sac_near); 4 (ppo_reach); 3 (apg_drift)." in flat
+    assert (
+        "training 1 to 5, evaluations during it 1000000 to 1000001, choosing the best 6 episodes (seeds 3000000 to"
+        in flat
+    )
+    assert "tables 12 episodes (seeds 20000 to 20011)" in flat
     assert "12 steps of at most 1 mm" in flat and "drifts (Ornstein-Uhlenbeck, correlation time 15 steps)" in flat
+    assert "2 training seeds are no verdict" in flat and "A single training seed is no verdict" in flat
 
 
 def test_the_page_says_how_to_rebuild_it(page, runs, out):
     commands = re.search(r"```bash\n(.*?)```", page, re.DOTALL)[1].splitlines()
     assert commands[0] == "python -m agents.campaign list.yaml"
-    assert commands[1] == f"python -m agents.results {runs} --episodes 12 --seed 20000 --out {out}"
+    assert commands[1] == f"python -m agents.results {runs} {' '.join(SIZES)} --out {out}"
+
+
+def test_the_file_alone_gives_the_same_page_and_pictures(out, page, tmp_path):
+    assert results.main(["--from", str(out / "results.json"), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "results.md").read_text() == page
+    assert (tmp_path / "results.json").read_text() == (out / "results.json").read_text()
+    for path in (out / "images").iterdir():
+        assert (tmp_path / "images" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_a_page_without_the_animations_does_not_name_them(out, page, tmp_path, monkeypatch):
+    monkeypatch.setattr(results_pictures, "pictures", lambda results: {})
+    file = shutil.copy(out / "results.json", tmp_path)
+    assert results.main(["--from", str(file), "--out", str(tmp_path)]) == 0
+    assert ".gif" in page and ".gif" not in (tmp_path / "results.md").read_text()
+
+
+def test_a_page_of_several_files_has_their_animations_and_tells_the_merging(out, page, tmp_path, monkeypatch):
+    monkeypatch.setattr(results_pictures, "pictures", lambda results: {})
+    whole, parts, other = read_results(out / "results.json"), [], "of other episodes"
+    for name, filmed in {"one": ["near"], "two": ["near", "reach", "drift"]}.items():
+        records = [replace(one, title=f"{name} {one.title}") for one in whole.benchmarks]
+        films = {f"{name} {title}": whole.films[title] for title in filmed}
+        if name == "two":
+            films["two near"] = dict.fromkeys(films["two near"], other)
+        parts.append(tmp_path / name / "results.json")
+        write_results(parts[-1], Results(records, commands=[name], films=films))
+        shutil.copytree(out / "images", parts[-1].parent / "images", ignore=shutil.ignore_patterns("*.png"))
+    (tmp_path / "two/images/results_near.gif").write_bytes(other.encode())
+    words = ["--from", *map(str, parts), "--out", str(tmp_path / "both")]
+    assert results.main(words) == 0
+    text = (tmp_path / "both/results.md").read_text()
+    assert re.findall(r"\]\(images/(\S+)\)", text) == [f"results_{name}.gif" for name in ("near", "reach", "drift")]
+    assert other not in " ".join(text.split())
+    for path in (out / "images").glob("*.gif"):
+        assert (tmp_path / "both/images" / path.name).read_bytes() == path.read_bytes()
+    commands = re.search(r"```bash\n(.*?)```", text, re.DOTALL)[1].splitlines()
+    assert commands == ["one", "two", f"python -m agents.results {' '.join(words)}"]
+
+
+def test_a_file_cannot_name_an_animation_elsewhere(out, tmp_path):
+    found = Results([], films={"near": {"../secret.gif": "a caption"}})
+    (tmp_path / "secret.gif").write_bytes(b"GIF")
+    (tmp_path / "images").mkdir()
+    films.bring_films({tmp_path / "results.json": found}, found, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_of_a_page_leaves_out_what_is_the_default(runs, monkeypatch):
+    said = []
+    monkeypatch.setattr(results, "_command", lambda arguments: said.append(results._commands(arguments)) or 0)
+    assert results.main([str(runs), "--shipped"]) == 0
+    assert said == [["python -m agents.campaign list.yaml", f"python -m agents.results {runs} --shipped"]]
+
+
+def test_a_world_without_poses_is_shown_with_capstan_friction_and_what_that_makes_of_filters(page, records):
+    (shift,) = [world for world in records["drift"].of_role(SHIFT) if "capstan" in world.name]
+    section = page.split(f"### {shift.heading}\n", 1)[1].split("\n#")[0]
+    assert "No filter here has a state for that" in " ".join(section.split())
+    shown = {line.split(" | ")[0].strip("| "): line.split(" | ")[-1].strip("| ") for line in section.splitlines()}
+    for name in ("bank of filters", "apg_drift"):
+        errors = (records["drift"].controller(name).errors(world).mean() for world in (shift.name, TEST))
+        assert shown[name].startswith(f"{100 * (next(errors) / next(errors) - 1):+.0f} [")
+    assert "From the task's own episodes to these the mean changes: that of apg_drift by" in " ".join(section.split())
+
+
+def test_worlds_are_the_table_the_choice_heavier_loads_and_the_points_of_curves(records):
+    near = records["near"]
+    assert [(world.name, world.role, world.seeds) for world in near.worlds[:3]] == [
+        ("test", TEST, range(FIRST, FIRST + EPISODES)),
+        ("validation", VALIDATION, range(3_000_000, 3_000_006)),
+        ("Heavier loads than in training, 1 to 1.5 N", SHIFT, range(FIRST, FIRST + EPISODES)),
+    ]
+    points = near.of_role(SWEEP)
+    assert [world.value for world in points] == [0, 1.25]
+    assert all(world.changes == {"load": {"magnitude": [world.value, world.value]}} for world in points)
+    assert {world.episodes for world in points} == {4} and points[0].trained == (0.0, 1.0)
+    at_rest = near.controller("jacobian feedback").errors("load 0")[0]
+    env = EnvConfig(settings={"episode_steps": 12, "load": {"magnitude": [0.0, 0.0]}})
+    known = evaluate_controllers(env, {"feedback": baselines()["jacobian feedback"]}, range(FIRST, FIRST + 4))
+    np.testing.assert_allclose(at_rest, known.episodes["feedback"].last_errors.mean(axis=1), rtol=6e-4)
+    np.testing.assert_allclose(near.world("load 0").floors, known.floors, rtol=6e-4, atol=1e-9)
 
 
 def test_run_folders_that_are_broken_unfinished_or_double_are_left_out_and_named(page):
@@ -169,6 +279,7 @@ def test_run_folders_that_are_broken_unfinished_or_double_are_left_out_and_named
 def test_pictures_are_of_sensible_size_and_all_on_the_page(page, out):
     named = re.findall(r"\]\(images/(\S+)\)", page)
     assert sorted(named) == sorted(path.name for path in (out / "images").iterdir())
+    assert {f"results_{name}.gif" for name in ("near", "drift", "reach")} < set(named)
     frames = {}
     for name in named:
         with Image.open(out / "images" / name) as picture:
@@ -176,35 +287,15 @@ def test_pictures_are_of_sensible_size_and_all_on_the_page(page, out):
             assert 400 <= picture.width <= 1500 and 250 <= picture.height <= 1500, name
             assert len(np.unique(np.asarray(picture.convert("L")))) > 20, name
             frames[name] = getattr(picture, "n_frames", 1)
-    assert (
-        "results_near.gif" in named and "results_drift.gif" not in named
-    )  # one for every mechanism and kind of target
     assert frames["results_near.gif"] == frames["results_reach.gif"] == 13
     assert (out / "images/results_near.gif").stat().st_size < 1_500_000
 
 
-def test_every_baseline_has_a_colour():
-    assert results_pictures.STYLES.keys() >= baselines().keys()
-
-
-def test_policies_and_baselines_are_compared_in_the_same_episodes(runs):
-    task = find_benchmarks(runs)[0][1]
-    with driving(1) as drive:
-        scores = score(task, range(FIRST, FIRST + 5), drive)
-    policies = {"ppo_drift": Policy.load(RunFolder.open(runs / "ppo_drift/seed_3")), **baselines()}
-    report = evaluate_controllers(task.env, policies, range(FIRST, FIRST + 5))
-    for name, episodes in report.episodes.items():
-        assert np.array_equal(scores.errors(name)[0], episodes.final_errors), name
-    assert np.array_equal(scores.floors, report.floors)
-    assert np.allclose(scores.loads, np.linalg.norm(report.episodes["open loop"].loads[:, -1], axis=1))
-
-
 @pytest.mark.slow
-def test_the_page_is_the_same_again_with_two_processes(runs, page, tmp_path, monkeypatch):
-    monkeypatch.setattr(results_pictures, "three_episodes", lambda *anything: {})
-    monkeypatch.setattr(results_pictures, "to_film", lambda scored: [])
-    arguments = ["--episodes", str(EPISODES), "--seed", str(FIRST), "--jobs", "2", "--out", str(tmp_path)]
-    assert results.main([str(runs), *arguments]) == 0
+def test_the_page_is_the_same_again_with_two_processes(runs, page, out, tmp_path, monkeypatch):
+    monkeypatch.setattr(films, "three_episodes", lambda *anything: {})
+    monkeypatch.setattr(worlds, "POINTS", (0.0, 1.25))
+    assert results.main([str(runs), *SIZES, "--jobs", "2", "--out", str(tmp_path)]) == 0
 
     def without_films(text: str) -> str:
         return re.sub(r"!\[[^\]]*\]\(\S+\.gif\)\n\n[^\n]+\n([^\n]+\n)?\n", "", re.sub(r"--out \S+", "", text))
@@ -218,6 +309,8 @@ def test_the_page_is_the_same_again_with_two_processes(runs, page, tmp_path, mon
         (["--seed", "1000001"], "seeds that training has not used"),
         (["--seed", "2"], "seeds that training has not used"),
         (["--episodes", "0"], "an integer from 1"),
+        (["--validation", "0"], "an integer from 1"),
+        (["--per-point", "-1"], "an integer from 0"),
     ],
 )
 def test_seeds_of_training_and_wrong_numbers_are_refused(arguments, complaint, runs, tmp_path, capsys):
@@ -233,83 +326,34 @@ def test_a_folder_without_a_finished_run_is_an_error(tmp_path, capsys):
 
 def test_rewards_do_not_make_another_task_but_loads_do(runs):
     tasks, _ = find_benchmarks(runs)
-    assert [task.title for task in tasks] == ["near", "drift", "reach"]
+    assert [task.title for task in tasks] == ["near", "reach", "drift"]
     assert [(recipe.name, recipe.seeds) for recipe in tasks[0].recipes] == [("ppo_near", [1, 2]), ("sac_near", [1, 2])]
 
 
-def test_a_task_is_described_by_its_settings():
-    planar = description(TrackingConfig(load={"link": "tip", "process": "step"}, start="random"))
-    assert "five_link (5 links, 2 tendons, 100 mm): the tip goes to a fixed target in 50 steps" in planar
-    assert "pulls at the tip and jumps to another one every 15 steps" in planar and "The load is not" in planar
-    arm = description(
-        FlexibleArmConfig(
-            mechanism="small_arm",
-            observe_load=True,
-            orientation=True,
-            gravity={"tilt": [0.0, 0.5]},
-            load={"magnitude": [0.1, 0.4], "process": "ou"},
-            target={"process": "path"},
-            randomization={"position_noise_mm": 1.0, "weight_spread": 0.1},
-        )
-    )
-    assert "small_arm (4 beads, 4 tendons, 80 mm): the tip follows a path through 3 points" in arm
-    assert (
-        "hangs from a base that is tilted by up to 29°; a payload of 0.1 to 0.4 N hangs from its tip and drifts" in arm
-    )
-    assert "Tilt and payload are observed." in arm and "turn into that of the target, too." in arm
-    assert "noisy (standard deviations 1 mm and 0 rad)" in arm and "off: every weight by up to 10 %." in arm
+def test_shipped_policies_are_scored_for_tasks_without_runs(runs, records, monkeypatch):
+    policy = export_run(RunFolder.open(runs / "ppo_near/seed_1"), "best", "near")
+    monkeypatch.setattr(scores, "list_policies", lambda: ["near"])
+    monkeypatch.setattr(scores, "load_policy", lambda name: policy)
+    tasks, _ = find_benchmarks(runs)
+    assert scores.shipped_for_others(tasks) == {}
+    assert list(scores.shipped_for_others(tasks[1:])) == ["near"]
+    assert list(scores.shipped_for_others([replace(tasks[1], title="near")])) == ["near (shipped)"]
+    plan = worlds.Plan(range(FIRST, FIRST + 4), range(3_000_000, 3_000_002), 5)
+    with scores.driving(1) as drive:
+        record = scores.score_shipped(policy, "near", plan, drive)
+    expected = records["near"].controller("ppo_near").errors(TEST)[:1, :4]
+    np.testing.assert_allclose(record.controller("ppo_near").errors(TEST), expected, rtol=1e-3)
+    assert not record.of_role(SWEEP) and len(record.of_role(SHIFT)) == 1
+    table_row = next(row for row in Tables(record).section()[2].splitlines() if row.startswith("| ppo_near"))
+    assert table_row.endswith("|  | 1 (one run) |")  # how long it was trained is not known
+    text = whole_page(Results([record]), {}, {})
+    assert "Shipped policies, one training seed each, trained earlier: ppo_near." in text
+    (caption,) = (caption for _, caption in films.three_of_shipped(policy, record).values())
+    assert caption.startswith("ppo_near, training seed 1: of the episodes of the table the best (seed ")
 
 
-def test_the_goal_environment_s_policies_belong_to_the_same_task():
-    goal = EnvConfig("rj_gym/FlexibleArmGoal-v0", settings={"mechanism": "small_arm"})
-    runs = [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1))) for env in (goal, EnvConfig())]
-    arm, planar = (Benchmark("some", [Recipe("one", [run])]) for run in runs)
-    assert arm.env == EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
-    assert planar.complexity == (0, 0) and arm.complexity == (2, 1)
-
-
-def episodes(errors: np.ndarray) -> Episodes:
-    count = len(errors)
-    series = np.repeat(errors[:, None], 11, axis=1)
-    return Episodes(np.arange(count), series, np.zeros(count), np.zeros(count, bool))
-
-
-@pytest.mark.parametrize(
-    ("gain", "feedback", "expected"),
-    [(0.1, 0.3, PAYS), (-0.1, 0.3, BEATS_FEEDBACK), (0.0, 0.0, NO_DIFFERENCE), (-0.1, -0.05, DOES_NOT)],
-)
-def test_the_verdict_follows_from_paired_differences(gain, feedback, expected):
-    random = np.random.default_rng(0)
-    own = random.uniform(1, 5, 400)
-    noise = random.normal(0, 0.02, (2, 400))
-    policies = {"learned": [episodes(own), episodes(own + 0.001)]}
-    others = {"predictive": episodes(own + gain + noise[0]), "jacobian feedback": episodes(own + feedback + noise[1])}
-    scores = Scores(policies, others, np.zeros(400))
-    assert verdict(scores) == expected
-    text = verdict_text(scores)
-    assert f"{abs(scores.compare('learned', scores.best_baseline).gain_mm):.2g} mm" in text
-    assert "of 2 seeds" in text and ("pays here" in text) == (expected == PAYS)
-
-
-def test_a_benchmark_with_friction_is_described_and_its_floor_is_unknown():
-    env = EnvConfig(settings={"friction": {"mu": [0.02, 0.1], "shared": False}})
-    text = description(env.arguments()["config"])
-    assert "hidden coefficient between 0.02 and 0.1, its own for every tendon." in text
-    benchmark = Benchmark(
-        "some", [Recipe("one", [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1)))])]
-    )
-    errors = episodes(np.array([1.0, 2.0]))
-    scores = Scores({"one": [errors]}, {"do nothing": errors}, np.full(2, np.nan))
-    *_, last = score_table(benchmark, scores).strip().splitlines()
-    assert last.startswith("| floor | unknown |")
-
-
-def test_a_comparison_is_paired_over_episodes_and_counts_seeds():
-    own, other = np.array([[1.0, 2.0, 3.0], [1.2, 2.2, 3.2]]), np.array([1.2, 2.1, 3.3])
-    found = Comparison.of(own, other)
-    gains = np.array([0.1, 0.0, 0.2])  # other minus the mean of both runs
-    assert found.gain_mm == pytest.approx(gains.mean())
-    assert found.standard_error_mm == pytest.approx(gains.std(ddof=1) / np.sqrt(3))
-    assert found.share == pytest.approx(0.1 / 2.2)
-    assert (found.seeds_better, found.seeds) == (1, 2)
-    assert Score.of(episodes(other)).mean_mm == pytest.approx(2.2)
+def test_runs_or_results_files_are_needed(capsys):
+    for arguments in ([], ["somewhere", "--from", "results.json"]):
+        with pytest.raises(SystemExit):
+            results.main(arguments)
+        assert "give a folder with run folders, or --from" in capsys.readouterr().err

@@ -7,18 +7,16 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from agents.search import compare, workers
+from agents.executors import options
+from agents.executors.local import InlineExecutor
+from agents.search import compare
 from agents.search.__main__ import main
 from agents.search.config import load_search
 from agents.search.folder import SearchRun
@@ -26,7 +24,6 @@ from agents.search.methods import METHODS
 from agents.search.outcome import Search, median
 from agents.search.problem import KINDS, against, check, design_problem
 from agents.search.report import CAPTIONS, Findings
-from agents.search.workers import _one_thread_each
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -58,21 +55,14 @@ def written(tmp_path, text):
     return path
 
 
-class WorkerThread(threading.Thread):
-    """In place of a worker process, which would import and compile everything anew."""
-
-    def __init__(self, target, args):
-        super().__init__(target=target, args=[Connection(os.dup(pipe.fileno())) for pipe in args])
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A small search, finished, in a folder out/small: one method in a process, the others in a thread."""
+    """A small search, finished, in a folder out/small: one method in a process of its own, the others in this one."""
     folder = tmp_path_factory.mktemp("search")
     command = [str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]
     assert main([*command, "--methods", "random"]) == 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers, "get_context", lambda method: SimpleNamespace(Pipe=Pipe, Process=WorkerThread))
+        patch.setattr(options, "LocalExecutor", lambda jobs: InlineExecutor())
         assert main(command) == 0
     return folder / "out" / "small"
 
@@ -91,15 +81,6 @@ def test_the_scale_reference_is_what_the_reference_has(tmp_path):
     config = load_search(written(tmp_path, text))
     problem = design_problem(config)
     assert problem.objectives[0].factor * against(config, problem)[0] == pytest.approx(-1.0, abs=1e-12)
-
-
-def test_worker_processes_do_linear_algebra_on_one_thread(monkeypatch):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
-    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    with _one_thread_each():
-        child = subprocess.run(["sh", "-c", "echo $OPENBLAS_NUM_THREADS $MKL_NUM_THREADS"], capture_output=True)
-    assert child.stdout == b"1 1\n"
-    assert os.environ["OPENBLAS_NUM_THREADS"] == "3" and "MKL_NUM_THREADS" not in os.environ
 
 
 def test_there_is_a_shipped_search_for_every_objective():
@@ -235,7 +216,7 @@ def test_a_page_without_its_marks_is_left_alone(finished, tmp_path, capsys):
 
 def test_unfinished_runs_are_left_out_and_named(finished, tmp_path):
     copy = tmp_path / "small"
-    subprocess.run(["cp", "-r", str(finished), str(copy)], check=True)
+    shutil.copytree(finished, copy)
     journal = SearchRun(copy / "random" / "seed_2").journal
     journal.write_bytes(journal.read_bytes().split(b"\n")[0] + b"\n")
     search = Search.read(copy)
@@ -244,6 +225,7 @@ def test_unfinished_runs_are_left_out_and_named(finished, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.posix
 def test_ctrl_c_stops_and_the_same_command_ends_as_if_it_had_not(tmp_path):
     text = SMALL.replace("budget: 30", "budget: 150").replace("seeds: [1, 2]", "seeds: [1]")
     path, outs = written(tmp_path, text), [tmp_path / "whole", tmp_path / "parts"]

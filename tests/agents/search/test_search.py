@@ -88,7 +88,7 @@ def explored(method, problem, budget, seed=1, **settings):
     while left:
         x = some.ask(left)
         assert 1 <= len(x) <= left and x.shape[1] == problem.dimensions and np.abs(x).max() <= 1
-        batches.append(evaluated_by(problem, some, x))
+        batches.append(evaluated_by(problem, some.wants, x))
         some.tell(batches[-1])
         left -= len(x)
     return Evaluated.joined(batches)
@@ -145,7 +145,7 @@ def test_sqp_goes_along_a_limit_to_the_end():
     farthest.cost = lambda x: farthest.function(x) + 10.0 * np.maximum(farthest.breaks(x), 0.0)
     batches, some = [], optimiser("sqp", farthest, starts=1)
     for _ in range(32):
-        batches.append(evaluated_by(farthest, some, some.ask(1)))
+        batches.append(evaluated_by(farthest, some.wants, some.ask(1)))
         some.tell(batches[-1])
     assert np.sqrt(2.0) + min(batch.worth[0] for batch in batches if batch.constraints[0, 0] >= 0) < 2e-6
 
@@ -325,6 +325,13 @@ def test_a_run_of_another_search_is_never_overwritten_unless_forced(tmp_path):
         SearchRun.begin(run.path, other, ["python"])
     assert len(found(run)) == 45
     assert not SearchRun.begin(run.path, other, ["python"], force=True).journal.exists()
+
+
+@pytest.mark.parametrize("left", [["versions.json"], [".versions.json.123"], ["versions.json", ".config.yaml.123"]])
+def test_a_run_that_was_killed_before_its_configuration_was_written_begins(left, tmp_path):
+    for name in left:
+        (tmp_path / name).write_text("{")
+    assert begun(tmp_path, "random").is_there
 
 
 def test_a_folder_that_is_no_run_stays_as_it_is(tmp_path):

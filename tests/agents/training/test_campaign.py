@@ -1,17 +1,19 @@
 """agents.campaign: many runs, some at a time; what is finished stays, what was interrupted goes on."""
 
+import multiprocessing
 import os
 import signal
-import subprocess
-import sys
+import threading
 import time
 import zipfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from agents import train
 from agents.campaign import main as campaign_main
+from agents.executors import local
 from agents.runs.config import TrainConfig, load_config
 from agents.runs.environment import EnvConfig
 from agents.training import campaign
@@ -19,7 +21,8 @@ from agents.training.campaign import load_campaign
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 from rollingjoint.presets import small_arm
-from tests.agents.forked import Forked
+from tests.agents.executors import units
+from tests.agents.forked import CONTEXT
 
 TINY = """
 algorithm: ppo
@@ -31,17 +34,10 @@ evaluation: {{every: 1000, episodes: 2}}
 checkpoint_every: 100
 """
 
-# Stands in for agents.train: says that it runs, then waits for a signal and "saves".
-WAITING = """
-import pathlib, signal, sys, time
-folder = pathlib.Path(sys.argv[sys.argv.index("--run-dir") + 1])
-def save(*_):
-    (folder.parent / (folder.name + ".saved")).touch()
-    sys.exit(143)
-signal.signal(signal.SIGTERM, save)
-(folder.parent / (folder.name + ".runs")).touch()
-time.sleep(60)
-"""
+
+def wait_for_interrupt(folder: Path) -> None:
+    """Stands in for training: says that it runs, then waits for a signal and "saves"."""
+    units.wait_for_interrupt(folder.parent, folder.name)
 
 
 def campaign_file(folder: Path, steps: int = 1000, **runs: list[int]) -> Path:
@@ -63,41 +59,57 @@ def weights(folder: Path) -> bytes:
         return archive.read("policy.pth")
 
 
-def watch(monkeypatch, look) -> list[subprocess.Popen]:
-    """Calls look(children begun so far) whenever the campaign waits; the children."""
-    children, popen, sleep = [], subprocess.Popen, time.sleep
-    monkeypatch.setattr(campaign.subprocess, "Popen", lambda *a, **k: children.append(popen(*a, **k)) or children[-1])
-    monkeypatch.setattr(campaign.time, "sleep", lambda seconds: look(children) or sleep(0.02))
-    return children
+@pytest.fixture(autouse=True)
+def forked(monkeypatch):
+    monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
 
 
-def test_a_killed_run_is_reported_resumed_and_then_left_alone(tmp_path, monkeypatch, capfd):
+@contextmanager
+def meanwhile(act):
+    """Calls `act` in a thread until it says that it is done."""
+
+    def poll():
+        while not ended and not act():
+            time.sleep(0.02)
+
+    ended: list[bool] = []
+    thread = threading.Thread(target=poll)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.append(True)
+        thread.join()
+
+
+def test_a_run_whose_process_is_killed_goes_on_in_another_and_ends_as_if_alone(tmp_path, monkeypatch, capfd):
     path, out = campaign_file(tmp_path, near=[1, 2]), tmp_path / "out"
 
-    def kill_the_first(children):
-        if any((out / "near/seed_1/checkpoints").glob("[0-9]*")):
-            children[0].kill()
+    def kill_one():
+        if all(any((out / f"near/seed_{seed}/checkpoints").glob("[0-9]*")) for seed in (1, 2)):
+            multiprocessing.active_children()[0].kill()
+            return True
 
-    monkeypatch.setattr(campaign.subprocess, "Popen", Forked)
-    with monkeypatch.context() as patch:
-        watch(patch, kill_the_first)
-        assert run(path, out) == 2
-    said = capfd.readouterr()
-    assert "near seed 1: ended by SIGKILL; the same command goes on with it" in said.err
-    assert "2 of 2  near seed 2: " in said.out or "1 of 2  near seed 2: " in said.out
-    assert run(path, out) == 0
-    assert "1 runs are finished, 1 begun, 0 new" in capfd.readouterr().out
-    assert (out / "near/seed_1/command.txt").read_text().count("--resume") == 1
+    with meanwhile(kill_one):
+        assert run(path, out) == 0
+    said = capfd.readouterr().out
+    assert "0 runs are finished, 0 begun, 2 new" in said
+    assert said.count("its process was ended by SIGKILL: ") == 1
+    assert "2 of 2  near seed " in said
+    assert sum(path.read_text().count("--resume") for path in out.glob("near/*/command.txt")) == 1
     before = weights(out / "near/seed_1"), weights(out / "near/seed_2")
     assert before[0] != before[1]
     with monkeypatch.context() as patch:
-        patch.setattr(campaign.subprocess, "Popen", None)
+        patch.setattr(local, "get_context", None)
         assert run(path, out) == 0
     assert (weights(out / "near/seed_1"), weights(out / "near/seed_2")) == before
-    monkeypatch.undo()
     alone = ["--config", str(tmp_path / "near.yaml"), "--set", "seed=1", "--run-dir", str(tmp_path / "alone")]
     assert train.main(alone) == 0
     assert weights(tmp_path / "alone") == before[0]
+    alone[3:] = ["seed=2", "--run-dir", str(tmp_path / "other")]
+    assert train.main(alone) == 0
+    assert weights(tmp_path / "other") == before[1]
+    assert sorted(path.name for path in out.iterdir()) == ["command.txt", "near"]
 
 
 def test_a_failing_run_is_reported_in_one_line_and_the_others_go_on(tmp_path, capfd):
@@ -117,22 +129,18 @@ def test_a_failing_run_is_reported_in_one_line_and_the_others_go_on(tmp_path, ca
     assert (written.seed, written.torch_threads) == (7, 1)
 
 
-def test_a_signal_lets_every_child_save_begins_no_other_and_says_how_to_go_on(tmp_path, monkeypatch, capfd):
+def test_a_signal_lets_every_run_save_begins_no_other_and_says_how_to_go_on(tmp_path, monkeypatch, capfd):
     path, out = campaign_file(tmp_path, near=[1, 2, 3]), tmp_path / "out"
-    told, popen = [], subprocess.Popen
 
-    def stand_in(command, **arguments):
-        return popen([sys.executable, "-c", WAITING, *command[3:]], **arguments)
-
-    def interrupt_once_both_run(children):
-        if len(list(out.rglob("*.runs"))) == 2 and not told:
-            told.append(os.kill(os.getpid(), signal.SIGINT))
+    def interrupt_once_both_run():
+        if len(list(out.rglob("*.runs"))) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+            return True
 
     before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(campaign.subprocess, "Popen", stand_in)
-    children = watch(monkeypatch, interrupt_once_both_run)
-    assert run(path, out) == 130
-    assert [child.returncode for child in children] == [143, 143]
+    monkeypatch.setattr(campaign, "train_in", wait_for_interrupt)
+    with meanwhile(interrupt_once_both_run):
+        assert run(path, out) == 130
     assert len(list(out.rglob("*.saved"))) == 2
     said = capfd.readouterr()
     assert f"stopped by SIGINT; to go on: python -m agents.campaign {path} --out {out} --jobs 2" in said.out

@@ -14,7 +14,9 @@ from optuna.trial import TrialState
 from PIL import Image
 
 from agents import train, tune
+from agents.executors import local
 from agents.runs.config import load_config
+from agents.runs.files import read_rows
 from agents.runs.locks import file_lock
 from agents.training.callbacks import Evaluator
 from agents.tuning.folder import StudyFolder
@@ -22,7 +24,7 @@ from agents.tuning.journal import journal_storage
 from agents.tuning.study import StudyConfig, load_study
 from agents.tuning.trials import KILLED
 from rollingjoint.errors import ConfigError
-from tests.agents.forked import Forked
+from tests.agents.forked import CONTEXT, Forked
 
 STUDY = """
 config: {configs}/train/demo.yaml
@@ -87,8 +89,7 @@ def test_the_score_of_a_trial_is_its_last_evaluation_on_seeds_of_the_study(confi
     folder = tmp_path / "study"
     assert run("--config", config, "--study", folder, "--trials", 1) == 0
     trained = folder / "trials" / "0000" / "seed-1"
-    rows = (trained / "evaluations.csv").read_text().splitlines()
-    assert trials(folder)[0].value == float(rows[-1].split(",")[1])
+    assert trials(folder)[0].value == float(read_rows(trained / "evaluations.csv")[-1]["last_10_mm"])
     assert '"evaluation_during_training": [\n    2000000,\n    2000001' in (trained / "seeds.json").read_text()
 
 
@@ -117,7 +118,7 @@ def test_failed_trials_keep_their_reason_and_the_study_goes_on(config, tmp_path,
             raise FloatingPointError("broken")
         row = evaluate(self)
         if len(count) in (2, 3):  # both evaluations of the second trial
-            row["mean_mm"] = math.nan
+            row["last_10_mm"] = math.nan
             self._write(row.values())
         return row
 
@@ -129,7 +130,7 @@ def test_failed_trials_keep_their_reason_and_the_study_goes_on(config, tmp_path,
     assert [trial.state for trial in trials(folder)] == [TrialState.FAIL, TrialState.FAIL, TrialState.COMPLETE]
     report = (folder / "report.md").read_text()
     assert "- trial 0: FloatingPointError: broken" in report
-    assert "mean_mm is nan" in report
+    assert "last_10_mm is nan" in report
 
 
 def test_a_trial_that_falls_behind_is_ended_early(config, tmp_path, monkeypatch, no_pictures):
@@ -137,7 +138,7 @@ def test_a_trial_that_falls_behind_is_ended_early(config, tmp_path, monkeypatch,
 
     def worse(self):
         row = evaluate(self)
-        return row | {"mean_mm": 1000.0 if "0002" in str(self.run.path) else row["mean_mm"]}
+        return row | {"last_10_mm": 1000.0 if "0002" in str(self.run.path) else row["last_10_mm"]}
 
     monkeypatch.setattr(Evaluator, "evaluate", worse)
     folder = tmp_path / "study"
@@ -213,7 +214,7 @@ def test_a_signal_ends_the_study_and_queues_its_trial_again(config, tmp_path, mo
         (("episodes: 2", "episodes: 0"), ["episodes = 0"]),
         (("episodes: 2", "first_seed: 10100"), ["first_seed = 10100", "agents.evaluate"]),
         (("episodes: 2", "training_seeds: [2000050]"), ["first_seed", "training with seed 2000050"]),
-        (("episodes: 2", "score: mean"), ["score = 'mean'", "mean_mm"]),
+        (("episodes: 2", "score: mean"), ["score = 'mean'", "'last_10_mm', 'mean_mm'"]),
         (("episodes: 2", "pruner: mean"), ["pruner = 'mean'", "halving"]),
         (("config:", "confg:"), ["confg", "'config'"]),
         (("space:", "set:"), ["twice"]),
@@ -266,3 +267,55 @@ def load_study_with(space: dict) -> StudyConfig:
     from agents.tuning.study import Choices
 
     return StudyConfig(TrainConfig(), {key: Choices(tuple(value["choices"])) for key, value in space.items()})
+
+
+RECURRENT = """
+config: {configs}/train/recurrent_ppo_instrument.yaml
+set: {{total_timesteps: 32, env.n_envs: 2, env.settings.episode_steps: 8, parameters.n_steps: 8, parameters.n_epochs: 1,
+  parameters.batch_size: 16, policy.hidden: [4], policy.value_hidden: [4], policy.memory: 4, evaluation.every: 16}}
+space:
+  policy.critic: {{choices: [privileged, observation]}}
+  residual: {{choices: [null, open loop]}}
+training_seeds: [1, 2]
+episodes: 2
+startup: 3
+trials: 3
+"""
+
+
+def test_learners_with_memory_privileged_critic_and_residual_are_tuned(tmp_path, no_pictures):
+    path = tmp_path / "study.yaml"
+    path.write_text(RECURRENT.format(configs=Path("configs").resolve()))
+    assert run("--config", path, "--study", tmp_path / "study") == 0
+    done = trials(tmp_path / "study")
+    assert [trial.state for trial in done] == [TrialState.COMPLETE] * 3
+    assert len({(trial.params["policy.critic"], trial.params["residual"]) for trial in done}) > 1
+    assert load_config(tmp_path / "study" / "best.yaml").algorithm == "recurrent_ppo"
+
+
+def test_a_study_in_a_database_is_worked_on_by_two_processes(config, tmp_path, monkeypatch, no_pictures):
+    monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
+    url = f"sqlite:///{tmp_path}/trials.db"
+    words = ["--study", tmp_path / "study", "--storage", url, "--trials", 4, "--jobs", 2]
+    assert run("--config", config, *words) == 0
+    done = optuna.load_study(study_name="study", storage=url).get_trials()
+    assert [trial.state.is_finished() for trial in done] == [True] * 4
+    assert all(40 in trial.intermediate_values for trial in done)
+    assert not (tmp_path / "study/journal.log").exists()
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [("nowhere://me:secret@host/name", ["nowhere://me:***@host", "grpc://"]), ("grpc://here", ["grpc"])],
+)
+def test_a_storage_that_cannot_be_reached_is_one_line_without_its_password(url, words, config, tmp_path, capsys):
+    assert run("--config", config, "--study", tmp_path / "study", "--storage", url) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "secret" not in error
+    assert [word for word in words if word not in error] == []
+
+
+def test_a_worker_that_does_not_see_the_journal_says_so(config, tmp_path):
+    study = load_study(config)
+    with pytest.raises(ConfigError, match="every machine needs the storage"):
+        StudyFolder(tmp_path).reached(study)

@@ -1,0 +1,95 @@
+"""Adapt controllers to robots that nobody modelled: python -m agents.adapt --controller "probing bank" --robots 3.
+
+A robot spends some episodes on the bench and is identified; every controller is adapted to it in simulation, and scored
+in the robot's episodes before and after: docs/robots.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agents.runs.checks import integer
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.pickles import add_trust
+
+if TYPE_CHECKING:
+    from agents.adaptation.trial import Plan, Trial
+
+NAMED = "an opponent by name, a run folder or policy file of apg or distill, FILE.py:NAME or MODULE:NAME; repeatable"
+VERSION = 1  # of the results file
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command: 0 adapted and scored, 2 an error, 130 stopped by Ctrl-C."""
+    parser = argparse.ArgumentParser(prog="python -m agents.adapt", description="Adapt controllers to robots.")
+    parser.add_argument("--controller", action="append", required=True, metavar="NAME", help=NAMED)
+    parser.add_argument("--robots", type=int, default=10, help="how many, 1 to 50 (default %(default)s)")
+    parser.add_argument("--robot", type=int, action="append", metavar="K", help="only this one; repeatable")
+    parser.add_argument("--development", action="store_true", help="other robots, on which anything may be tried")
+    parser.add_argument("--episodes", type=int, default=20, help="of every robot on the bench (default %(default)s)")
+    parser.add_argument("--sees", choices=("tip", "nothing"), default="tip", help="a camera on the bench; default: tip")
+    parser.add_argument("--tries", type=int, default=10, help="settings of an opponent tried (default %(default)s)")
+    parser.add_argument("--updates", type=int, default=100, help="of a policy in simulation (default %(default)s)")
+    parser.add_argument("--scored", type=int, default=20, help="episodes before and after (default %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="results, as JSON")
+    parser.add_argument("--policies", type=Path, metavar="FOLDER", help="for policies that were adapted")
+    add_trust(parser)
+    arguments = parser.parse_args(argv)
+    return exit_code(lambda: _command(arguments, typed_command("agents.adapt", argv)), arguments.trust)
+
+
+def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.adaptation.trial import Plan, adaptable, trial_table, tried
+    from agents.robots.robot import robot
+
+    plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
+    numbers = _numbers(arguments)
+    chosen = {_short(name): adaptable(name) for name in arguments.controller}
+    trials: list[Trial] = []
+    for number in numbers:
+        trials.append(tried(robot(number), chosen, plan, lambda line: print(line, flush=True)))
+        _keep(trials, plan, arguments, command)
+    print(f"{trial_table(trials)}\nlast 10 steps, {plan.scored} episodes of every robot; intervals over robots")
+    return 0
+
+
+def _numbers(arguments: argparse.Namespace) -> Sequence[int]:
+    """Numbers of the robots."""
+    from agents.robots.robot import DEVELOPMENT, TEST_BED
+
+    known = DEVELOPMENT if arguments.development else TEST_BED
+    for number in arguments.robot or ():
+        integer(known[0], known[-1])("--robot", number)
+    return arguments.robot or known[: integer(1, len(known))("--robots", arguments.robots)]
+
+
+def _short(name: str) -> str:
+    """What to call a controller: a run folder CONFIGURATION/seed_K by both, other paths by their last part."""
+    path = Path(name)
+    return name if not path.exists() else "/".join(path.resolve().parts[-2:]) if path.is_dir() else path.stem
+
+
+def _keep(trials: Sequence[Trial], plan: Plan, arguments: argparse.Namespace, command: Sequence[str]) -> None:
+    """Write the results so far, and the policies of the last robot, where that is wanted."""
+    from agents.policies.file import SUFFIX
+    from agents.policies.shipped import ShippedPolicy
+    from agents.runs.files import write_bytes, write_text
+
+    if arguments.out:
+        content: dict[str, Any] = {"version": VERSION, "command": list(command), "plan": vars(plan)}
+        content["robots"] = [trial.to_dict() for trial in trials]
+        write_text(arguments.out, json.dumps(content, indent=1) + "\n")
+    for name, outcome in trials[-1].outcomes.items():
+        if arguments.policies and isinstance(outcome.adapted.controller, ShippedPolicy):
+            arguments.policies.mkdir(parents=True, exist_ok=True)
+            file = f"{name.replace('/', '_')}_robot_{trials[-1].robot.number}{SUFFIX}"
+            write_bytes(arguments.policies / file, outcome.adapted.controller.to_bytes())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,14 @@
+"""A few minutes with one robot that nobody modelled: what it is, and controllers that were adapted to it.
+
+Modules:
+    bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.
+    twin: what is believed of a robot, as numbers that a search changes.
+    identify: the twin that explains what was recorded.
+    tuning: settings of opponents, searched on robots as they may be.
+    informed: controllers that know the twin.
+    world: episodes of robots as they may be after identification.
+    fine_tuning: policies with memory, trained on in that world.
+    trial: before and after, on many robots.
+
+Nothing is imported here; torch is loaded by fine_tuning alone.
+"""

@@ -1,0 +1,64 @@
+"""Controllers that know what was identified of the robot that they drive."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any
+
+from agents.adaptation.identify import Identified
+from agents.baselines.filter_feedback import FilterFeedback
+from agents.evaluation.controller import Array, Controller, Seen
+from rj_gym.core.settings import Range
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.errors import ConfigError
+
+_SURE = 2.0  # standard deviations on either side: how far what was identified may be off
+_LEAST = {"play_mm": 0.1, "sheath_friction": 0.02}  # on either side, however sure
+
+
+class Informed:
+    """A controller that is told of the identified mechanism and of its motors' offsets.
+
+    Args:
+        controller: any; where it has filters, they assume the identified play and sheath friction, too.
+        identified: what the bench showed.
+    """
+
+    def __init__(self, controller: Controller, identified: Identified) -> None:
+        self.controller = _narrowed(controller, identified)
+        self.twin = identified.twin
+
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Begin episodes of a task whose nominal mechanism and offsets are those of the twin."""
+        if task is None:
+            raise ConfigError("environment", "not one of rj_gym", "rj_gym/Instrument-v0", "Robots are instruments.")
+        self.told = _told(task, self.twin)
+        self.controller.begin(self.told, episodes)
+
+    def act(self, seen: Seen) -> Any:
+        """The actions, (B, m)."""
+        return self.controller.act(replace(seen, task=self.told))
+
+
+def _told(task: TrackingTask, twin: Any) -> TrackingTask:
+    """The task with the twin's mechanism; positions keep the units and zeros in which they are observed."""
+    told = type(task)(replace(task.config, mechanism=twin.chain))
+    told.length, told.neutral_lengths = task.length, task.neutral_lengths + twin.motor_offsets
+    return told
+
+
+def _narrowed(controller: Controller, identified: Identified) -> Controller:
+    """The controller, its filters assuming the identified ranges."""
+    if not isinstance(controller, FilterFeedback):
+        return copy.copy(controller)
+    ranges: dict[str, Any] = {name: _around(identified, name) for name in _LEAST}
+    settings = controller.settings
+    return type(controller)(replace(settings, filter=replace(settings.filter, **ranges)))
+
+
+def _around(identified: Identified, name: str) -> Range:
+    """The range of a number of all tendons, as far as it is known."""
+    values: Array = getattr(identified.twin, name)
+    margin = (_SURE * identified.sd[name]).clip(min=_LEAST[name])
+    return max(float((values - margin).min()), 0.0), float((values + margin).max())

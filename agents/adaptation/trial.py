@@ -1,0 +1,177 @@
+"""Controllers on robots before and after they were adapted to them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.adaptation.bench import record
+from agents.adaptation.identify import EVALUATIONS, Identified, identify
+from agents.adaptation.informed import Informed
+from agents.adaptation.tuning import tuned
+from agents.baselines.opponents import opponents_of
+from agents.evaluation.controller import Array
+from agents.policies.export import export_run
+from agents.policies.shipped import ShippedPolicy
+from agents.results.roster import is_privileged
+from agents.results.statistics import Bootstrap, Interval
+from agents.results.wording import mm, with_interval
+from agents.robots.contenders import Contender, contender
+from agents.robots.driving import WORLD, score_on_robots
+from agents.robots.robot import Robot
+from agents.runs.command_line import progress_bar
+from agents.runs.folder import RunFolder
+from rollingjoint.checks import as_integer
+from rollingjoint.errors import ConfigError
+from rollingjoint.tables import text_table
+
+Say = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What adapting to a robot takes, and how it is judged.
+
+    Args:
+        episodes: on the bench. sees_tip: whether a camera measures the tip there.
+        tries: settings of an opponent that are tried in simulation. updates: of a policy, in simulation.
+        scored: episodes of the robot that are driven before and after.
+    """
+
+    episodes: int = 20
+    sees_tip: bool = True
+    tries: int = 10
+    updates: int = 100
+    scored: int = 20
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("episodes", 1, 500), ("tries", 0, 10**6), ("updates", 0, 10**6), ("scored", 1, 1000)):
+            as_integer(f"--{name}", getattr(self, name), low, high, error=ConfigError)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One controller on one robot: errors before and after, (E,) [mm]; seconds that adapting it took in simulation."""
+
+    before: Array
+    after: Array
+    seconds: float
+    adapted: Contender
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        errors = {"before_mm": self.before, "after_mm": self.after}
+        return {name: [float(f"{e:.4g}") for e in values] for name, values in errors.items()} | {
+            "seconds": round(self.seconds, 1)
+        }
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One robot: what was identified in how many seconds, and the outcomes by name of the controller."""
+
+    robot: Robot
+    identified: Identified
+    seconds: float
+    outcomes: Mapping[str, Outcome] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        twin, sd, rest = self.identified.twin, self.identified.sd, "surface_errors"
+        said = {name: {"value": _plain(getattr(twin, name)), "sd": _plain(sd[name])} for name in sd if name != rest}
+        left = {"residual": self.identified.residual, "residual_before": self.identified.before}
+        outcomes = {name: outcome.to_dict() for name, outcome in self.outcomes.items()}
+        seconds = {"seconds": round(self.seconds, 1)}
+        return {"robot": self.robot.number, **seconds, "identified": said | left, "controllers": outcomes}
+
+
+def adaptable(name: str) -> Contender:
+    """The controller of that name, as agents.robots finds it; policies of run folders in the form that is shipped.
+
+    Raises:
+        ConfigError, PolicyError, RunFolderError: no such controller, or one that cannot be adapted.
+    """
+    found = contender(name)
+    if Path(name).is_dir():
+        found = replace(found, controller=export_run(RunFolder.open(Path(name)), "best", Path(name).name))
+    if isinstance(found.controller, ShippedPolicy):
+        from agents.adaptation.fine_tuning import trainable
+
+        trainable(found.controller)
+    if is_privileged(found.controller):
+        raise ConfigError("--controller", name, "a controller that sees what Instrument-v0 shows", "It knows all.")
+    return found
+
+
+def adapted(name: str, one: Contender, identified: Identified, plan: Plan) -> Contender:
+    """A controller after adapting to a robot.
+
+    Policies are trained on; opponents are told what was identified, and their settings are searched; other controllers
+    are told.
+    """
+    if isinstance(one.controller, ShippedPolicy):
+        from agents.adaptation.fine_tuning import FineTuning, fine_tuned
+
+        some, policy = FineTuning(updates=plan.updates), one.controller
+        with progress_bar(plan.updates, " updates", leave=False) as bar:
+            found = fine_tuned(policy, one.settings, identified, some, lambda loss: bar.update())
+        return replace(one, controller=found)
+    if name in opponents_of(WORLD):
+        with progress_bar(plan.tries, " tries", leave=False) as bar:
+            return replace(one, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
+    return replace(one, controller=Informed(one.controller, identified))
+
+
+def tried(one: Robot, chosen: Mapping[str, Contender], plan: Plan, say: Say = lambda line: None) -> Trial:
+    """Identify a robot, adapt the controllers to it, and score them in its episodes before and after.
+
+    say: called with a line about everything that was done.
+    """
+    begun = time.process_time()
+    with progress_bar(EVALUATIONS, " evaluations", leave=False) as bar:
+        identified = identify(record(one, plan.episodes, plan.sees_tip), one.number, say=bar.update)
+    seconds = time.process_time() - begun
+    left = f"{identified.before:.2f} -> {identified.residual:.2f} standard deviations left"
+    say(f"robot {one.number}: identified in {seconds:.0f} s of processor time, {left}")
+    outcomes = {}
+    for name, contestant in chosen.items():
+        outcomes[name] = outcome = _tried(name, contestant, one, identified, plan)
+        errors = f"{mm(outcome.before.mean())} -> {mm(outcome.after.mean())} mm"
+        say(f"robot {one.number}: {name} {errors}, adapted in {outcome.seconds:.0f} s")
+    return Trial(one, identified, seconds, outcomes)
+
+
+def _tried(name: str, contestant: Contender, one: Robot, identified: Identified, plan: Plan) -> Outcome:
+    begun = time.process_time()
+    after = adapted(name, contestant, identified, plan)
+    seconds = time.process_time() - begun
+    before, now = (score_on_robots(x.controller, [one], plan.scored, x.settings).errors[0] for x in (contestant, after))
+    return Outcome(before, now, seconds, after)
+
+
+def gains(trials: Sequence[Trial], name: str) -> tuple[Interval, Interval, Interval]:
+    """Means over robots before, after, and after minus before, with intervals from a bootstrap of robots [mm]."""
+    before, after = (np.array([getattr(t.outcomes[name], when).mean() for t in trials]) for when in ("before", "after"))
+    resampled = Bootstrap(len(trials))
+    return resampled.mean(before), resampled.mean(after), resampled.compare(after, before).difference
+
+
+def trial_table(trials: Sequence[Trial]) -> str:
+    """One row per controller, for a terminal: means over robots, the best adapted one first."""
+    rows = []
+    for name in sorted(trials[0].outcomes, key=lambda name: gains(trials, name)[1].value):
+        better = sum(trial.outcomes[name].after.mean() < trial.outcomes[name].before.mean() for trial in trials)
+        seconds = np.mean([trial.outcomes[name].seconds for trial in trials])
+        cells = [with_interval(each, mm) for each in gains(trials, name)]
+        rows.append([name, *cells, f"{better} of {len(trials)}", f"{seconds:.0f} s"])
+    head = ["controller", "before [mm]", "after [mm]", "change [mm]", "better on", "adapting"]
+    return text_table(head, rows, ruled=True)
+
+
+def _plain(values: Array) -> list[float]:
+    return [float(f"{value:.4g}") for value in values]

@@ -1,0 +1,27 @@
+"""The models of all families that filters know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.baselines.filters.arm_model import ArmModel
+from agents.baselines.filters.chain_model import ChainModel
+from agents.baselines.filters.model import Model
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.spatial.chain import HingeChain
+
+MODELS: dict[type, Callable[[TrackingTask, NDArray[np.int64]], Model]] = {
+    RollingChain: ChainModel,
+    HingeChain: ArmModel,
+}
+
+
+def model_of(task: TrackingTask, links: NDArray[np.int64]) -> Model:
+    """The model of a task's mechanism, for hypotheses with these loaded links, (H,)."""
+    mechanism: Any = task.mechanism
+    return MODELS[type(mechanism)](task, links)

@@ -1,0 +1,89 @@
+"""Score a controller of your own on the seeds of a benchmark: python -m agents.enter FILE.py:NAME --env ID.
+
+NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
+or one that makes a function from observations to actions. Its episodes go into a results file, which agents.results
+merges with others, and a table shows it beside what is known of the same episodes. docs/enter.md shows how.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agents.runs.checks import integer
+from agents.runs.command_line import exit_code, typed_command
+from agents.runs.config import apply_overrides
+from agents.runs.environment import EnvConfig
+from agents.runs.seeds import TEST, VALIDATION
+from rollingjoint.errors import ConfigError
+
+if TYPE_CHECKING:
+    from agents.results.record import Results, World
+
+SEEDS = {"test": TEST, "validation": VALIDATION}
+PUBLISHED = Path("docs/results.json.gz")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the command: 0 scored, 2 an error."""
+    parser = argparse.ArgumentParser(prog="python -m agents.enter", description="Score a controller of your own.")
+    parser.add_argument("controller", metavar="FILE.py:NAME", help="or MODULE:NAME: what makes the controller")
+    parser.add_argument("--env", default="rj_gym/RollingJoint-v0", help="id of the environment (default %(default)s)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="setting of the environment, repeatable"
+    )
+    parser.add_argument("--seeds", choices=SEEDS, default="validation", help="episodes (default %(default)s)")
+    parser.add_argument("--name", help="what tables call it (default: NAME)")
+    parser.add_argument("--training-seed", type=int, help="of a learned controller: enter one per training seed")
+    parser.add_argument("--alone", action="store_true", help="compare with nothing")
+    parser.add_argument(
+        "--beside", type=Path, help=f"results file to compare with (default: {PUBLISHED}, if it has these episodes)"
+    )
+    parser.add_argument("--out", type=Path, help="results file to write, or to add to")
+    arguments = parser.parse_args(argv)
+    return exit_code(lambda: _command(arguments, typed_command("agents.enter", argv)))
+
+
+def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.results.entry import comparison_table, enter, load_entrant
+    from agents.results.file import read_results, write_results
+    from agents.results.merging import merged
+    from agents.results.record import World
+
+    env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
+    if not env.is_tracking:
+        raise ConfigError("--env", env.id, "a tracking environment of rj_gym", "Others have no tip error.")
+    if arguments.training_seed is not None:
+        integer(0, 2**31)("--training-seed", arguments.training_seed)
+    name = arguments.name or arguments.controller.rpartition(":")[2]
+    controllers = {name: load_entrant(arguments.controller)}
+    title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
+    world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
+    entered = enter(env, controllers, title, world, training_seed=arguments.training_seed, command=command)
+    others = None if arguments.alone else _others(arguments.beside, env, title, world)
+    print(f"{env.id}, {len(seeds):,} {arguments.seeds} episodes, seeds {seeds[0]} to {seeds[-1]}, last 10 steps")
+    print(comparison_table(entered, others, world))
+    if arguments.out:
+        known = [read_results(arguments.out)] if arguments.out.exists() else []
+        write_results(arguments.out, merged([*known, entered]))
+        print(f"Entered in {arguments.out}")
+    return 0
+
+
+def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Results:
+    """What to compare with: the figures of the results file, or else what is shipped, scored now."""
+    from agents.results.entry import known_in, shipped
+    from agents.results.file import read_results
+
+    path = beside or PUBLISHED
+    known = known_in(read_results(path), env, world) if beside or path.exists() else None
+    if known is None and beside:
+        raise ConfigError("--beside", str(beside), f"results of {env.id} in the {world.name} episodes {world.seeds}")
+    return known or shipped(env, title, world)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,13 @@
+"""Learners of our own, as algorithms of Stable-Baselines3.
+
+Modules:
+    apg: analytic policy gradients, which train policies with memory by the derivatives of the simulator.
+    demonstrations: episodes with a teacher beside the policy.
+    distill: distillation, in which policies with memory imitate that teacher.
+    episodes: whole episodes of a native vector environment, with gradients.
+    learner: what the learners share: whole episodes of all lanes, again and again.
+    observing: how observations answer motors, tensions and tip.
+    policy: a RecurrentActor as Stable-Baselines3 keeps policies.
+    recurrent: a policy with memory as a torch module.
+    teacher: feedback on the true state.
+"""

@@ -1,0 +1,121 @@
+"""Analytic policy gradients: a policy with memory, improved by the exact derivative of its errors.
+
+Where the simulator is differentiable nothing has to be estimated from random actions: the gradient of the tip errors of
+whole episodes goes back through equilibria, play, sensors and the policy's memory, so the policy also learns which
+movements tell it what it cannot see. Source: Freeman et al., Brax, 2021, section 4.3; Xu et al., Accelerated Policy
+Learning with Parallel Differentiable Simulation, 2022.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from stable_baselines3.common.type_aliases import GymEnv, Schedule
+
+from agents.learners.demonstrations import Demonstrations, Demonstrator
+from agents.learners.distill import Distill
+from agents.learners.episodes import DifferentiableEpisodes, Played
+from agents.learners.learner import Episodes, advisor, native_env
+from agents.learners.policy import RecurrentPolicy
+
+
+class APG(Distill):
+    """Analytic policy gradients on a native vector environment of a tracking task, after lessons if wanted.
+
+    One update per episode of all lanes: the loss is the mean tip error over the last `settled_steps` steps plus
+    `whole_weight` times that over all steps. Gradients find the nearest way down; lessons of a teacher that probes for
+    what is hidden start them where probing is already known.
+
+    Args:
+        policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
+        learning_rate: of Adam, or a schedule.
+        settled_steps: steps at the end of an episode that count most.
+        whole_weight: weight of the whole episode.
+        estimate_weight: weight of the error with which a linear readout of the memory estimates what is hidden [mm]: it
+            teaches the memory what to remember. The readout is not part of the policy.
+        lane_gradient: see DifferentiableEpisodes.
+        max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
+        lessons: the share of training, at its beginning, in which the policy imitates the teacher instead: see Distill,
+            also for `teacher`, `taught` (a share of the lessons), `delta`, `gradient_steps`, `batch_size`,
+            `kept_rollouts`.
+        stats_window_size: episodes behind the errors in the log. common: what every EpisodeLearner takes besides.
+    """
+
+    def __init__(
+        self,
+        policy: str | type[RecurrentPolicy],
+        env: GymEnv | str | None,
+        learning_rate: float | Schedule = 1e-3,
+        settled_steps: int = 10,
+        whole_weight: float = 0.1,
+        estimate_weight: float = 0.0,
+        lane_gradient: float | None = 2.0,
+        max_grad_norm: float = 0.5,
+        lessons: float = 0.0,
+        teacher: Demonstrator | None = None,
+        taught: float = 0.05,
+        delta: float = 0.3,
+        gradient_steps: int = 24,
+        batch_size: int = 128,
+        kept_rollouts: int = 60,
+        stats_window_size: int = 100,
+        **common: Any,
+    ) -> None:
+        self.settled_steps, self.whole_weight, self.estimate_weight = settled_steps, whole_weight, estimate_weight
+        self.lane_gradient = lane_gradient
+        super().__init__(
+            policy, env, learning_rate, teacher, taught, delta, gradient_steps, batch_size, kept_rollouts, lessons,
+            max_grad_norm, stats_window_size, **common,
+        )  # fmt: skip
+
+    def _episodes(self) -> Episodes:
+        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, advisor(self.env))
+        return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
+
+    def loss(self, played: Played) -> torch.Tensor:
+        """What an update makes smaller [mm]."""
+        counts = played.running.float()
+        errors = played.errors * counts
+        settled = errors[-self.settled_steps :].sum() / counts[-self.settled_steps :].sum().clamp(min=1.0)
+        loss = settled + self.whole_weight * errors.sum() / counts.sum()
+        if self.estimate_weight > 0.0:
+            loss = loss + self.estimate_weight * self._misjudged(played)
+        return loss
+
+    def _misjudged(self, played: Played) -> torch.Tensor:
+        """How far what the memory knows of the hidden numbers is from them, in units of their spread; 0 is exact."""
+        hidden, counts = played.hidden, played.running.float()[..., None]
+        mean, spread = hidden.mean((0, 1)), hidden.std((0, 1)) + 1e-6
+        misses = torch.nn.functional.huber_loss(
+            self.policy.readout(played.memories), (hidden - mean) / spread, reduction="none"
+        )
+        return (misses * counts).sum() / (counts.sum() * hidden.shape[-1])
+
+    def _update(self, played: Any) -> None:
+        if isinstance(played, Demonstrations):
+            super()._update(played)
+            return
+        if self.demonstrations:  # lessons are over
+            self.demonstrations = []
+            self.policy.optimizer.state.clear()
+        self._update_learning_rate(self.policy.optimizer)
+        loss = self.loss(played)
+        norm = self._descend(loss)
+        self.logger.record("train/loss", loss.item())
+        self.logger.record("train/gradient_norm", norm)
+        self.logger.record("train/n_updates", self.n_updates)
+
+
+@dataclass(frozen=True)
+class _LessonsFirst:
+    """Episodes with a teacher while there are lessons, then those with gradients."""
+
+    taught: Episodes
+    own: Episodes
+    has_lessons: Callable[[], bool]
+
+    def play(self, act: Any, watch: Any) -> Any:
+        return (self.taught if self.has_lessons() else self.own).play(act, watch)

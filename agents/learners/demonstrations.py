@@ -1,0 +1,89 @@
+"""Episodes in which a teacher says at every step what it would do, and drives some of the lanes itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from agents.learners.episodes import Act, Normalise
+from agents.learners.teacher import Teacher
+from rj_gym.core.vector import TaskVectorEnv
+
+CLIP = 10.0  # of normalised observations
+
+
+class Demonstrator(Protocol):
+    """What says, at every step of episodes that begin together, which actions it would take."""
+
+    def begin(self, env: TaskVectorEnv) -> None:
+        """Episodes of all lanes begin."""
+
+    def demonstrate(self, env: TaskVectorEnv, observation: Any, info: Mapping[str, Any]) -> NDArray[Any]:
+        """Actions (B, m) in [-1, 1] in the state of the environment, which has just shown observation and info."""
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """B episodes of T steps.
+
+    Args:
+        observations: before normalisation, (B, T, entries). actions: of the teacher there, in [-1, 1], (B, T, m).
+        running: whether an episode had not ended before the step, (B, T).
+    """
+
+    observations: torch.Tensor
+    actions: torch.Tensor
+    running: torch.Tensor
+
+
+class TaughtEpisodes:
+    """Whole episodes of all lanes of a native vector environment, with a teacher beside the policy.
+
+    Args:
+        env: a native vector environment of a tracking task; its autoreset is disabled.
+        normalise: what observations (B, entries) go through: their mean and scale; it may learn from them.
+        share: the share of lanes that the teacher drives in the next episodes.
+        teacher: None: a Teacher, which sees the true state, with its default weights.
+    """
+
+    def __init__(
+        self, env: TaskVectorEnv, normalise: Normalise, share: Callable[[], float], teacher: Demonstrator | None = None
+    ) -> None:
+        self.env, self.normalise, self.share = env, normalise, share
+        self.teacher = teacher or Teacher(env.task)
+
+    @torch.no_grad()
+    def play(self, act: Act, watch: Callable[[Any], bool] = lambda step: True) -> Demonstrations | None:
+        """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so.
+
+        Which lanes the teacher drives is drawn by torch.
+        """
+        env, (observation, info) = self.env, self.env.reset()
+        self.teacher.begin(env)
+        taught = torch.rand(env.num_envs).numpy()[:, None] < self.share()
+        memory, alive = None, np.ones(env.num_envs, bool)
+        observations, actions, running = [], [], []
+        for _ in range(env.task.config.episode_steps):
+            right = np.asarray(self.teacher.demonstrate(env, observation, info), np.float32)
+            own, memory = act(normalised(observation, *self.normalise(observation)), memory)
+            observations.append(observation.copy())
+            actions.append(right)
+            running.append(alive.copy())
+            taken = np.where(taught, right, own.clamp(-1.0, 1.0).numpy()).astype(np.float32)
+            observation, rewards, terminated, truncated, info = env.step(taken)
+            alive &= ~(terminated | truncated)
+            if not watch((info, rewards, terminated | truncated)):
+                return None
+            if terminated.any() and not truncated.all():  # those go on as other episodes, which do not count
+                observation, info = env.reset(options={"reset_mask": terminated | truncated})
+        return Demonstrations(*(torch.as_tensor(np.stack(each, 1)) for each in (observations, actions, running)))
+
+
+def normalised(observations: NDArray[Any], mean: NDArray[Any], scale: NDArray[Any]) -> torch.Tensor:
+    """Observations (..., entries) as the policy takes them."""
+    return torch.as_tensor(np.clip((observations - mean) / scale, -CLIP, CLIP).astype(np.float32))

@@ -1,0 +1,187 @@
+"""A learner that plays whole episodes of all lanes: its loop, its normaliser, its log."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
+from stable_baselines3.common.utils import safe_mean
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from agents.learners.episodes import Advisor
+from agents.learners.policy import RecurrentPolicy
+from rj_gym.core.vector import TaskVectorEnv
+from rollingjoint.errors import ConfigError
+
+
+class Episodes(Protocol):
+    """What plays the episodes of a rollout."""
+
+    def play(self, act: Any, watch: Any) -> Any:
+        """New episodes to their end, as a learner learns from them; None where `watch` has ended training."""
+
+
+class EpisodeLearner(BaseAlgorithm):
+    """Training of a policy with memory, one rollout of whole episodes at a time.
+
+    Args:
+        policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
+        learning_rate: of Adam, or a schedule.
+        max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
+    """
+
+    policy_aliases: ClassVar[dict[str, Any]] = dict.fromkeys(("MlpPolicy", "MultiInputPolicy"), RecurrentPolicy)
+    policy: RecurrentPolicy
+
+    def __init__(
+        self,
+        policy: str | type[RecurrentPolicy],
+        env: GymEnv | str | None,
+        learning_rate: float | Schedule,
+        max_grad_norm: float,
+        stats_window_size: int = 100,
+        policy_kwargs: dict[str, Any] | None = None,
+        tensorboard_log: str | None = None,
+        verbose: int = 0,
+        seed: int | None = None,
+        device: torch.device | str = "cpu",
+        _init_setup_model: bool = True,
+    ) -> None:
+        super().__init__(
+            policy, env, learning_rate, policy_kwargs, stats_window_size, tensorboard_log, verbose, device,
+            seed=seed, supported_action_spaces=(spaces.Box,), support_multi_env=True,
+        )  # fmt: skip
+        self.max_grad_norm, self.n_updates = max_grad_norm, 0
+        if _init_setup_model:
+            self._setup_model()
+
+    def _setup_model(self) -> None:
+        self._setup_lr_schedule()
+        if self.env is not None:
+            task = native_env(self.env).task
+            self.policy_kwargs["hidden"] = 2 * task.dimension + 3 * task.action_size
+        self.set_random_seed(self.seed)
+        self.policy = self.policy_class(
+            self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
+        )
+
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        log_interval: int = 1,
+        tb_log_name: str = "run",
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> EpisodeLearner:
+        """Train for so many steps of the environment, whole episodes of all lanes at a time."""
+        total_timesteps, watcher = self._setup_learn(
+            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+        )
+        episodes = self._episodes()
+        watcher.on_training_start(locals(), globals())
+        rollouts = 0
+        while self.num_timesteps < total_timesteps:
+            watcher.on_rollout_start()
+            played = episodes.play(self.policy, lambda step: self._watch(watcher, step))
+            if played is None:
+                break
+            watcher.on_rollout_end()
+            self._update_current_progress_remaining(self.num_timesteps, total_timesteps)
+            self._update(played)
+            rollouts += 1
+            if rollouts % log_interval == 0:
+                self._log(rollouts)
+        watcher.on_training_end()
+        return self
+
+    @abstractmethod
+    def _episodes(self) -> Episodes:
+        """What plays the episodes of a rollout."""
+
+    @abstractmethod
+    def _update(self, played: Any) -> None:
+        """Learn from what these have played."""
+
+    def _watch(self, watcher: BaseCallback, step: tuple[Any, NDArray[Any], NDArray[np.bool_]]) -> bool:
+        """Count a step and tell the callbacks; whether to go on."""
+        info, rewards, ended = step
+        self.num_timesteps += len(rewards)
+        finished = np.flatnonzero(ended)
+        if self.ep_info_buffer is not None:
+            self.ep_info_buffer.extend({"error_mm": float(info["error_mm"][lane])} for lane in finished)
+        watcher.update_locals({"rewards": rewards, "dones": ended, "infos": info})
+        return bool(watcher.on_step())
+
+    def _normalise(self, observation: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Mean and scale of observations; the running ones learn from these."""
+        normaliser: Any = self._vec_normalize_env
+        if normaliser is not None and normaliser.norm_obs:
+            normaliser.obs_rms.update(observation)
+        return self._statistics(observation.shape[1])
+
+    def _statistics(self, entries: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Mean and scale of observations as they are now."""
+        normaliser: Any = self._vec_normalize_env
+        if normaliser is None or not normaliser.norm_obs:
+            return np.zeros(entries), np.ones(entries)
+        running = normaliser.obs_rms
+        return running.mean.copy(), np.sqrt(running.var + normaliser.epsilon)
+
+    def _descend(self, loss: torch.Tensor) -> float:
+        """One step of the optimiser; the norm of the gradient before it is scaled down."""
+        self.policy.optimizer.zero_grad()
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+        if bool(torch.isfinite(norm)):
+            self.policy.optimizer.step()
+        self.n_updates += 1
+        return float(norm)
+
+    def _log(self, rollouts: int) -> None:
+        self.logger.record("time/iterations", rollouts)
+        self.logger.record("time/time_elapsed", (time.time_ns() - self.start_time) / 1e9)
+        self.logger.record("time/total_timesteps", self.num_timesteps)
+        if self.ep_info_buffer:
+            self.logger.record("rollout/error_mm", safe_mean([one["error_mm"] for one in self.ep_info_buffer]))
+        self.logger.dump(step=self.num_timesteps)
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        return ["policy", "policy.optimizer"], []
+
+
+def advisor(env: VecEnv | None) -> Advisor | None:
+    """A new advisor of a residual policy, where a wrapper of the environment has one: its attribute `new_advisor`."""
+    while isinstance(env, VecEnvWrapper):
+        if hasattr(type(env), "new_advisor"):
+            found: Advisor = env.new_advisor()
+            return found
+        env = env.venv
+    return None
+
+
+def native_env(env: VecEnv | None) -> TaskVectorEnv:
+    """The native vector environment in the wrappers of SB3, its autoreset disabled: whole episodes are played.
+
+    Raises:
+        ConfigError: another environment, or one that is not of a tracking task.
+    """
+    inside: Any = env
+    while isinstance(inside, VecEnvWrapper):
+        inside = inside.venv
+    native = getattr(inside, "env", None)
+    vectors = env is not None and isinstance(env.observation_space, spaces.Box)
+    if not isinstance(native, TaskVectorEnv) or not native.task.dimension or not vectors:
+        allowed = "a tracking environment of rj_gym whose observation is one vector"
+        raise ConfigError("env", type(native or inside).__name__, allowed, "apg and distill play its episodes.")
+    native.autoreset_mode = AutoresetMode.DISABLED
+    return native

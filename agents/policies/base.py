@@ -1,0 +1,144 @@
+"""What networks of policies share: normalised observations, bounded actions, arrays that a file stores."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policies.errors import PolicyError
+from agents.policies.layers import ACTIVATIONS, Layers, Vectors, check_layers
+
+NORMALISER = ("mean", "scale", "clip")
+BOUNDS = ("low", "high")
+
+
+class PolicyNetwork(ABC):
+    """What networks of policies share: normalised observations, m bounded actions, arrays that a file stores.
+
+    An observation that is a dictionary is concatenated first. Entry i becomes
+    clip((x_i - mean_i) / scale_i, -clip_i, clip_i) in float64; from there on all is float32.
+    """
+
+    KIND: ClassVar[str]
+    DESCRIBED: ClassVar[tuple[str, ...]]  # what from_tensors needs beside the arrays
+
+    inputs: Mapping[str, int]
+    mean: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    clip: NDArray[np.float64]
+    layers: Layers
+    activation: str
+    low: Vectors
+    high: Vectors
+
+    @abstractmethod
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """All arrays by name: what a policy file stores."""
+
+    @classmethod
+    @abstractmethod
+    def from_tensors(cls, tensors: Mapping[str, NDArray[Any]], **described: Any) -> Self:
+        """The network whose tensors() and description() these are; raises PolicyError if they do not fit together."""
+
+    @property
+    @abstractmethod
+    def hidden(self) -> list[int]:
+        """Widths of the hidden layers."""
+
+    @abstractmethod
+    def start(self, episodes: int) -> Vectors | None:
+        """The memory with which this many episodes begin; None without memory."""
+
+    @abstractmethod
+    def advance(self, observation: Any, memory: Vectors | None) -> tuple[Vectors, Vectors | None]:
+        """The action, (m,) or (B, m), each within [low, high], and the memory after this step.
+
+        Args:
+            observation: (entries,) or (B, entries), or a dictionary of such arrays by key.
+            memory: that after the step before; None begins as many episodes as there are observations.
+        Raises:
+            PolicyError: another shape, a missing key, or numbers that are not finite.
+        """
+
+    def description(self) -> dict[str, Any]:
+        """Plain values, ready for JSON: what makes up the network beside its arrays."""
+        values = {name: getattr(self, name) for name in self.DESCRIBED}
+        return values | {"inputs": dict(self.inputs)}
+
+    @property
+    def entries(self) -> int:
+        """Number of entries of an observation, those of a dictionary taken together."""
+        return self.mean.size
+
+    def normalised(self, observation: Any) -> Vectors:
+        """The normalised observation, (entries,) or (B, entries); raises PolicyError as advance does."""
+        scaled = (self.vector(observation) - self.mean) / self.scale
+        return scaled.clip(-self.clip, self.clip).astype(np.float32)
+
+    def vector(self, observation: Any) -> NDArray[Any]:
+        """The observation as one array (entries,) or (B, entries); raises PolicyError as advance does."""
+        if not self.inputs:
+            return _checked_part("observation", observation, self.entries)
+        if not isinstance(observation, Mapping) or not self.inputs.keys() <= observation.keys():
+            raise PolicyError("observation", observation, f"a dictionary with the keys {', '.join(self.inputs)}")
+        parts = [_checked_part(f"observation[{key!r}]", observation[key], n) for key, n in self.inputs.items()]
+        if len({part.shape[:-1] for part in parts}) > 1:
+            raise PolicyError("observation", [part.shape for part in parts], "as many rows under every key")
+        return np.concatenate(parts, axis=-1)
+
+    def _check(self) -> None:
+        """Raise PolicyError for numbers that are not finite, an unknown activation, or shapes that do not fit."""
+        if self.activation not in ACTIVATIONS:
+            raise PolicyError("activation", self.activation, f"one of {', '.join(ACTIVATIONS)}")
+        for name, array in self.tensors().items():
+            _check_numbers(name, array, np.float64 if name in NORMALISER else np.float32)
+        self._check_shapes()
+        if not np.all(self.scale > 0) or not np.all(self.clip > 0):
+            raise PolicyError(
+                "normaliser", float(min(self.scale.min(), self.clip.min())), "scales and clips above zero"
+            )
+        if not np.all(self.low < self.high):
+            raise PolicyError("low", self.low.tolist(), f"less than high = {self.high.tolist()}")
+
+    def _check_shapes(self) -> None:
+        if self.inputs and sum(self.inputs.values()) != self.entries:
+            raise PolicyError("mean", self.mean.shape, f"one number per entry of {dict(self.inputs)}")
+        if not self.layers:
+            raise PolicyError("layers", 0, "at least one")
+        width = check_layers("layer", self.layers, self._head_entries())
+        expected = dict.fromkeys(NORMALISER, self.entries) | dict.fromkeys(BOUNDS, width)
+        for name, count in expected.items():
+            if count == 0 or getattr(self, name).shape != (count,):
+                raise PolicyError(name, getattr(self, name).shape, f"the shape ({count},), not empty")
+
+    @abstractmethod
+    def _head_entries(self) -> int:
+        """Number of entries that the first of `layers` sees; raises PolicyError if what is before does not fit."""
+
+
+def arrays_of(part: Any, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """These attributes by name."""
+    return {name: getattr(part, name) for name in names}
+
+
+def _checked_part(what: str, values: Any, entries: int) -> NDArray[Any]:
+    allowed = f"finite numbers ({entries},) or (B, {entries})"
+    try:
+        array = np.asarray(values)
+        fits = array.ndim in (1, 2) and array.shape[-1] == entries and bool(np.isfinite(array).all())
+    except (TypeError, ValueError):
+        raise PolicyError(what, values, allowed) from None
+    if not fits:
+        raise PolicyError(what, array.shape if array.shape[-1:] != (entries,) else values, allowed)
+    return array
+
+
+def _check_numbers(name: str, array: NDArray[Any], kind: type) -> None:
+    if array.dtype != kind:
+        raise PolicyError(name, str(array.dtype), np.dtype(kind).name)
+    if not np.isfinite(array).all():
+        raise PolicyError(name, "NaN or infinity", "finite numbers")

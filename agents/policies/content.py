@@ -1,0 +1,35 @@
+"""The network in a policy file, from plain values and arrays; complaints about a file that name it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from agents.policies.base import PolicyNetwork
+from agents.policies.errors import PolicyError
+from agents.policies.network import Network
+from agents.policies.recurrent import RecurrentNetwork
+from agents.runs.checks import choice, prefixed
+from rollingjoint.checked_yaml import mapping
+
+KINDS: dict[str, type[PolicyNetwork]] = {kind.KIND: kind for kind in (Network, RecurrentNetwork)}
+
+
+def network_in(described: Any, tensors: Mapping[str, Any]) -> PolicyNetwork:
+    """The network of this description, whose `kind` is that of the first policy files where there is none."""
+    kind = choice(*KINDS)("network.kind", described.get("kind", Network.KIND))
+    described = mapping("network", described, ("kind", *KINDS[kind].DESCRIBED), KINDS[kind].DESCRIBED)
+    return KINDS[kind].from_tensors(tensors, **{name: described[name] for name in KINDS[kind].DESCRIBED})
+
+
+@contextmanager
+def located(source: str) -> Iterator[None]:
+    """Makes every complaint about the content of a file a PolicyError that names the file."""
+    try:
+        with prefixed(f"{source}: ", PolicyError):
+            yield
+    except PolicyError:
+        raise
+    except Exception as error:  # whatever unexpected values lead to, such as 1e999
+        raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

@@ -1,0 +1,40 @@
+"""Policies in the pickles of Stable-Baselines3: those of earlier run folders, and those without a form in NumPy."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+from agents.evaluation.policy import Policy
+from agents.runs.algorithms import algorithm_class, schedules
+from agents.runs.config import TrainConfig
+from agents.runs.files import RunFolderError
+from agents.runs.folder import PolicyFiles
+from agents.runs.pickles import warn_of_pickles
+
+
+def load_pickled(config: TrainConfig, files: PolicyFiles) -> Policy:
+    """The policy of a run with this configuration, after a PickleWarning; raises RunFolderError if it is damaged."""
+    warn_of_pickles(files.model, files.normaliser)
+    import torch
+
+    torch.set_num_threads(config.torch_threads)
+    objects = {"lr_schedule": None, **schedules(config.parameters)}  # whose classes may have moved since
+    try:
+        model = algorithm_class(config.algorithm).load(files.model, device="cpu", custom_objects=objects)
+        return Policy(model, _load_normaliser(files.normaliser))
+    except Exception as error:  # whatever SB3, torch and pickle make of a damaged file
+        allowed = "files that can be read: a zip that Stable-Baselines3 can load, its normaliser"
+        raise RunFolderError("policy", str(files.model), allowed, repr(error)) from error
+
+
+def _load_normaliser(path: Path) -> Any:
+    """The VecNormalize saved at `path`, frozen, without environments; None if the run does not normalise."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as stream:
+        normaliser = pickle.load(stream)
+    normaliser.training = False
+    vars(normaliser).update(class_attributes={}, returns=None)  # which pickling takes away: policies go to workers
+    return normaliser

@@ -1,0 +1,113 @@
+"""The policy of a run as a controller, read from its run folder without unpickling anything."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from agents.baselines.residual import driving
+from agents.evaluation.controller import Controller, Seen
+from agents.evaluation.policy import Policy
+from agents.policies.base import PolicyNetwork
+from agents.policies.content import located, network_in
+from agents.policies.conversion import algorithm_of, network_of, observations_behind
+from agents.policies.errors import PolicyError
+from agents.policies.file import pack, read_bytes, unpack
+from agents.policies.layers import Vectors
+from agents.policies.pickled import load_pickled
+from agents.runs.checks import integer, number
+from agents.runs.folder import PolicyFiles, RunFolder
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.checked_yaml import mapping, text
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+KEYS = ("algorithm", "network", "steps", "observations")
+LARGEST_FILE = 2**30
+
+
+@dataclass(eq=False)
+class TrainedPolicy:
+    """A policy as it acts: a Controller that runs with NumPy alone. Its environment is that of its run.
+
+    Args:
+        network: its forward pass, with the normaliser.
+        algorithm: what trained it, "ppo" for example.
+        steps: of training.
+        observations: behind the statistics of the normaliser; 0 where observations are not normalised.
+    """
+
+    network: PolicyNetwork
+    algorithm: str
+    steps: int
+    observations: float = 0.0
+    _memory: Vectors | None = field(default=None, init=False, repr=False)
+
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
+        """This many episodes begin together."""
+        self._memory = self.network.start(episodes)
+
+    def act(self, seen: Seen) -> Vectors:
+        """The actions, (B, m); of an observation in parts a policy that saw a vector sees "observation"."""
+        observation = seen.observation
+        if isinstance(observation, Mapping) and not self.network.inputs:
+            observation = observation["observation"]
+        actions, self._memory = self.network.advance(observation, self._memory)
+        return actions
+
+    def to_bytes(self) -> bytes:
+        """The file policy.safetensors of a run folder."""
+        values = (self.algorithm, self.network.description(), self.steps, self.observations)
+        return pack(dict(zip(KEYS, values, strict=True)), self.network.tensors())
+
+    @classmethod
+    def from_bytes(cls, data: bytes, source: str = "policy file") -> TrainedPolicy:
+        """The policy in such a file, named `source` in messages; raises PolicyError for a damaged or another one."""
+        values, tensors = unpack(data, source)
+        with located(source):
+            content = mapping("top level", values, KEYS, KEYS)
+            return cls(
+                network_in(content["network"], tensors),
+                text("algorithm", content["algorithm"]),
+                integer(0)("steps", content["steps"]),
+                number(0.0)("observations", content["observations"]),
+            )
+
+
+def policy_of(model: BaseAlgorithm, normaliser: Any = None) -> TrainedPolicy | Policy:
+    """The policy of a model as it is now; where that has no form in NumPy, the model itself as a controller.
+
+    Args:
+        normaliser: the VecNormalize that its observations go through, or None.
+    """
+    try:
+        network = network_of(model, normaliser)
+    except PolicyError:
+        return Policy(model, normaliser)
+    return TrainedPolicy(network, algorithm_of(model), model.num_timesteps, observations_behind(normaliser))
+
+
+def load_trained(run: RunFolder, which: str = "best") -> TrainedPolicy | Policy:
+    """The policy "best", "last" or of a checkpoint; unpickles (PickleWarning) where there is no policy.safetensors.
+
+    Raises:
+        RunFolderError: no such policy, or one that cannot be read.
+        PolicyError: a policy.safetensors that cannot be read.
+    """
+    files = run.saved_policy(which)
+    if files.network.is_file():
+        return read_trained(files)
+    old = load_pickled(run.config(), files)
+    return policy_of(old.model, old.normaliser)
+
+
+def read_trained(files: PolicyFiles) -> TrainedPolicy:
+    """The policy in policy.safetensors; raises PolicyError if it cannot be read."""
+    return TrainedPolicy.from_bytes(read_bytes(files.network, LARGEST_FILE), str(files.network))
+
+
+def load_driving(run: RunFolder, which: str = "best") -> Controller:
+    """The policy of a run folder as the controller that it is, alone or on top of a guide; raises as load_trained."""
+    return driving(run.config(), load_trained(run, which))

@@ -1,0 +1,167 @@
+"""A controller of somebody's own among the results: its episodes as a record, and its row beside the others."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluation.controller import Controller, Seen
+from agents.evaluation.rollout import run_episodes
+from agents.policies.loading import list_policies, load_policy
+from agents.results.description import description
+from agents.results.environment import environment_of, episodes_key, plain
+from agents.results.merging import merged
+from agents.results.record import (
+    BASELINE,
+    ENTRY,
+    POLICY,
+    BenchmarkRecord,
+    ControllerRecord,
+    Driven,
+    Results,
+    RunRecord,
+    World,
+)
+from agents.results.roster import env_for, is_privileged, opponents
+from agents.results.standings import Standings
+from agents.results.wording import mm, with_interval
+from agents.runs.environment import EnvConfig
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.errors import ConfigError
+from rollingjoint.tables import text_table
+
+
+def load_entrant(text: str) -> Controller:
+    """The controller that "FILE.py:NAME" or "MODULE:NAME" stands for; this runs the code there.
+
+    NAME is a controller, or a class or function that makes without arguments a controller or a function from
+    observations to actions.
+
+    Raises:
+        ConfigError: code that cannot be imported, or that makes something else.
+    """
+    module, _, name = text.rpartition(":")
+    allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
+    try:
+        found = getattr(_imported(module), name)
+        made = found if _is_controller(found) and not isinstance(found, type) else found()
+    except Exception as error:  # whatever the code there raises
+        raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
+    if _is_controller(made):
+        controller: Controller = made
+        return controller
+    if callable(made):
+        return Function(made)
+    raise ConfigError("controller", text, allowed, f"It made {made!r}, which has no begin and act.")
+
+
+class Function:
+    """A function from observations to actions as a controller.
+
+    Args:
+        function: from observations (B, entries), or such a dictionary, to actions (B, m). Where it has a method reset,
+            that is called when episodes begin.
+    """
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
+        self.function = function
+
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
+        """Let the function begin new episodes, if it has a memory."""
+        if hasattr(self.function, "reset"):
+            self.function.reset()
+
+    def act(self, seen: Seen) -> NDArray[Any]:
+        """What the function returns, (B, m)."""
+        return np.asarray(self.function(seen.observation))
+
+
+def enter(
+    env: EnvConfig,
+    controllers: Mapping[str, Controller],
+    title: str,
+    world: World,
+    kind: str = ENTRY,
+    training_seed: int | None = None,
+    command: Sequence[str] = (),
+) -> Results:
+    """What controllers do in the episodes of a world, as results of one benchmark.
+
+    Args:
+        env: a tracking environment. controllers: by name. title: of the benchmark, where no other results give one.
+        kind: of the controllers. training_seed: of what was trained. command: that made the results.
+    """
+    records = []
+    for name, controller in controllers.items():
+        driven = Driven.of(run_episodes(env_for(env, controller), controller, world.seeds), complete=True)
+        run = RunRecord({world.name: driven}, training_seed)
+        records.append(ControllerRecord(name, kind, [run], is_privileged(controller)))
+    text = description(env.arguments()["config"])
+    record = BenchmarkRecord(title, text, env.id, plain(env), [world], records)
+    return Results([record], [" ".join(command)] if command else [])
+
+
+def shipped(env: EnvConfig, title: str, world: World) -> Results:
+    """What is shipped, in the same episodes: policies that were trained for this task, and opponents."""
+    key = episodes_key(env)
+    policies = [load_policy(name) for name in list_policies()]
+    ours: dict[str, Controller] = {one.name: one for one in policies if episodes_key(one.environment) == key}
+    able, _ = opponents(env)
+    return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])
+
+
+def known_in(results: Results, env: EnvConfig, world: World) -> Results | None:
+    """The benchmark of this environment in the results, if it has these episodes."""
+    key = episodes_key(env)
+    for record in results.benchmarks:
+        same = any((one.name, one.seeds) == (world.name, world.seeds) for one in record.worlds)
+        if same and episodes_key(environment_of(record)) == key:
+            return Results([record])
+    return None
+
+
+def comparison_table(entered: Results, others: Results | None, world: World) -> str:
+    """The entered controller and all others in the same episodes, for a terminal; the smallest mean first."""
+    (record,) = merged([*([others] if others else []), entered]).benchmarks
+    (name,) = entered.benchmarks[0].names()
+    standing = Standings(record, record.world(world.name))
+    rows = []
+    for one in sorted(standing.names, key=lambda each: standing.mean(each).value):
+        found = standing.summary(one)
+        figures = [with_interval(figure, mm) for figure in (found.mean, found.iqm, found.median, found.p95)]
+        difference = "" if one == name else with_interval(standing.compare(name, one).difference, _signed)
+        rows.append([f"{one} <--" if one == name else one, *figures, difference, f"{standing.runs(one)}"])
+    head = ["controller", "mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]", f"{name} minus it [mm]", "runs"]
+    return text_table(head, rows, ruled=True)
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.3f}"
+
+
+def _is_controller(found: object) -> bool:
+    return callable(getattr(found, "begin", None)) and callable(getattr(found, "act", None))
+
+
+def _imported(module: str) -> Any:
+    """The module of that name, or in the file of that name, beside which it finds others."""
+    if not module.endswith(".py"):
+        return importlib.import_module(module)
+    path = Path(module).resolve()
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{module} is no Python file")
+    loaded = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(path.parent))
+    try:
+        spec.loader.exec_module(loaded)
+    finally:
+        sys.path.remove(str(path.parent))
+    return loaded

@@ -1,0 +1,133 @@
+"""The worlds that a benchmark is scored in: its own episodes, and episodes under settings unknown to training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from agents.results.description import load_range
+from agents.results.environment import changed, setting
+from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, World
+from agents.runs.environment import EnvConfig
+from rj_gym.core.config import FrictionConfig
+from rollingjoint.errors import RollingJointError
+
+HEAVIER = 1.5  # times the largest load of training
+POINTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)  # of curves, times the largest value of training
+
+RUBBING = FrictionConfig()
+WITH_FRICTION = {
+    f"With capstan friction in the chain, by a hidden coefficient of {RUBBING.mu[0]:g} to {RUBBING.mu[1]:g}": {
+        "friction": {"mu": list(RUBBING.mu)}
+    }
+}
+
+SHIFTS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    "rj_gym/Instrument-v0": WITH_FRICTION,
+    "rj_gym/InstrumentShift-v0": {
+        "More play than in training, 2 to 3 mm": {"actuation": {"play_mm": [2.0, 3.0]}},
+        "More sheath friction than in training, 0 to 0.6": {"actuation": {"sheath_friction": [0.0, 0.6]}},
+        **WITH_FRICTION,
+    },
+    "rj_gym/SlowCamera-v0": WITH_FRICTION,
+    "rj_gym/LatePose-v0": WITH_FRICTION,
+}
+"""What a task is about beyond its own episodes: changes of its settings by their heading, by id."""
+
+NOTES: Mapping[str, str] = dict.fromkeys(
+    WITH_FRICTION,
+    "Tendons rub in every hole of the chain. No filter here has a state for that: it takes what tendons lose there "
+    "for play, load or stiffness. No learner was trained with it, and opponents keep settings that were tuned without.",
+)
+"""What has to be known to read the table under such a heading."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A setting whose range an episode draws from, and what its curve is called.
+
+    Args:
+        largest: for tasks that lack the setting, but are shifted to it: where the curve ends.
+    """
+
+    name: str
+    label: str
+    keys: tuple[str, str]
+    largest: float = 0.0
+
+    def trained(self, env: EnvConfig) -> tuple[float, float]:
+        """The range of the setting in a task."""
+        low, high = setting(env, *self.keys) or (0.0, 0.0)
+        return low, high
+
+    def end(self, env: EnvConfig) -> float:
+        """The value that shares of POINTS are of; 0: no curve."""
+        shifted = any(self.keys[0] in changes for changes in SHIFTS.get(env.id, {}).values())
+        return self.trained(env)[1] or (self.largest if shifted else 0.0)
+
+
+AXES = (
+    Axis("play", "play of every tendon [mm]", ("actuation", "play_mm")),
+    Axis("sheath friction", "sheath friction of every tendon", ("actuation", "sheath_friction")),
+    Axis("friction", "coefficient of friction in the holes", ("friction", "mu"), RUBBING.mu[1]),
+    Axis("load", "load [N]", ("load", "magnitude")),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which episodes a page is made of.
+
+    Args:
+        test, validation: their seeds. per_point: number of episodes of every point of a curve, the first of `test`.
+    """
+
+    test: range
+    validation: range
+    per_point: int
+
+
+def worlds_of(env: EnvConfig, plan: Plan) -> list[World]:
+    """The worlds of a benchmark with this environment, without floors."""
+    own = [World(TEST, TEST, plan.test.start, len(plan.test))]
+    if plan.validation:
+        own.append(World(VALIDATION, VALIDATION, plan.validation.start, len(plan.validation)))
+    shifts = [
+        World(heading, SHIFT, plan.test.start, len(plan.test), changes, heading)
+        for heading, changes in _shifts(env).items()
+    ]
+    return [*own, *shifts, *(_points(env, plan) if plan.per_point else [])]
+
+
+def _shifts(env: EnvConfig) -> dict[str, Mapping[str, Any]]:
+    found = dict(SHIFTS.get(env.id, {}))
+    if _load_varies(env):
+        high = setting(env, "load", "magnitude")[1]
+        heading = f"Heavier loads than in training, {load_range(setting(env, 'load'), high, HEAVIER * high)}"
+        found[heading] = {"load": {"magnitude": [high, HEAVIER * high]}}
+    return found
+
+
+def _load_varies(env: EnvConfig) -> bool:
+    """Whether other loads tell something; not where loads are observed, in units of the largest."""
+    return bool(setting(env, "load", "magnitude")[1] > 0 and not setting(env, "observe_load"))
+
+
+def _points(env: EnvConfig, plan: Plan) -> Iterator[World]:
+    """A world for every point of every curve; values that the environment refuses are left out."""
+    for axis in AXES:
+        end = axis.end(env)
+        if end <= 0 or (axis.name == "load" and not _load_varies(env)):
+            continue
+        section, key = axis.keys
+        for share in POINTS:
+            value = round(share * end, 6)
+            changes = {section: {key: [value, value]}}
+            try:
+                changed(env, changes)
+            except RollingJointError:
+                continue
+            episodes = min(plan.per_point, len(plan.test))
+            name = f"{axis.name} {value:g}"
+            yield World(name, SWEEP, plan.test.start, episodes, changes, "", axis.label, value, axis.trained(env))

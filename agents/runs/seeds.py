@@ -1,0 +1,25 @@
+"""Which episodes serve for what: ranges of seeds that no other purpose uses.
+
+Training uses the seeds of its run, evaluations during it those from 1,000,000 on, studies of hyper-parameters those
+from 2,000,000 on, recorded scores of shipped policies those from 20,000 on.
+"""
+
+from __future__ import annotations
+
+VALIDATION = range(3_000_000, 3_000_250)
+"""Choosing: among trained policies, among opponents, among variants of either."""
+
+TUNING = range(5_000_000, 5_100_000)
+"""Tuning the settings of opponents, that is of controllers that are not trained."""
+
+TEST = range(9_000_000, 9_001_000)
+"""The tables: nothing is chosen here."""
+
+ROBOTS = range(20_000_000, 22_000_000)
+"""Robots that nobody modelled: a thousand of each."""
+
+BENCH = range(22_000_000, 24_000_000)
+"""Adapting to robots: what they did on the bench, and their models since. A thousand of each robot's own."""
+
+DATA = range(30_000_000, 2**31)
+"""Datasets for learning offline."""

@@ -1,0 +1,83 @@
+"""Gradients through episodes are the derivatives of the environment's own errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+from agents.learners.episodes import DifferentiableEpisodes
+
+STEPS, LANES = 12, 6
+WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "instrument": ("rj_gym/Instrument-v0", {"observe_history": [1, 3]}),
+    "late and slow motors": (
+        "rj_gym/Instrument-v0",
+        {"actuation": {"play_mm": (0.1, 0.4), "rate_limit_mm": 0.7, "delay": 2}},
+    ),
+    "tip seen late": ("rj_gym/LatePose-v0", {"sensing": {"pose": "tip"}, "observe_history": 2}),
+    "without motors of their own": ("rj_gym/RollingJoint-v0", {"sensing": {"pose": "tip"}, "observe_history": 1}),
+    "arm": ("rj_gym/FlexibleArm-v0", {}),
+    "arm's instrument without friction in its holes, away from tension limits": (
+        "rj_gym/ArmInstrument-v0",
+        {"observe_history": 1, "friction": {"mu": 0.0}, "start_tension": 20.0, "tension_range": (0.5, 100.0)},
+    ),
+}
+
+
+@pytest.fixture(params=WORLDS, scope="module")
+def world(request: pytest.FixtureRequest) -> Any:
+    """A vector environment whose poses other than the tip's are not seen, or not used."""
+    env_id, settings = WORLDS[request.param]
+    env = gymnasium.make_vec(
+        env_id, LANES, "vector_entry_point", episode_steps=STEPS, autoreset_mode=AutoresetMode.DISABLED, **settings
+    )
+    yield env
+    env.close()
+
+
+def _used(env: Any) -> list[int]:
+    """Columns of the entries that have gradients."""
+    names = [entry.name for entry in env.task.entries()]
+    return [column for column, name in enumerate(names) if "angle" not in name and "axis" not in name]
+
+
+def _loss(env: Any, weights: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    """Mean error of the last steps of a policy that is linear in what it sees and in a memory of it."""
+    env.reset(seed=3)
+    columns = _used(env)
+
+    def act(x: torch.Tensor, memory: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+        seen = x[:, columns]
+        memory = 0.5 * seen + (0.0 if memory is None else 0.5 * memory)
+        return memory @ weights + bias, memory
+
+    episodes = DifferentiableEpisodes(env, lambda seen: (np.zeros(seen.shape[1]), np.ones(seen.shape[1])))
+    played = episodes.play(act)
+    assert played is not None
+    return played.errors[-4:].mean()
+
+
+def test_gradients_are_those_of_the_environment(world: Any) -> None:
+    """Of the loss by every kind of parameter, against central differences of whole episodes."""
+    rng, m = np.random.default_rng(0), world.single_action_space.shape[0]
+    count = len(_used(world))
+    weights = torch.tensor(0.15 * rng.standard_normal((count, m)), dtype=torch.float32, requires_grad=True)
+    bias = torch.tensor(0.2 * rng.standard_normal(m), dtype=torch.float32, requires_grad=True)
+    _loss(world, weights, bias).backward()
+    for parameter in (weights, bias):
+        assert parameter.grad is not None
+        direction = torch.sign(parameter.grad)
+        step = 2e-4
+        with torch.no_grad():
+            losses = []
+            for change in (step * direction, -step * direction):
+                parameter += change
+                losses.append(_loss(world, weights, bias).item())
+                parameter -= change
+        expected = (losses[0] - losses[1]) / (2 * step)
+        assert float((parameter.grad * direction).sum()) == pytest.approx(expected, rel=0.02, abs=0.01)

@@ -1,0 +1,151 @@
+"""Controllers as teachers and as guides: lessons before analytic gradients, residual policies of APG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from agents.baselines.opponents import opponents
+from agents.evaluation.controller import Seen
+from agents.learners.episodes import DifferentiableEpisodes
+from agents.runs.config import TrainConfig
+from agents.runs.environment import EnvConfig
+from agents.training.build import build_model, close
+from agents.training.learn import learn
+from agents.training.teaching import ControllerTeacher
+from rollingjoint.errors import ConfigError
+from tests.agents.learners.checks import check_that_a_stopped_run_ends_with_the_same_weights, lanes_of
+
+STEPS, LANES, WORLD = 8, 16, "rj_gym/InstrumentShift-v0"
+LESSONS = {"lessons": 0.5, "teacher": "open loop", "gradient_steps": 3, "batch_size": 8, "kept_rollouts": 4}
+
+
+def settings(rollouts: int, **changes: Any) -> dict[str, Any]:
+    """A small run of APG on the mild instrument, which begins with lessons of open loop."""
+    return {
+        "algorithm": "apg",
+        "total_timesteps": rollouts * LANES * STEPS,
+        "env": {"id": WORLD, "n_envs": LANES, "settings": {"episode_steps": STEPS}},
+        "parameters": LESSONS,
+        "policy": {"memory": 16},
+        "normalise": {"reward": False},
+        **changes,
+    }
+
+
+def test_a_controller_teaches_what_it_does_itself() -> None:
+    env, controller = lanes_of(WORLD, 3, episode_steps=4), opponents(WORLD)["bank of filters"]
+    teacher = ControllerTeacher.named("bank of filters", EnvConfig(WORLD))
+    for seed in (1, 2):
+        observation, info = env.reset(seed=seed)
+        teacher.begin(env)
+        controller.begin(env.task, 3)
+        for _ in range(4):
+            own = controller.act(Seen(observation, env.task))
+            np.testing.assert_array_equal(teacher.demonstrate(env, observation, info), own)
+            observation, _, _, _, info = env.step(own)
+    env.close()
+
+
+def test_lessons_come_first_and_leave_nothing_behind() -> None:
+    config = TrainConfig.from_dict(settings(6))
+    model = build_model(config)
+    kept, update = [], model._update
+    model._update = lambda played: update(played) or kept.append(len(model.demonstrations))
+    learn(model, config, [])
+    assert kept == [1, 2, 3, 0, 0, 0]
+    assert model.n_updates == 3 * 3 + 3
+    steps = {int(state["step"]) for state in model.policy.optimizer.state.values()}
+    assert steps == {3}  # Adam began anew
+    close(model)
+
+
+@pytest.mark.parametrize("stop", [2, 4])
+def test_a_run_that_was_stopped_ends_with_the_same_weights(
+    stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = settings(6, evaluation={"every": stop * LANES * STEPS, "episodes": 2}, checkpoint_every=LANES * STEPS)
+    check_that_a_stopped_run_ends_with_the_same_weights(values, tmp_path, monkeypatch)
+
+
+class Constant:
+    """An advisor that always pulls as much, and lets the policy know a number."""
+
+    def __init__(self, actions: list[float]) -> None:
+        self.advice = np.array([*actions, 0.7])
+
+    def begin(self, episodes: int) -> None:
+        self.episodes = episodes
+
+    def advise(self, observation: Any) -> Any:
+        return np.tile(self.advice, (self.episodes, 1))
+
+
+def test_a_residual_policy_adds_to_advice_and_sees_it() -> None:
+    """Adding nothing to advice is doing what it says: the same errors, and the same derivatives by actions."""
+    found = []
+    for advised in (True, False):
+        env = lanes_of(WORLD, 4, episode_steps=6)
+        env.reset(seed=3)
+        pulls, shown = [0.4, -0.3], []
+        own = torch.tensor([0.0, 0.0] if advised else pulls, requires_grad=True)
+
+        def act(
+            x: torch.Tensor, memory: torch.Tensor | None, own: torch.Tensor = own, shown: list[Any] = shown
+        ) -> tuple[torch.Tensor, torch.Tensor]:
+            shown.append(x)
+            return own.expand(len(x), 2), torch.zeros(len(x), 1)
+
+        def as_it_is(seen: Any) -> tuple[Any, Any]:
+            return np.zeros(seen.shape[1]), np.ones(seen.shape[1])
+
+        played = DifferentiableEpisodes(env, as_it_is, advisor=Constant(pulls) if advised else None).play(act)
+        assert played is not None
+        played.errors[-1].mean().backward()
+        assert own.grad is not None
+        found.append((played.errors.detach().numpy(), own.grad.numpy()))
+        if advised:
+            np.testing.assert_allclose(shown[0][:, -3:].numpy(), np.tile([0.4, -0.3, 0.7], (4, 1)), rtol=1e-6)
+        env.close()
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-6)
+    np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-4)
+    assert np.abs(found[0][1]).max() > 0.1
+
+
+def test_apg_trains_a_residual_policy_on_what_its_guide_estimates() -> None:
+    config = TrainConfig.from_dict(settings(2, residual="kalman filter", parameters={}, env={
+        "id": "rj_gym/Instrument-v0", "n_envs": 4, "settings": {"episode_steps": STEPS},
+    }))  # fmt: skip
+    model = build_model(config)
+    before = weights_of(model)
+    learn(model, config, [])
+    assert model.observation_space.shape[0] == model.policy.actor.encoder[0].in_features > 10
+    assert any((before[name] != after).any() for name, after in weights_of(model).items())
+    close(model)
+
+
+def weights_of(model: Any) -> dict[str, Any]:
+    return {name: value.detach().numpy().copy() for name, value in model.policy.actor.state_dict().items()}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"parameters": LESSONS | {"teacher": "open lop"}}, "parameters.teacher.*open loop"),
+        ({"parameters": LESSONS | {"teacher": "jacobian feedback"}}, "parameters.teacher.*can act on what"),
+        ({"parameters": LESSONS | {"lessons": 1.5}}, "parameters.lessons"),
+        ({"residual": "open loop"}, "residual.*null with distill, and with apg that has lessons"),
+        ({"residual": "open loop", "algorithm": "distill", "parameters": {}}, "residual.*null with distill"),
+    ],
+)
+def test_what_cannot_be_taught_is_refused_in_one_line(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words) as refused:
+        build_model(TrainConfig.from_dict(settings(1, **changes)))
+    assert "\n" not in str(refused.value)
+
+
+torch.set_num_threads(1)
