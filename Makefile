@@ -1,17 +1,20 @@
 # make demo: train and evaluate a small controller.   make test: run the tests.   Both set up what they need.
 PYTHON ?= python3
+MINUTES ?= 3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-slow speed campaign results lint clean
+.PHONY: help setup demo test test-slow fuzz fuzz-long speed campaign results lint clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
 	@echo "make test      run the tests; make test-slow runs the ones left out"
+	@echo "make fuzz      the standing attack, three minutes with new seeds (MINUTES=1: one); docs/reliability.md"
+	@echo "make fuzz-long the same until its goals are reached (about an hour; again: goes on)"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
 	@echo "make campaign  train every run of docs/results.md into runs/results (about an hour; again: goes on)"
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
@@ -34,7 +37,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "    the CPU build of torch is not in pip's index; uv fetches it from PyTorch's own"; \
 	  $(PIP) install -c constraints.txt uv && \
 	  $(BIN)/uv pip install --quiet --python $(BIN)/python --torch-backend cpu -c constraints.txt "$(TORCH)"; }
-	@$(PIP) install -c constraints.txt -e ".[train,search,cad,dev]"
+	@$(PIP) install -c constraints.txt -e ".[train,search,cluster,cad,onnx,data,dev]"
 	@touch $@
 
 demo: setup
@@ -50,6 +53,14 @@ test: setup
 test-slow: setup
 	@echo "==> Running the slow tests"
 	@$(BIN)/python -m pytest -n 2 -m slow
+
+fuzz: setup
+	@echo "==> Attacking"
+	@$(BIN)/python -m tests.attack --minutes $(MINUTES) $(if $(PARTS),--parts $(PARTS))
+
+fuzz-long: setup
+	@echo "==> Attacking until every goal is reached"
+	@$(BIN)/python -m tests.attack --goals --minutes 90 --out runs/attack.json
 
 speed: setup
 	@echo "==> Installing what the speed is compared with"

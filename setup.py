@@ -1,0 +1,48 @@
+"""Packages of the distribution: its wheel has the controllers as rj_agents, which in the repository are agents.
+
+Other distributions, and folders of users, are called agents; there is no other rj_agents. The wheel holds the files of
+agents with this name in their imports, commands and messages. An editable install knows the same files by both names.
+pyproject.toml has all else.
+"""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
+from setuptools.command.editable_wheel import editable_wheel
+
+HERE, INSTALLED = "agents", "rj_agents"
+NAME = re.compile(rf"\b{HERE}(?=\.[a-z_])|(?<=from ){HERE}(?= import )")
+CONTROLLERS = find_packages(include=[HERE, f"{HERE}.*"])
+
+
+class BuildRenamed(build_py):
+    """Copies modules, those of the controllers with their installed name."""
+
+    def build_module(self, module: str, module_file: str, package: str) -> tuple[str, bool]:
+        """Copy one module; where it went, and whether it was copied."""
+        copied, is_new = super().build_module(module, module_file, package)
+        if package.partition(".")[0] == INSTALLED:
+            text = Path(module_file).read_text("utf-8")
+            Path(copied).write_text(NAME.sub(INSTALLED, text), "utf-8", newline="\n")
+        return copied, is_new
+
+
+class InstallBothNames(editable_wheel):
+    """An editable install: the files in the repository, which import each other as agents."""
+
+    def run(self) -> None:
+        """Make the wheel that points to the repository."""
+        self.distribution.packages = [*self.distribution.packages, *CONTROLLERS]
+        super().run()
+
+
+setup(
+    packages=[
+        *find_packages(include=["rollingjoint", "rollingjoint.*", "rj_gym", "rj_gym.*"]),
+        *(f"{INSTALLED}{package.removeprefix(HERE)}" for package in CONTROLLERS),
+    ],
+    package_dir={INSTALLED: HERE},
+    cmdclass={"build_py": BuildRenamed, "editable_wheel": InstallBothNames},
+)

@@ -1,0 +1,85 @@
+"""The wheel: its controllers are rj_agents, whatever else is called agents; `rj` has their commands."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+COMMANDS = PROJECT["entry-points"]["rollingjoint.commands"]
+SOURCES = ("rollingjoint", "rj_gym", "agents", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+USED = """
+import sys
+from rollingjoint.cli import main
+assert sys.path[0] == ""  # as with python -m
+assert main(["train", "--config", "run.yaml", "--run-dir", "run"]) == 0
+assert main(["evaluate", "run", "--episodes", "2"]) == 0
+assert "agents" not in sys.modules
+"""
+RUN = """
+total_timesteps: 40
+env: {n_envs: 2, settings: {episode_steps: 10}}
+parameters: {n_steps: 20, batch_size: 20, n_epochs: 1}
+policy: {hidden: [8]}
+evaluation: {episodes: 2}
+"""
+
+
+@pytest.mark.parametrize(("name", "place"), COMMANDS.items())
+def test_a_command_of_rj_is_one_of_the_controllers(name, place):
+    module, _, function = place.partition(":")
+    assert module.startswith("rj_agents.")
+    found = import_module(module.removeprefix("rj_"))
+    with pytest.raises(SystemExit, match="0"):
+        getattr(found, function)(["--help"])
+
+
+def test_every_command_of_the_controllers_is_one_of_rj():
+    modules = {place.removeprefix("rj_agents.").partition(":")[0] for place in COMMANDS.values()}
+    there = {path.stem for path in (ROOT / "agents").glob("*.py")} - {"__init__", "shipped"}
+    there |= {f"{path.parent.name}.__main__" for path in (ROOT / "agents").glob("*/__main__.py")}
+    assert modules == there
+
+
+def _all_but_sources(folder: str, names: list[str]) -> list[str]:
+    return [name for name in names if name == "__pycache__" or (Path(folder) == ROOT and name not in SOURCES)]
+
+
+def test_the_page_on_the_command_line_lists_them_with_their_modules():
+    page = (ROOT / "docs/cli.md").read_text("utf-8")
+    listed = dict(re.findall(r"^\| `rj ([\w-]+)` \| `agents\.(\w+)` \|", page, re.MULTILINE))
+    places = {name: place.removeprefix("rj_agents.").partition(":")[0] for name, place in COMMANDS.items()}
+    assert listed == {name: module.removesuffix(".__main__") for name, module in places.items()}
+
+
+@pytest.mark.slow
+def test_the_wheel_works_in_an_empty_folder_beside_other_packages_called_agents(tmp_path):
+    """Builds it, unpacks it, trains and evaluates; takes as long as starting torch and compiling kernels do."""
+    shutil.copytree(ROOT, tmp_path / "source", ignore=_all_but_sources)
+    build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-build-isolation", "--no-deps", "-w", str(tmp_path)]
+    subprocess.run([*build, str(tmp_path / "source")], check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        tops = {name.partition("/")[0] for name in archive.namelist()}
+        assert {top for top in tops if not top.endswith(".dist-info")} == {"rollingjoint", "rj_gym", "rj_agents"}
+        archive.extractall(tmp_path / "installed")
+    for place in ("installed", "empty"):
+        (tmp_path / place / "agents").mkdir(parents=True)
+        (tmp_path / place / "agents/__init__.py").write_text("raise ImportError('of somebody else')")
+    (tmp_path / "empty/run.yaml").write_text(RUN)
+    cache = {"ROLLINGJOINT_CACHE": str(ROOT / "rollingjoint/__pycache__")}
+    environ = {**os.environ, "PYTHONPATH": str(tmp_path / "installed"), **cache}
+    used = subprocess.run(
+        [sys.executable, "-c", USED], cwd=tmp_path / "empty", env=environ, capture_output=True, text=True
+    )
+    assert used.returncode == 0, used.stderr
+    assert "Next: python -m rj_agents.evaluate run" in used.stdout
+    assert "rj_agents" in (tmp_path / "empty/run/command.txt").read_text()
