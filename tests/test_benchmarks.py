@@ -195,3 +195,48 @@ def test_targets_of_the_arm_can_be_held_and_random_actions_end_nothing():
 
     assert arm_task.held_errors(20).max() < 1
     assert arm_task.failures(arm_task.FlexibleArmVectorEnv(20, autoreset_mode="Disabled")) == 0
+
+
+def test_every_opponent_of_a_world_is_timed(capsys):
+    import opponents
+
+    opponents.main(["rj_gym/SlowCamera-v0", "--lanes", "1", "3", "--rounds", "1"])
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert [row.split("  ")[0] for row in rows] == list(opponents.opponents("rj_gym/SlowCamera-v0"))
+    assert all(float(row.split()[-1]) > 0.0 for row in rows)
+
+
+@pytest.mark.slow  # alone it loads torch, compiled solvers and the search
+def test_throughput_is_of_all_designs(monkeypatch):
+    import throughput
+
+    from agents.executors.options import executor_of
+
+    monkeypatch.setattr(throughput, "executor_of", lambda cluster, jobs: executor_of(cluster, jobs, inline=True))
+    searched = throughput.search
+    budgets = []
+
+    def counted(executor, home, config):
+        searched(executor, home, config)
+        budgets.append(sum(run.evaluations for run in map(throughput.SearchRun, home.path.glob("*/*/"))))
+
+    monkeypatch.setattr(throughput, "search", counted)
+    ((what, workers, wall, rate, times),) = throughput.rows_of("x", throughput.chunks, 500, "local", [1])
+    assert (what, workers, times) == ("x", "1", "1.00") and float(wall) >= 0 < float(rate.replace(",", ""))
+    assert budgets == [400, 500]  # those that only have the workers begin are not timed
+
+
+def test_a_chunk_takes_time_with_and_without_gradients():
+    import throughput
+
+    name, alone, gradients = throughput.chunk_times("bending_shapes", 1)
+    assert name == "bending_shapes" and int(alone) > 0 < int(gradients)
+
+
+def test_the_driver_hands_every_unit_to_sleeping_workers():
+    import scaling
+
+    mean, wall, busy, rate, *_ = scaling.simulated(200, 50, 0.02)
+    assert mean == "0.02" and float(wall) >= 0.1  # 200 units of 0.02 s for 50 workers take 0.08 s, the last ones longer
+    assert 0 < float(busy.removesuffix(" %")) <= 100 and float(rate.replace(",", "")) > 0
+    assert min(scaling.recorded_seconds()) > 0

@@ -6,17 +6,22 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
-from rollingjoint import Status
+from rollingjoint import Status, __version__
 
 ROOT = Path(__file__).parent.parent
 PAGES = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md"))}
-LINKED = {"README.md": (ROOT / "README.md").read_text("utf-8"), **PAGES}
+LINKED = {page: (ROOT / page).read_text("utf-8") for page in ("README.md", "CONTRIBUTING.md")} | PAGES
 ARCHITECTURE, CONVERGENCE = PAGES["docs/architecture.md"], PAGES["docs/convergence.md"]
 
 PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
-RUN_ELSEWHERE = {"docs/environment.md": "rj_gym/planar/test_docs.py", "docs/training.md": "agents/test_docs.py"}
+RUN_ELSEWHERE = {
+    "docs/environment.md": "rj_gym/planar/test_docs.py",
+    "docs/training.md": "agents/test_docs.py",
+    "docs/enter.md": "agents/test_enter.py",
+}
 RUN_HERE = [page for page, text in PAGES.items() if "```python" in text and page not in RUN_ELSEWHERE]
 PACKAGES = sorted(
     path.parent for top in ("rollingjoint", "rj_gym", "agents") for path in (ROOT / top).rglob("__init__.py")
@@ -66,6 +71,15 @@ def test_every_page_is_in_the_index():
     assert {f"docs/{link}" for link in re.findall(r"\]\((\w[\w-]*\.md)\)", PAGES["docs/index.md"])} == (
         PAGES.keys() - {"docs/index.md"}
     )
+
+
+def test_citation_is_of_this_version_and_of_the_papers_that_theory_names():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert (citation["version"], citation["license"]) == (__version__, project["license"])
+    theory = " ".join(PAGES["docs/theory.md"].split())
+    titles = [paper["title"] for paper in citation["references"]]
+    assert [title for title in titles if title not in theory] == []
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.relative_to(ROOT).as_posix())

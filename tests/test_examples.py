@@ -8,13 +8,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+EXAMPLES = [*sorted((ROOT / "examples").glob("*.py")), ROOT / "examples/libraries/cleanrl_ppo.py"]
 PAGES = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "docs").glob("*.md")))
 SHOWN = dict(
     re.findall(r"^```sh\npython examples/(\w+)\.py\n```\n\n```text\n(.*?)^```", PAGES, re.MULTILINE | re.DOTALL)
 )
 FIDELITY = (ROOT / "docs" / "fidelity.md").read_text("utf-8")
-OPTIONS = {"equilibrium_layer": ["--steps", "30"], "fidelity": ["--quick"]}
+OPTIONS = {
+    "equilibrium_layer": ["--steps", "30"],
+    "fidelity": ["--quick"],
+    "cleanrl_ppo": ["--steps", "512", "--lanes", "4"],
+}
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

@@ -1,0 +1,62 @@
+"""How long controllers take for an action: python benchmarks/opponents.py rj_gym/Instrument-v0.
+
+Microseconds of processor time per action and lane, for one lane and for 256 side by side, on one thread, without the
+environment. What controllers see is recorded first; the best of some rounds counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from agents.baselines.opponents import opponents
+from agents.evaluation.controller import Controller, Seen
+from agents.runs.environment import EnvConfig, make_vector_env
+from rollingjoint import set_threads
+from rollingjoint.tables import text_table
+
+
+def recorded(env_id: str, controller: Controller, lanes: int) -> list[Seen]:
+    """What the controller sees in the steps of an episode of every lane."""
+    envs = make_vector_env(EnvConfig(env_id), lanes)
+    observation, _ = envs.reset(seed=list(range(lanes)))
+    controller.begin(envs.task, lanes)
+    seen = []
+    for _ in range(envs.task.config.episode_steps):
+        seen.append(Seen(observation, envs.task))
+        observation, *_ = envs.step(controller.act(seen[-1]))
+    envs.close()
+    return seen
+
+
+def microseconds(env_id: str, controller: Controller, lanes: int, rounds: int = 5) -> float:
+    """The time of an action, per lane [µs]."""
+    seen, best = recorded(env_id, controller, lanes), float("inf")
+    for _ in range(rounds):
+        fresh = [Seen(each.observation, each.task) for each in seen]  # a Seen remembers what was read out of it
+        controller.begin(fresh[0].task, lanes)
+        start = time.process_time()
+        for each in fresh:
+            controller.act(each)
+        best = min(best, time.process_time() - start)
+    return 1e6 * best / len(seen) / lanes
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print a row per opponent."""
+    parser = argparse.ArgumentParser(description="How long opponents take for an action.")
+    parser.add_argument("world", nargs="?", default="rj_gym/Instrument-v0")
+    parser.add_argument("--lanes", type=int, nargs="+", default=[1, 256])
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args(argv)
+    set_threads(1)
+    rows = [
+        [name, *(f"{microseconds(arguments.world, each, n, arguments.rounds):.1f}" for n in arguments.lanes)]
+        for name, each in opponents(arguments.world).items()
+    ]
+    print(text_table(["opponent", *(f"µs, {n} lanes" for n in arguments.lanes)], rows, ruled=True))
+
+
+if __name__ == "__main__":
+    main()
