@@ -123,6 +123,18 @@ def parts() -> tuple[str, float, float]:
     return "first compilation", fresh(with_change(PLAIN_PARTS, SOLVE)), fresh(SOLVE)
 
 
+EVERY_MEMBER = """
+from numba.core.runtime.context import NRTContext
+from rollingjoint._numba import counts
+NRTContext.get_meminfos = counts._every_member
+"""
+
+
+def counts() -> tuple[str, float, float]:
+    """First compilation of both solvers, with a search for reference counts in every tuple, and without."""
+    return "first compilation", fresh(with_change(EVERY_MEMBER, SOLVE)), fresh(SOLVE)
+
+
 def disk() -> tuple[str, float, float]:
     """First solve of a process, without and with kernels on disk."""
     return "first solve of a process", fresh(with_change("jit.keep_on_disk = lambda one: None", SOLVE)), warm(SOLVE)
@@ -184,6 +196,7 @@ def borrow() -> tuple[str, float, float]:
 
 ROWS: dict[str, Callable[[], tuple[str, float, float]]] = {
     "parts": parts,
+    "counts": counts,
     "disk": disk,
     "load": load,
     "code": code,

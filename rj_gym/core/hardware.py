@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from rj_gym.core.columns import STEP, TENSIONS
-from rollingjoint.compiled import Floats, Integers, Singles, kernel
+from rollingjoint.compiled import Floats, Integers, Singles, part
 
 # Rows of Hardware.motors [mm]: where motors are, where they are going; both after a step that stands; the position that
 # the step asks of the tendon.
@@ -63,7 +63,7 @@ class Hardware(NamedTuple):
     past: Annotated[Floats, "lanes", "times", "width"]  # action, position, tension (m each), error: a ring over steps
 
 
-@kernel(inline="always")
+@part(inline=True)
 def move_motors(rules, hardware, state, offsets, commands, lane):
     """Move motors by the actions that are due, and tendons with them: fill commands [mm]."""
     readings, motors, half, past = state.readings, hardware.motors, hardware.half_play, hardware.past
@@ -83,7 +83,7 @@ def move_motors(rules, hardware, state, offsets, commands, lane):
         commands[lane, j] = p + offsets[lane, j]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def settle_motors(hardware, readings, lane):
     """End the motors' step. At a tension limit, where the command follows the tendon, its motor moves along."""
     motors, m, begins = hardware.motors, hardware.motors.shape[2], readings[lane, STEP] == 0.0
@@ -98,7 +98,7 @@ def settle_motors(hardware, readings, lane):
         motors[lane, MOTOR, j], motors[lane, GOAL, j] = q, goal
 
 
-@kernel(inline="always")
+@part(inline=True)
 def measure_tendons(rules, hardware, readings, lane):
     """Fill measured motor positions and tensions."""
     motors, measured, now = hardware.motors, hardware.measured, int(readings[lane, STEP])
@@ -115,7 +115,7 @@ def measure_tendons(rules, hardware, readings, lane):
         measured[lane, TENSION, j] = _rounded(tension, rules.hardware.tension_resolution)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def sensed(rules, hardware, readings, lane, j):
     """Position [mm] and tension [N] of a tendon as they are observed: measured, or where all is plain the true ones."""
     m = rules.neutral_lengths.size
@@ -124,7 +124,7 @@ def sensed(rules, hardware, readings, lane, j):
     return readings[lane, TENSIONS + m + j], readings[lane, TENSIONS + j]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _place_in_play(hardware, readings, lane, j):
     """Where in the play a tendon is: 1 where its motor pulls it in, -1 where it pays out; 0 without play."""
     half, m = hardware.half_play[lane, j], hardware.motors.shape[2]
@@ -133,12 +133,12 @@ def _place_in_play(hardware, readings, lane, j):
     return min(max((readings[lane, TENSIONS + m + j] - hardware.motors[lane, MOTOR, j]) / half, -1.0), 1.0)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _rounded(value, resolution):
     return value if resolution <= 0.0 else resolution * math.floor(value / resolution + 0.5)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def date_picture(rules, hardware, readings, lane):
     """Which step the observed picture is from, and whether it came just now."""
     picture, now = hardware.picture, int(readings[lane, STEP])
@@ -152,13 +152,13 @@ def date_picture(rules, hardware, readings, lane):
         picture[lane, TAKEN] = taken
 
 
-@kernel(inline="always")
+@part(inline=True)
 def picture_slot(hardware, readings, lane):
     """Where in the ring a task keeps the true pose of this step."""
     return int(readings[lane, STEP]) % (hardware.pictures.shape[1] - 1)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def show_picture(hardware, lane):
     """Take the picture that comes now out of the ring, as the one that is seen."""
     pictures, shown = hardware.pictures, hardware.pictures.shape[1] - 1
@@ -168,7 +168,7 @@ def show_picture(hardware, lane):
             pictures[lane, shown, i] = pictures[lane, taken, i]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def remember(hardware, readings, lane):
     """Put this step's readings into the ring; at the start of an episode, everywhere in it."""
     past, measured, errors, now = hardware.past, hardware.measured, hardware.errors, int(readings[lane, STEP])
@@ -183,7 +183,7 @@ def remember(hardware, readings, lane):
             past[lane, slot, 3 * m + axis] = errors[lane, axis]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def observe_instruments(rules, hardware, readings, observation, lane, entry):
     """Fill the age of the picture and past readings from this entry on."""
     if rules.hardware.late:
@@ -193,7 +193,7 @@ def observe_instruments(rules, hardware, readings, observation, lane, entry):
     _observe_past(rules, hardware, readings, observation, lane, entry)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _observe_past(rules, hardware, readings, observation, lane, entry):
     """Fill past readings, lag by lag, from this entry on: actions; positions, tensions and errors then minus now."""
     past, lags, m, now = hardware.past, rules.hardware.lags, hardware.motors.shape[2], int(readings[lane, STEP])
@@ -208,7 +208,7 @@ def _observe_past(rules, hardware, readings, observation, lane, entry):
         entry += width
 
 
-@kernel(inline="always")
+@part(inline=True)
 def tendon_truth(rules, hardware, course, readings, lane, at):
     """Fill the privileged numbers of every tracking task from this column on; returns the column after them."""
     m, h = hardware.motors.shape[2], rules.hardware
@@ -226,7 +226,7 @@ def tendon_truth(rules, hardware, course, readings, lane, at):
     return at + 1
 
 
-@kernel(inline="always")
+@part(inline=True)
 def within_bounds(rules, readings, lane):
     """Clip the privileged numbers to their bounds."""
     at, low, high = rules.hardware.privileged_at, rules.hardware.privileged_low, rules.hardware.privileged_high

@@ -21,7 +21,7 @@ from rj_gym.core.columns import (
     WORK,
 )
 from rj_gym.core.hardware import move_motors, settle_motors
-from rollingjoint.compiled import borrow, kernel, next_uniform
+from rollingjoint.compiled import borrow, kernel, next_uniform, part
 from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
@@ -35,7 +35,7 @@ def all_finite(values):
     return finite(borrow(values), 0, len(values))
 
 
-@kernel(inline="always")
+@part(inline=True)
 def finite(values, first, last):
     """Whether no value of these lanes is NaN or infinite."""
     fine = True
@@ -54,7 +54,7 @@ def fill_uniforms(sources, rows):
             rows[row, column] = next_uniform(entry, source)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def pull_tendons(rules, course, state, hardware, inputs, lane):
     """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
     offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
@@ -72,7 +72,7 @@ def pull_tendons(rules, course, state, hardware, inputs, lane):
         commands[lane, j] = believed + offsets[lane, j]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def settle_tendons(rules, course, state, hardware, solved, lane):
     """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
 
@@ -126,7 +126,7 @@ def keep_history(friction, crossed, status, readings, first, last):
                 place += 1
 
 
-@kernel(inline="always")
+@part(inline=True)
 def reward_terms(rules, state, first, last):
     """The terms of the reward that every task has, and their sum."""
     readings, actions = state.readings, state.actions

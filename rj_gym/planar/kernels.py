@@ -23,6 +23,7 @@ from rollingjoint.compiled import (
     call_range,
     carve,
     kernel,
+    part,
     unpin,
 )
 from rollingjoint.load import LOAD_COLUMNS
@@ -145,7 +146,7 @@ def observe(pins, observation):
     observe_rest(rules, course, state, hardware, vectors, 0, vectors.shape[0])
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _prepare(rules, course, state, hardware, inputs, first, last):
     """Begin a step: tendons are pulled, the load moves on; fill commands, starts and loads."""
     forces, readings, loads = course.forces, state.readings, inputs.loads
@@ -158,7 +159,7 @@ def _prepare(rules, course, state, hardware, inputs, first, last):
         loads[lane, 0, FY] = readings[lane, FORCE + 1] = forces[lane, now, 1]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _predict(state, inputs, course, lane):
     """Start the solve on the tangent of the last equilibrium: that saves the first of about four Newton steps.
 
@@ -179,7 +180,7 @@ def _predict(state, inputs, course, lane):
             starts[lane, i] = angles[lane, i]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _finish(rules, course, state, hardware, solved, observation, first, last):
     """End a step: state, readings, the flat observation."""
     vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
@@ -192,7 +193,7 @@ def _finish(rules, course, state, hardware, solved, observation, first, last):
     observe_rest(rules, course, state, hardware, vectors, first, last)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _settle(rules, course, state, hardware, solved, first, last):
     """Take over equilibria. A lane without a usable one keeps its pose, tensions and commands."""
     angles, responses, poses = state.angles, state.responses, state.poses
@@ -212,7 +213,7 @@ def _settle(rules, course, state, hardware, solved, first, last):
                 poses[lane, k, axis] = new_poses[lane, k, axis]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _measure_error(course, state, first, last):
     """Tips, targets and the distances between them."""
     readings, poses, targets = state.readings, state.poses, course.targets
@@ -227,7 +228,7 @@ def _measure_error(course, state, first, last):
         readings[lane, ERROR] = math.sqrt(x * x + y * y)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _keep_tip_rates(state, solved, lane):
     """How the tip moves with the commands: every joint turns what lies beyond it about its contact."""
     rates, poses, contacts, responses = state.tip_rates, solved.poses, solved.contacts, solved.responses

@@ -22,13 +22,13 @@ from rj_gym.core.hardware import (
     tendon_truth,
     within_bounds,
 )
-from rollingjoint.compiled import kernel
+from rollingjoint.compiled import part
 
 BLOCK = 16  # lanes whose angles are turned together
 ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 
-@kernel(inline="always")
+@part(inline=True)
 def measure(rules, course, state, hardware, first, last):
     """What is measured at the end of a step, and the privileged state."""
     readings, moving, axes = state.readings, state.poses.shape[1] - 1, hardware.errors.shape[1]
@@ -46,7 +46,7 @@ def measure(rules, course, state, hardware, first, last):
             _tell_truth(rules, course, state, hardware, lane)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _keep_picture(state, hardware, lane):
     """Keep the true pose for pictures that come later, and show the one that comes now."""
     poses, pictures, slot = state.poses, hardware.pictures, picture_slot(hardware, state.readings, lane)
@@ -55,7 +55,7 @@ def _keep_picture(state, hardware, lane):
     show_picture(hardware, lane)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _seen(rules, course, state, hardware, lane, k):
     """Measured x, y [mm] and angle [rad] of moving link k, counted from 0."""
     poses, noise, now = state.poses, course.noise, int(state.readings[lane, STEP])
@@ -70,7 +70,7 @@ def _seen(rules, course, state, hardware, lane, k):
     return x, y, angle
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _tell_truth(rules, course, state, hardware, lane):
     """The privileged state; the order is that of privileged_entries."""
     readings, poses, at = state.readings, state.poses, rules.hardware.privileged_at
@@ -93,7 +93,7 @@ def _tell_truth(rules, course, state, hardware, lane):
     within_bounds(rules, readings, lane)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def observe_links(rules, course, state, hardware, observation, first, last):
     """The first entries of observations: measured poses of the moving links, a block of lanes at a time."""
     per_length, unseen = 1 / rules.length, rules.first_seen
@@ -116,7 +116,7 @@ def observe_links(rules, course, state, hardware, observation, first, last):
                 observation[lane, 4 * k + 3] = sines[(lane - start) * moving + k]
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _cos_sin(angle):
     """Cosine and sine to 1e-10, for angles to 1e4.
 
@@ -133,7 +133,7 @@ def _cos_sin(angle):
     return sign * (1 - 2 * s * s), sign * (2 * s * c)
 
 
-@kernel(inline="always")
+@part(inline=True)
 def observe_rest(rules, course, state, hardware, observation, first, last):
     """The other entries of observations, and all within their bounds; the order is that of observation_entries."""
     readings, low, high = state.readings, rules.low, rules.high
@@ -164,7 +164,7 @@ def observe_rest(rules, course, state, hardware, observation, first, last):
             observation[lane, entry] = min(max(observation[lane, entry], low[entry]), high[entry])
 
 
-@kernel(inline="always")
+@part(inline=True)
 def _observe_tendons(rules, readings, hardware, observation, lane, entry, m):
     """Fill commands and tensions from this entry on, measured ones where they are; returns the entry after them."""
     neutral_lengths, per_command, per_tension = (

@@ -33,6 +33,9 @@ def poses_of(chain, phi):
             state.angle[i] = min(max(phi[lane, i], only.joints[i, 0]), only.joints[i, 1])
         evaluate_joints(only, state)
         evaluate_poses(only.holes, only.channels, only.tendon_joints, state)
-        poses[lane] = state.pose[:, :3]
-        lengths[lane] = state.length
+        for k in range(n_joints + 1):
+            for column in range(3):
+                poses[lane, k, column] = state.pose[k, column]
+        for j in range(n_tendons):
+            lengths[lane, j] = state.length[j]
     return poses, lengths
