@@ -150,7 +150,7 @@ class Rows:
 
 def solved_of(found: Any) -> Solved:
     """Equilibria as the kernels take them."""
-    usable, tips = np.asarray(found.ok), np.ascontiguousarray(found.tip)
+    usable, tips = np.asarray(found.ok), np.array(found.tip)  # of one kind for both families: kernels are compiled once
     rates, elastic = found.tendon_rates, found.tendon_stiffness
     return Solved(usable, found.free_joints, found.stiffness, rates, elastic, found.tensions, tips)
 

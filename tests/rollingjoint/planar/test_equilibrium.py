@@ -202,7 +202,7 @@ def test_stiffness_is_the_derivative_of_the_residual():
         state, tau = standalone(arrays.new_state)(4, 2), np.array([5.0, 4.0])
         law, one = TendonLaw(tau * 0, tau * 0 + 1, tau, tau), standalone(arrays.design)(chain.arrays, 0)
         state.angle[:] = phi
-        standalone(evaluate)(one, law, result.loads, state)
+        standalone(evaluate)(one, law, result.loads.copy(), state)
         return state.residual.copy()
 
     numeric = np.empty((4, 4))

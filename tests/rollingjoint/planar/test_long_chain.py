@@ -41,7 +41,8 @@ def test_the_sweep_solves_what_the_dense_matrix_says(springs):
         n, m = chain.n_joints, chain.n_tendons
         springs = [each for each in springs if chain.n_links > 2]
         loads = load_table([*random_loads(rng, chain.n_links), *springs], chain.n_links)
-        law = TendonLaw(chain.neutral_lengths - rng.uniform(-1, 2, m), chain.stiffnesses, np.zeros(m), np.full(m, 20.0))
+        command = chain.neutral_lengths - rng.uniform(-1, 2, m)
+        law = TendonLaw(command, chain.stiffnesses.copy(), np.zeros(m), np.full(m, 20.0))
         state, H = new_state(n, m), np.empty((n, n))
         one = one_design(chain.arrays, 0)
         state.angle[:] = chain.joint_angles(rng.uniform(0.5, 0.9) * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
