@@ -9,12 +9,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from rj_gym.core.info import every_lane
-from rollingjoint.errors import InvalidInput, named
+from rollingjoint.errors import InvalidInput, naming_extras
 
-try:
+with naming_extras():
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 if TYPE_CHECKING:
     from rj_gym.core.vector import TaskVectorEnv

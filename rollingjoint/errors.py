@@ -49,6 +49,7 @@ _EXTRAS = {  # of pyproject.toml, and the packages that only they bring
     "onnx": ("onnx", "onnxruntime"),
     "data": ("minari", "h5py"),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d"),
+    "plot": ("matplotlib", "PIL", "pygame"),
 }
 
 
@@ -63,6 +64,15 @@ def named(error: ModuleNotFoundError) -> ModuleNotFoundError:
     if extra is None or isinstance(error, MissingPackage):
         return error
     return MissingPackage(f'{package} is not installed: run pip install "rollingjoint[{extra}]"', name=error.name)
+
+
+@contextmanager
+def naming_extras() -> Iterator[None]:
+    """A context of imports in which a package that is not installed is named with the extra that brings it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise named(error) from None
 
 
 @contextmanager

@@ -24,19 +24,17 @@ from agents.runs.environment import EnvConfig, make_env, plain_settings
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import DATA, TEST, VALIDATION
 from rollingjoint.checks import as_integer
-from rollingjoint.errors import ConfigError, named
+from rollingjoint.errors import ConfigError, naming_extras
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 from rollingjoint.presets import PRESETS, preset
 
-try:
+with naming_extras():
     import h5py  # noqa: F401 (Minari's files; it would complain only when it writes one)
     import minari
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 LANES = 512  # episodes side by side
 ID = re.compile(r"([\w-]+/)*[\w-]+-v\d+")

@@ -21,13 +21,11 @@ from agents.policies.network import CLIP, Network
 from agents.policies.recurrent import RecurrentNetwork
 from agents.policies.shipped import ShippedPolicy
 from agents.runs.files import write_bytes
-from rollingjoint.errors import named
+from rollingjoint.errors import naming_extras
 
-try:
+with naming_extras():
     import onnx
     from onnx import TensorProto, helper, numpy_helper
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 OPSET, IR_VERSION = 13, 8  # read by every runtime since 2021
 KEY = "contract"  # in metadata_props

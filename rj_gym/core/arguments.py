@@ -1,4 +1,4 @@
-"""What callers give to environments, checked: seeds; numbers, masks and pictures of lanes, autoreset modes."""
+"""What callers give to environments, checked: seeds; numbers, masks and pictures of lanes, modes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from rollingjoint.checks import as_integer
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming_extras
 
 MOST_LANES = 2**20  # some gigabytes of arrays
 
@@ -29,6 +29,21 @@ def checked_lanes(render_lanes: object, lanes: int) -> Sequence[int]:
     if given is None:
         raise InvalidInput("render_lanes", render_lanes, allowed)
     return tuple(as_integer("one of render_lanes", lane, 0, lanes - 1, allowed=allowed) for lane in given)
+
+
+def checked_render_mode(mode: str | None, modes: Sequence[str]) -> str | None:
+    """The mode, None or one of `modes`.
+
+    Raises:
+        InvalidInput: another mode.
+        MissingPackage: pygame, which draws, is not installed.
+    """
+    if mode not in (None, *modes):
+        raise InvalidInput("render_mode", mode, f"None or one of {', '.join(map(repr, modes))}")
+    if mode is not None:
+        with naming_extras():
+            import pygame  # noqa: F401
+    return mode
 
 
 def checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

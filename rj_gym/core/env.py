@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.core.arguments import checked_seed
+from rj_gym.core.arguments import checked_render_mode, checked_seed
 from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.info import only_lane
@@ -27,11 +27,12 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     """Base of the scalar environments; a task's class names its settings and episode buffer.
 
     Args:
-        render_mode: None, "human" or "rgb_array".
+        render_mode: None, "human" or "rgb_array"; the latter two need pygame, which the extra `plot` brings.
         config: settings of the environment's class, or a dictionary of their fields.
         overrides: settings on top of that.
     Raises:
         InvalidInput, ConfigError: arguments that cannot be used.
+        MissingPackage: pictures are asked for, and pygame is not installed.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 12}  # noqa: RUF012 (Gymnasium's own form)
@@ -45,10 +46,8 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         config: Settings | Mapping[str, Any] | None = None,
         **overrides: Any,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InvalidInput("render_mode", render_mode, f"None or one of {self.metadata['render_modes']}")
         self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self.observation_space = observation_space(self.task, self.goal)
         self._buffer = self.buffer(self.task, 1, self.goal)

@@ -18,6 +18,7 @@ from rj_gym.core.arguments import (
     checked_count,
     checked_lanes,
     checked_mask,
+    checked_render_mode,
     checked_seeds,
 )
 from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
@@ -47,6 +48,9 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         config, overrides: as for the scalar environment.
         autoreset_mode: an AutoresetMode or its value ("NextStep", "SameStep", "Disabled").
         render_lanes: lanes to draw; None is all of them.
+    Raises:
+        InvalidInput, ConfigError: arguments that cannot be used.
+        MissingPackage: pictures are asked for, and pygame, which the extra `plot` brings, is not installed.
     """
 
     metadata = {  # noqa: RUF012 (Gymnasium's own form)
@@ -68,10 +72,8 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         **overrides: Any,
     ) -> None:
         self.num_envs = checked_count(num_envs)
-        if render_mode not in (None, "rgb_array"):
-            raise InvalidInput("render_mode", render_mode, 'None or "rgb_array"')
         self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.render_lanes = checked_lanes(render_lanes, self.num_envs)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}

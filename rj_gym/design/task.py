@@ -21,14 +21,12 @@ from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_p
 from rollingjoint.design import MARGINS
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
-from rollingjoint.errors import InvalidInput, named
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.solution import Status
 
-try:
+with naming_extras():
     import torch
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.errors import naming_extras
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -56,7 +58,8 @@ class Sheet:
     """A figure as large as the paper, on which coordinates are mm from the lower left corner."""
 
     def __init__(self, paper: Format) -> None:
-        from matplotlib.figure import Figure
+        with naming_extras():
+            from matplotlib.figure import Figure
 
         self.figure: Figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
         self.axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -21,7 +21,7 @@ from rollingjoint.cli import loop_command, mjcf
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
-from rollingjoint.errors import InvalidInput, SolverError, one_line
+from rollingjoint.errors import InvalidInput, MissingPackage, SolverError, one_line
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.mechanism import AnyMechanism
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, such as head, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
-    except (InvalidInput, OSError) as error:
+    except (InvalidInput, MissingPackage, OSError) as error:
         print(f"rj {args.command}: error: {one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
     except SolverError as error:

@@ -17,17 +17,15 @@ Modules:
     sweeps: sweeps of tensions that several objectives share.
 """
 
-from rollingjoint.errors import named
+from rollingjoint.errors import naming_extras
 
-try:
+with naming_extras():
     from rollingjoint.design.comparison import measure, nondominated
     from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
     from rollingjoint.design.margins import MARGINS
     from rollingjoint.design.objectives import BendingShapes, Measured, Objective, TendonTravel, TipRotation, TipTravel
     from rollingjoint.design.problem import Evaluation, Limit, Problem, Term
     from rollingjoint.design.space import DesignSpace
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 __all__ = [
     "MARGINS",

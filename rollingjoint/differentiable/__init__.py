@@ -16,16 +16,14 @@ Modules:
     surface: curvature to tangent angles and points.
 """
 
-from rollingjoint.errors import named
+from rollingjoint.errors import naming_extras
 
-try:
+with naming_extras():
     from rollingjoint.differentiable.design import DifferentiableChain
     from rollingjoint.differentiable.equilibria import Equilibria
     from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
     from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
     from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
-except ModuleNotFoundError as error:
-    raise named(error) from None
 
 __all__ = [
     "DifferentiableChain",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.errors import naming_extras
 from rollingjoint.identify.errors import LINKS, distances
 from rollingjoint.identify.findings import Findings
 from rollingjoint.identify.measurements import QUANTITIES, Run
@@ -180,7 +181,8 @@ def _centres(found: Findings, reading: Array) -> Array:
 
 def _panels(rows: int, columns: int, size: tuple[float, float], **options: bool) -> tuple[Figure, Any]:
     """A figure and its axes, (rows, columns)."""
-    from matplotlib.figure import Figure
+    with naming_extras():
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(columns * size[0], max(rows, 1) * size[1]), layout="constrained")
     return figure, figure.subplots(max(rows, 1), columns, squeeze=False, **options)  # type: ignore[call-overload]

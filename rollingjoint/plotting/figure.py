@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rollingjoint.errors import InvalidInput, naming
+from rollingjoint.errors import InvalidInput, naming, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
@@ -27,7 +27,8 @@ _FZ = SPATIAL_LOAD_COLUMNS.index("fz")
 
 def figure_of(what: AnyMechanism | Solution) -> Figure:
     """A new figure of a mechanism at rest, or of one equilibrium."""
-    from matplotlib.figure import Figure
+    with naming_extras():
+        from matplotlib.figure import Figure
 
     mechanism = what.mechanism if isinstance(what, Solution) else what
     figure = Figure(figsize=(6.4, 6.4))
@@ -80,7 +81,8 @@ def check_figure_path(path: str | Path, more: Sequence[str] = ()) -> Path:
     Raises:
         InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.
     """
-    from matplotlib.backend_bases import FigureCanvasBase
+    with naming_extras():
+        from matplotlib.backend_bases import FigureCanvasBase
 
     path = Path(path)
     suffixes = sorted({*FigureCanvasBase.get_supported_filetypes(), *more})

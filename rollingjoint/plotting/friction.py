@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.checks import as_integer
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.parts import ORDER, PALETTE
 from rollingjoint.solution import Solution
@@ -157,7 +157,8 @@ def plot_friction_states(path: Solution, ax: Axes | None = None) -> Axes:
 
 
 def _new_axes(size: tuple[float, float]) -> Axes:
-    from matplotlib import pyplot
+    with naming_extras():
+        from matplotlib import pyplot
 
     return pyplot.subplots(figsize=size, layout="constrained")[1]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.figure import check_figure_path
 from rollingjoint.plotting.friction import tension_colors, tension_ends
@@ -39,7 +39,8 @@ def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:
     Raises:
         InvalidInput: no loops, or another number of labels.
     """
-    from matplotlib.figure import Figure
+    with naming_extras():
+        from matplotlib.figure import Figure
 
     if not loops or len(labels) != len(loops):
         raise InvalidInput("labels", list(labels), f"{len(loops)}, one per loop, and at least one")
@@ -75,7 +76,8 @@ def save_animation(loop: Loop, path: str | Path) -> Path:
     Raises:
         InvalidInput: an arm, another suffix than .gif, or a folder that does not exist.
     """
-    from PIL import Image
+    with naming_extras():
+        from PIL import Image
 
     if not isinstance(loop.path, Equilibrium):
         raise InvalidInput("loop", loop.path, "that of a planar chain", "An arm's loop is drawn by plot_loops.")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.planar.chain import RollingChain, planar
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.friction import draw_gap_tensions
@@ -135,7 +135,8 @@ def _planar(mechanism: RollingChain | Equilibrium) -> RollingChain:
 
 
 def _new_axes() -> Axes:
-    from matplotlib import pyplot
+    with naming_extras():
+        from matplotlib import pyplot
 
     return pyplot.subplots(figsize=(6.4, 6.4), layout="constrained")[1]
 

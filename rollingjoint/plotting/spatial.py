@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
@@ -71,7 +71,8 @@ def plot_arm(
 
 
 def _new_axes() -> Axes3D:
-    from matplotlib import pyplot
+    with naming_extras():
+        from matplotlib import pyplot
 
     figure = pyplot.figure(figsize=(6.4, 6.4), layout="constrained")
     return figure.add_subplot(projection="3d")
