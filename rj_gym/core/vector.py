@@ -71,6 +71,8 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         render_lanes: Sequence[int] | None = None,
         **overrides: Any,
     ) -> None:
+        self._calls: dict[str, Any] = {}
+        self._renderer: Any = None  # these first: Gymnasium 1.1 closes even what the following refuses
         self.num_envs = checked_count(num_envs)
         self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
@@ -86,8 +88,6 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
-        self._renderer: Any = None
-        self._calls: dict[str, Any] = {}
 
     @property
     def config(self) -> Any:
