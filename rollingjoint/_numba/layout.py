@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
+_ARRAY = get_origin(Floats)  # ndarray; from NumPy 2.5 on NDArray itself
 _SCALARS = {float: np.dtype(np.float64), int: np.dtype(np.int64), bool: np.dtype(np.bool_)}
 
 
@@ -80,9 +81,15 @@ def _tree(hint: Any, outer: tuple[Any, ...], path: str, leaf: Callable[[Leaf], A
         return node(hint, [_tree(each, (*outer, *axes), f"{path}.{name}", leaf, node) for name, each in fields])
     if hint in _SCALARS:
         return leaf(Leaf(path, _SCALARS[hint], None))
-    if get_origin(hint) is not np.ndarray:
+    if get_origin(hint) is not _ARRAY:
         raise TypeError(f"{path} is declared as {hint}: neither an array, a number nor a NamedTuple of those")
-    return leaf(Leaf(path, np.dtype(get_args(get_args(hint)[1])[0]), (*outer, *axes)))
+    return leaf(Leaf(path, np.dtype(_scalar_type(hint)), (*outer, *axes)))
+
+
+def _scalar_type(hint: Any) -> Any:
+    """float64 of NDArray[np.float64]; NumPy up to 2.4 writes it ndarray[..., dtype[np.float64]]."""
+    last = get_args(hint)[-1]
+    return get_args(last)[0] if get_args(last) else last
 
 
 @functools.cache
