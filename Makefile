@@ -5,14 +5,19 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
+LOWEST := .venv-lowest
+WITH ?= --torch-backend cpu
+EXTRAS := train,search,cluster,cad,onnx,data,dev
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-slow fuzz fuzz-long speed campaign results lint clean
+.PHONY: help setup demo test test-slow test-lowest wheels fuzz fuzz-long speed campaign results lint clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
 	@echo "make test      run the tests; make test-slow runs the ones left out"
+	@echo "make test-lowest  the same with the lowest releases that pyproject.toml admits (TESTS=tests/rj_gym: some)"
+	@echo "make wheels    build the wheel and use it from an empty folder (PYTHONS=\"python3.12 python3.14\": with these)"
 	@echo "make fuzz      the standing attack, three minutes with new seeds (MINUTES=1: one); docs/reliability.md"
 	@echo "make fuzz-long the same until its goals are reached (about an hour; again: goes on)"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
@@ -37,7 +42,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "    the CPU build of torch is not in pip's index; uv fetches it from PyTorch's own"; \
 	  $(PIP) install -c constraints.txt uv && \
 	  $(BIN)/uv pip install --quiet --python $(BIN)/python --torch-backend cpu -c constraints.txt "$(TORCH)"; }
-	@$(PIP) install -c constraints.txt -e ".[train,search,cluster,cad,onnx,data,dev]"
+	@$(PIP) install -c constraints.txt -e ".[$(EXTRAS)]"
 	@touch $@
 
 demo: setup
@@ -53,6 +58,19 @@ test: setup
 test-slow: setup
 	@echo "==> Running the slow tests"
 	@$(BIN)/python -m pytest -n 2 -m slow
+
+# Old releases warn of what newer ones of their own dependencies will change: that is not an error here.
+test-lowest: setup
+	@echo "==> Installing the lowest releases that pyproject.toml admits"
+	@$(PIP) install -c constraints.txt uv
+	@$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
+	@$(BIN)/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct $(WITH) -e ".[$(EXTRAS)]"
+	@echo "==> Running the tests"
+	@$(LOWEST)/bin/python -m pytest -n 2 -W default::DeprecationWarning -W default::PendingDeprecationWarning $(TESTS)
+
+wheels: setup
+	@echo "==> Building the wheel and using it"
+	@$(BIN)/python .ci/check_wheel.py $(PYTHONS)
 
 fuzz: setup
 	@echo "==> Attacking"
@@ -87,5 +105,5 @@ lint: setup
 
 clean:
 	@echo "==> Removing the environment, caches and builds"
-	@rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
+	@rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -90,6 +90,7 @@ def check(made: Installation, wheel: Path) -> str:
     made.install(str(wheel))
     alone = made.megabytes()
     assert "CONVERGED" in made.run("rj", *SOLVE)
+    made.run("rj", "robots", "--list", "--robots", "2")
     made.run("python", "-c", ACT)
     assert made.run("rj", *PLOT, fails=True).rstrip().endswith('pip install "rollingjoint[plot]"')
     made.install(f"{wheel}[plot]")

@@ -42,7 +42,7 @@ class SolverError(RollingJointError, RuntimeError):
 
 
 _EXTRAS = {  # of pyproject.toml, and the packages that only they bring
-    "train": ("stable_baselines3", "sb3_contrib", "optuna", "tensorboard", "tqdm", "rich", "filelock"),
+    "train": ("stable_baselines3", "sb3_contrib", "optuna", "tensorboard", "tqdm", "filelock"),
     "design": ("torch",),
     "search": ("cma", "ribs"),
     "cluster": ("ray",),

@@ -20,7 +20,7 @@ def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
     """
     from filelock import FileLock, Timeout  # comes with the extras that train and search
 
-    lock = FileLock(path, blocking=wait, fallback_to_soft=False)
+    lock = FileLock(path, blocking=wait, thread_local=False, fallback_to_soft=False)
     try:
         lock.acquire()
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+from optuna.exceptions import ExperimentalWarning
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
@@ -119,7 +121,9 @@ def _importance(study: Study) -> dict[str, float]:
     scores = {trial.value for trial in _trials(study, TrialState.COMPLETE)}
     if len(scores) < 4:
         return {}
-    return get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)  # which it was until Optuna 4.8
+        return get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
 
 
 def _trials(study: Study, state: TrialState) -> list[FrozenTrial]:

@@ -21,7 +21,7 @@ sys.meta_path.insert(0, Hide())
 sys.argv = sys.argv[2:]
 runpy.run_module(sys.argv[0], run_name="__main__")
 """
-TRAIN = "torch,stable_baselines3,sb3_contrib,optuna,tensorboard,tqdm,rich,filelock"
+TRAIN = "torch,stable_baselines3,sb3_contrib,optuna,tensorboard,tqdm,filelock"
 
 CASES = [
     (TRAIN, ["rollingjoint.differentiable"], "design"),
@@ -31,6 +31,7 @@ CASES = [
     (TRAIN, ["agents.train", "--config", "configs/train/ppo_rolling_joint.yaml", "--run-dir", "{}"], "train"),
     ("onnx", ["agents.export", "noisy", "--onnx", "{}"], "onnx"),
     ("h5py", ["agents.dataset", "noisy", "--steps", "5", "--out", "{}"], "data"),
+    ("matplotlib,PIL", ["agents.evaluate", "{}"], "plot"),
     ("tensorboard", ["agents.train", "--config", "configs/train/demo.yaml", "--run-dir", "{}"], "train"),
 ]
 

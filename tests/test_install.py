@@ -1,0 +1,109 @@
+"""What is installed for what: bounds, extras, docs/install.md, and one line where an extra is missing."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import gymnasium
+import pytest
+import yaml
+
+import rj_gym  # noqa: F401 (registers the ids)
+from rollingjoint import errors, five_link, small_arm, trace_loop
+from rollingjoint.cli import main
+from rollingjoint.friction import CapstanFriction
+from rollingjoint.plotting import figure_of, plot_arm, plot_loops, plot_mechanism, save_animation
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+PAGE = (ROOT / "docs/install.md").read_text("utf-8")
+DISTRIBUTIONS = {"PIL": "pillow", "h5py": "minari[hdf5]", "minari": "minari[hdf5]"}
+DRAWING = ("matplotlib", "PIL", "pygame")
+
+
+def loop():
+    return trace_loop(five_link().replace(friction=CapstanFriction(0.1)), (-5, 5), steps=5, cycles=1)
+
+
+def requirements(extra):
+    """What an extra brings, with the extras that it names."""
+    for requirement in EXTRAS[extra]:
+        inner = re.fullmatch(r"rollingjoint\[(.*)\]", requirement)
+        if inner:
+            for name in inner[1].split(","):
+                yield from requirements(name)
+        else:
+            yield requirement
+
+
+@pytest.mark.parametrize(("extra", "packages"), errors._EXTRAS.items())
+def test_the_extra_that_an_error_names_brings_the_package(extra, packages):
+    brought = {re.split("[><=]", requirement)[0] for requirement in requirements(extra)}
+    assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in packages} <= brought
+
+
+def test_a_package_has_one_lower_bound():
+    everything = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in requirements(extra))]
+    bounds = {}
+    for requirement in everything:
+        name, _, bound = requirement.partition(" ")[0].partition(">=")
+        bounds.setdefault(name, set()).add(bound)
+    assert {name for name, found in bounds.items() if len(found) > 1} == {"scipy"}  # a higher one in search
+
+
+def test_the_page_has_every_extra_and_the_bounds():
+    assert set(re.findall(r"^\| `(\w+)` \|", PAGE, re.MULTILINE)) == EXTRAS.keys() - {"dev", "benchmarks"}
+    written = re.findall(r"^\| ([\w-]+) \| (\d[\d.]*)(?:; ([\d.]+) with `(\w+)`)? \|", PAGE, re.MULTILINE)
+    assert len(written) == 7
+    known = {*PROJECT["dependencies"], *requirements("train")}
+    assert [name for name, bound, *_ in written if f"{name.lower()}>={bound}" not in known] == []
+    assert all(f"scipy>={bound}" in EXTRAS[extra] for *_, bound, extra in written if extra)
+
+
+def test_commands_of_the_page_exist():
+    named = {extra for listed in re.findall(r'"\.\[(.*?)\]"', PAGE) for extra in listed.split(",")}
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert named <= EXTRAS.keys()
+    assert set(re.findall(r"make ([a-z-]+)", PAGE)) <= set(targets)
+
+
+def test_ci_has_the_lowest_and_newest_releases_and_the_wheel_with_every_python():
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text("utf-8"))["jobs"]
+    pythons = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
+    assert jobs["wheel"]["strategy"]["matrix"]["python"] == pythons
+    assert PROJECT["requires-python"] == f">={pythons[0]}"
+    assert {"run": "make test-lowest"} in jobs["lowest"]["steps"]
+    assert "constraints" not in str(jobs["newest"])
+
+
+@pytest.fixture
+def without_plot(monkeypatch):
+    """The packages of the extra cannot be imported."""
+    for name in {*DRAWING, *(loaded for loaded in sys.modules if loaded.partition(".")[0] in DRAWING)}:
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda: figure_of(five_link()),
+        lambda: plot_mechanism(five_link()),
+        lambda: plot_arm(small_arm()),
+        lambda: plot_loops([loop()], ["loop"]),
+        lambda: save_animation(loop(), "loop.gif"),
+        lambda: gymnasium.make("rj_gym/RollingJoint-v0", render_mode="rgb_array"),
+        lambda: gymnasium.make("rj_gym/FlexibleArm-v0", render_mode="human"),
+        lambda: gymnasium.make_vec("rj_gym/RollingJoint-v0", 2, "vector_entry_point", render_mode="rgb_array"),
+    ],
+)
+def test_a_picture_without_the_extra_is_an_error_that_names_it(draw, without_plot):
+    with pytest.raises(errors.MissingPackage, match=r'^\w+ is not installed: run pip install "rollingjoint\[plot\]"$'):
+        draw()
+
+
+def test_a_command_without_the_extra_says_what_the_page_says(without_plot, capsys):
+    command, line = re.search(r"^\$ rj (.*)\n(.*)$", PAGE, re.MULTILINE).groups()
+    assert main(command.split()) == 2
+    assert capsys.readouterr().err == f"{line}\n"
