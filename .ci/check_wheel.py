@@ -80,7 +80,10 @@ def build(folder: Path) -> Path:
     source = folder / "source"
     source.mkdir()
     for path in map(ROOT.joinpath, SOURCES):
-        (shutil.copytree if path.is_dir() else shutil.copy)(path, source / path.name)
+        if path.is_dir():
+            shutil.copytree(path, source / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(path, source)
     subprocess.run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, source], check=True)
     return next(folder.glob("*.whl"))
 
