@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.errors import naming_extras
 from rollingjoint.planar.chain import Link
 from rollingjoint.planar.outline import link_outline, surface_points
 
@@ -85,9 +84,8 @@ class Canvas:
     """A drawing several times the picture's size, in mm, y up; scaling it down smooths every edge."""
 
     def __init__(self, length: float) -> None:
-        with naming_extras():
-            import pygame
-            import pygame.font
+        import pygame
+        import pygame.font
 
         pygame.font.init()
         self._pygame = pygame
