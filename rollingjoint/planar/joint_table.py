@@ -97,9 +97,9 @@ def place(
 
 def _flat(coefficients: Array) -> Array:
     """A view of coefficients (D, cells, 10, 8), (D, 10 cells, 8)."""
-    view = coefficients.view()
     count, cells, powers, columns = coefficients.shape
-    view.shape = (count, cells * powers, columns)
+    view = coefficients.reshape(count, cells * powers, columns)
+    assert np.may_share_memory(view, coefficients)
     return view
 
 
