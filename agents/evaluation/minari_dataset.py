@@ -36,6 +36,7 @@ with naming_extras():
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
 
+ENVIRONMENT = "rollingjoint_environment"  # its key in Minari's metadata
 LANES = 512  # episodes side by side
 ID = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
 
@@ -136,6 +137,20 @@ def read_dataset(where: str | Path) -> Transitions:
     )
 
 
+def recorded_by(where: str | Path) -> tuple[str, Mapping[str, Any]]:
+    """The controller of a dataset that write_dataset wrote, and its environment: `id` and complete `settings`.
+
+    Raises:
+        RunFolderError: another dataset, or none.
+    """
+    allowed = "a dataset that agents.dataset wrote"
+    try:
+        metadata = minari.MinariDataset(_place(where)[0] / "data").storage.metadata
+        return str(metadata.get("algorithm_name", "recorded")), metadata[ENVIRONMENT]
+    except (OSError, ValueError, KeyError, AssertionError) as error:
+        raise RunFolderError("dataset", str(where), allowed, f"{type(error).__name__}: {error}") from error
+
+
 def _check_seeds(first: int, episodes: int) -> None:
     """Raise ConfigError for negative seeds, and for those of the episodes that controllers are compared in."""
     seeds = range(as_integer("seed", first, 0, 2**31 - episodes, error=ConfigError), first + episodes)
@@ -175,9 +190,7 @@ def _new(data: Path, env: EnvConfig, name: str, about: dict[str, Any]) -> Minari
     storage = MinariStorage.new(data, made.observation_space, made.action_space, _spec(env))
     made.close()
     complete = {"id": env.id, "settings": env.complete_settings()}
-    storage.update_metadata(
-        {"dataset_id": name, "minari_version": minari.__version__, "rollingjoint_environment": complete, **about}
-    )
+    storage.update_metadata({"dataset_id": name, "minari_version": minari.__version__, ENVIRONMENT: complete, **about})
     return storage
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.runs.files import RunFolderError
 from agents.search.config import SearchConfig
@@ -25,6 +26,7 @@ from rollingjoint.design.problem import Problem
 N = TypeVar("N", int, float)
 YARDSTICK = "cma_es"  # the other methods have to reach what it ends with
 BASELINE = "random"
+MAP_ELITES, CELLS = "map_elites", (20, 20)
 TITLES = {
     "random": "random search",
     "latin_hypercube": "Latin hypercube",
@@ -206,6 +208,37 @@ class Search:
             maximise = [term.objective.maximise for term in self.problem.objectives]
             kept[feasible[nondominated(values[feasible], maximise)]] = True
         return kept
+
+    @cached_property
+    def archive(self) -> Archive | None:
+        """The best feasible designs of all runs of MAP-Elites, cell by cell; None where it was not run."""
+        if MAP_ELITES not in self.outcomes:
+            return None
+        settings = self.config.methods[MAP_ELITES]
+        cells, ranges = settings.get("cells", CELLS), np.array(settings["ranges"], float)
+        columns = [self.names.index(name) for name in settings["measures"]]
+        share = (self.everything.measured[:, columns] - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0])
+        places = np.clip(np.floor(share * cells).astype(int), 0, np.array(cells) - 1)
+        own = np.repeat([one.method == MAP_ELITES for one in self.all], [len(one.evaluated) for one in self.all])
+        rows = np.flatnonzero(own & self.everything.feasible)
+        designs = np.full(cells, -1)
+        for row in rows[np.argsort(-self.everything.cost[rows], kind="stable")].tolist():
+            designs[tuple(places[row])] = row
+        return Archive(designs, columns, ranges)
+
+
+@dataclass(frozen=True)
+class Archive:
+    """The archive of MAP-Elites.
+
+    Args:
+        designs: rows of a search's `everything`, by cell; -1 in empty cells.
+        columns: of `measured`, one per direction of the cells. ranges: that the cells divide, (2, 2).
+    """
+
+    designs: NDArray[np.int64]
+    columns: Sequence[int]
+    ranges: Array
 
 
 def words(name: str) -> str:

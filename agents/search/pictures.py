@@ -17,7 +17,6 @@ from rollingjoint.planar.chain import RollingChain
 from rollingjoint.plotting import plot_family
 from rollingjoint.statics.solve import solve_tensions
 
-ARCHIVE = "map_elites"
 RATIOS = (1 / 3, 1 / 3**0.5, 1.0, 3**0.5, 3.0)  # of the tensions, left to right, in which mechanisms are drawn
 TENSION = 10.0  # their sum [N]
 DPI = 110
@@ -89,26 +88,17 @@ def shapes(search: Search, best: RollingChain | None) -> bytes:
 
 def archive(search: Search) -> bytes | None:
     """PNG: the best feasible design of MAP-Elites in every cell of its archive; None where it was not run."""
-    if ARCHIVE not in search.outcomes:
+    if search.archive is None:
         return None
-    settings = search.config.methods[ARCHIVE]
-    cells, ranges = settings.get("cells", (20, 20)), np.array(settings["ranges"], float)
-    columns = [search.names.index(name) for name in settings["measures"]]
-    grid = np.full(cells, np.inf)
-    for outcome in search.outcomes[ARCHIVE]:
-        some = outcome.evaluated
-        share = (some.measured[:, columns] - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0])
-        place = np.clip(np.floor(share * cells).astype(int), 0, np.array(cells) - 1)
-        kept = place[some.feasible]
-        np.minimum.at(grid, (kept[:, 0], kept[:, 1]), some.cost[some.feasible])
+    designs, columns, ranges = search.archive.designs, search.archive.columns, search.archive.ranges
+    shown = np.where(designs < 0, np.nan, search.shown(search.everything.cost[designs])).T
     figure = figure_of(6.6, 5.0)
     axes = figure.subplots()
-    shown = search.shown(np.where(np.isfinite(grid), grid, np.nan)).T
     extent = (ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1])
     image = axes.imshow(shown, origin="lower", extent=extent, aspect="auto", cmap="viridis")
     across, up = (f"{words(search.names[place])} [{search.units[place]}]" for place in columns)
     axes.set(xlabel=across, ylabel=up)
-    axes.set_title(f"best design in {int(np.isfinite(grid).sum())} of {grid.size} cells")
+    axes.set_title(f"best design in {int((designs >= 0).sum())} of {designs.size} cells")
     figure.colorbar(image, label=search.shown_name)
     return png(figure, DPI)
 

@@ -30,6 +30,7 @@ from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
 from rj_gym.core.tangent import Tangent
+from rj_gym.rendering.tracking import with_own_arrays
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -181,6 +182,19 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return tuple(self._picture(self._renderer, lane) for lane in self.render_lanes)
 
     @used_alone
+    def scene(self, lane: int = 0) -> Any:
+        """What a picture of this lane would show, in arrays that no later step changes.
+
+        Of tracking tasks it is a TrackingScene. Its trail is kept in mode "rgb_array" only.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if not self._begun:
+            raise ResetNeeded("There is nothing to draw yet: call reset() before scene().")
+        return with_own_arrays(self._scene(lane))
+
+    @used_alone
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
         if self._renderer is not None:
@@ -268,10 +282,13 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return readings[:, TIP : TIP + self.task.dimension].copy()
 
     def _picture(self, renderer: Any, lane: int) -> NDArray[np.uint8]:
-        steps = int(self._buffer.readings[lane, STEP])
-        scene = self._buffer.scene(np.array(self._trail)[-(steps + 1) :, lane], lane)
-        picture: NDArray[np.uint8] = renderer.picture(scene)
+        picture: NDArray[np.uint8] = renderer.picture(self._scene(lane))
         return picture
+
+    def _scene(self, lane: int) -> Any:
+        steps = int(self._buffer.readings[lane, STEP])
+        trail = self._trail or [self._tips(self._buffer.readings)]
+        return self._buffer.scene(np.array(trail)[-(steps + 1) :, lane], lane)
 
 
 class GoalTaskVectorEnv(TaskVectorEnv):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,15 @@ from numpy.typing import NDArray
 from rj_gym.rendering.canvas import BACKGROUND, INK, TARGET, Canvas, Color, blend
 
 Array = NDArray[np.float64]
+Scene = TypeVar("Scene")
+
+
+def with_own_arrays(scene: Scene) -> Scene:
+    """The scene, a dataclass of any task, with copies of its arrays."""
+    any_task: Any = scene
+    values = {field.name: getattr(scene, field.name) for field in fields(any_task)}
+    copied: Scene = replace(any_task, **{name: v.copy() for name, v in values.items() if isinstance(v, np.ndarray)})
+    return copied
 
 
 @dataclass(frozen=True, kw_only=True)

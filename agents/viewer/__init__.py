@@ -1,0 +1,1 @@
+"""The rooms of the browser viewer, and what they show."""

@@ -1,0 +1,136 @@
+"""One controller in one episode, step by step, and all that is seen of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evaluation.controller import Array, Controller, Seen
+from agents.evaluation.rollout import LAST_STEPS
+from agents.results.roster import env_for
+from agents.runs.environment import EnvConfig, make_vector_env
+from rj_gym.rendering.tracking import TrackingScene
+from rollingjoint.errors import InvalidInput
+
+
+@dataclass
+class Film:
+    """What is seen of an episode under one controller; of a running one until now.
+
+    Args:
+        name: of the controller. env: a tracking environment. seed: of its reset.
+        scenes: at the start and after every step.
+        errors: distance of the tip from the target at the start and after every step [mm].
+        actions: (m,) each, within the bounds of the space, one per step.
+        ended: whether the environment ended the episode early.
+    """
+
+    name: str
+    env: EnvConfig
+    seed: int
+    scenes: list[TrackingScene] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+    actions: list[NDArray[np.float32]] = field(default_factory=list)
+    ended: bool = False
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return len(self.actions)
+
+    @property
+    def last_10_mm(self) -> float:
+        """Mean error after the last 10 steps [mm], which controllers are compared by; NaN before the first step."""
+        return float(np.mean(self.errors[1:][-LAST_STEPS:])) if self.actions else float("nan")
+
+    def at(self, step: int) -> TrackingScene:
+        """The scene after this many steps; the last one where the episode has fewer."""
+        return self.scenes[min(step, self.steps)]
+
+    def trail(self, step: int) -> Array:
+        """Where the tip has been until then, (K, d) [mm]."""
+        return np.array([scene.tip for scene in self.scenes[: step + 1]])
+
+
+class Drive:
+    """A controller in the episode that its environment begins with reset(seed=seed), one step at a time.
+
+    Args:
+        name: of the controller. env: a tracking environment of rj_gym.
+    Raises:
+        RollingJointError: an environment that cannot be made, or a controller that cannot act in it.
+    """
+
+    def __init__(self, name: str, env: EnvConfig, controller: Controller, seed: int) -> None:
+        if not env.is_tracking:
+            raise InvalidInput("environment", env.id, "a tracking environment of rj_gym")
+        self.film, self.controller, self.over = Film(name, env, seed), controller, False
+        self._envs = cast(Any, make_vector_env(env_for(env, controller), 1))
+        self._observation, info = self._envs.reset(seed=[seed])
+        controller.begin(self._envs.task, 1)
+        self._see(info)
+
+    @property
+    def task(self) -> Any:
+        """The tracking task."""
+        return self._envs.task
+
+    def step(self) -> None:
+        """The controller acts once; nothing happens after the end of the episode.
+
+        Raises:
+            RollingJointError: a controller that cannot act on what the environment shows.
+        """
+        if self.over:
+            return
+        space = self._envs.single_action_space
+        wanted = np.asarray(self.controller.act(Seen(self._observation, self.task)), np.float32)
+        action = np.clip(wanted, space.low, space.high)
+        self._observation, _, (ended,), (truncated,), info = self._envs.step(action)
+        self.film.actions.append(action[0])
+        self.film.ended, self.over = bool(ended), bool(ended or truncated)
+        self._see(info)
+
+    def close(self) -> None:
+        """Free the environment."""
+        self._envs.close()
+
+    def _see(self, info: Any) -> None:
+        self.film.scenes.append(self._envs.scene())
+        self.film.errors.append(float(info["error_mm"][0]))
+
+
+def filmed(name: str, env: EnvConfig, controller: Controller, seed: int) -> Film:
+    """The whole episode under a controller; raises RollingJointError as Drive does."""
+    drive = Drive(name, env, controller, seed)
+    while not drive.over:
+        drive.step()
+    drive.close()
+    return drive.film
+
+
+class Repeated:
+    """A Controller that repeats the actions of a recorded episode; after its end, the last one.
+
+    Args:
+        actions: (T, m), of one episode.
+    """
+
+    def __init__(self, actions: Sequence[NDArray[np.float32]] | NDArray[np.float32]) -> None:
+        self.actions = np.asarray(actions, np.float32)
+
+    def begin(self, task: Any, episodes: int) -> None:
+        """Return to the first action; raises InvalidInput unless there is one number per tendon."""
+        if self.actions.shape[1] != task.action_size:
+            raise InvalidInput("numbers per action", self.actions.shape[1], f"{task.action_size}, one per tendon")
+        self.shape, self.step = (episodes, self.actions.shape[1]), 0
+
+    def act(self, seen: Seen) -> NDArray[Any]:
+        """The recorded actions of this step, (B, m)."""
+        action = self.actions[min(self.step, len(self.actions) - 1)]
+        self.step += 1
+        return np.broadcast_to(action, self.shape)

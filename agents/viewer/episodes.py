@@ -1,0 +1,143 @@
+"""Episodes to look at: those of a policy or run folder over many seeds, or recorded ones; best, median and worst."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from agents.evaluation.controller import Array
+from agents.policies.trained import load_driving
+from agents.results.environment import episodes_key
+from agents.runs.environment import EnvConfig
+from agents.runs.folder import RunFolder
+from agents.viewer.drive import Film
+from agents.viewer.entrants import Entrant, entrants
+from agents.viewer.recorded import Record, read_records
+from rollingjoint.errors import InvalidInput
+
+SEEDS = range(10_000, 10_200)
+"""The episodes that agents.evaluate plays by default."""
+
+RANKS = ("best", "median", "worst")
+
+
+class Episodes(ABC):
+    """Episodes of one controller in one environment, one per seed.
+
+    Attributes:
+        name: of the controller. env: the environment. seeds: of the episodes.
+    """
+
+    name: str
+    env: EnvConfig
+    seeds: Sequence[int]
+
+    @property
+    @abstractmethod
+    def errors(self) -> Array:
+        """Mean tip error over the last 10 steps of every episode, (E,) [mm]."""
+
+    @abstractmethod
+    def film(self, seed: int) -> Film:
+        """The episode with this seed; raises InvalidInput where it is none of these."""
+
+    def ranked(self) -> dict[str, int]:
+        """The seeds of the best, the median and the worst episode."""
+        order = np.argsort(self.errors, kind="stable")
+        return {rank: self.seeds[order[at]] for rank, at in zip(RANKS, (0, len(order) // 2, -1), strict=True)}
+
+    def error(self, seed: int) -> float:
+        """The mean tip error over the last 10 steps of one episode [mm]; raises as `film`."""
+        self._check(seed)
+        return float(self.errors[list(self.seeds).index(seed)])
+
+    def beside(self) -> dict[str, Entrant]:
+        """Others that can drive in the same episodes, by name."""
+        return {name: one for name, one in entrants(self.env).items() if name != self.name}
+
+    def _check(self, seed: int) -> None:
+        if seed not in self.seeds:
+            raise InvalidInput("seed", seed, f"one of the {len(self.seeds)} of {self.name}")
+
+
+class Driven(Episodes):
+    """Episodes that a controller drives when they are asked for."""
+
+    def __init__(self, entrant: Entrant, seeds: Sequence[int] = SEEDS) -> None:
+        self.entrant, self.name, self.env, self.seeds = entrant, entrant.name, entrant.env, seeds
+
+    @cached_property
+    def errors(self) -> Array:
+        """Mean tip error over the last 10 steps of every episode, (E,) [mm]."""
+        return self.entrant.errors(self.seeds)
+
+    def film(self, seed: int) -> Film:
+        """The episode with this seed; raises InvalidInput where it is none of these."""
+        self._check(seed)
+        return self.entrant.film(seed)
+
+
+class Recorded(Episodes):
+    """Recorded episodes of one controller in one environment, computed again from their actions.
+
+    Args:
+        records: of different seeds, at least one.
+    """
+
+    def __init__(self, records: Sequence[Record]) -> None:
+        self.records = {record.seed: record for record in records}
+        self.name, self.env, self.seeds = records[0].name, records[0].env, list(self.records)
+
+    @cached_property
+    def errors(self) -> Array:
+        """Mean tip error over the last 10 steps of every episode, (E,) [mm]."""
+        return np.array([film.last_10_mm for film in self._films.values()])
+
+    def film(self, seed: int) -> Film:
+        """The episode with this seed; raises InvalidInput where it is none of these."""
+        self._check(seed)
+        return self._films[seed]
+
+    @cached_property
+    def _films(self) -> dict[int, Film]:
+        return {seed: record.film() for seed, record in self.records.items()}
+
+
+def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> Driven:
+    """Episodes of the policy in a run folder, read as agents.evaluate reads it.
+
+    Args:
+        which: "best", "last" or the steps of a checkpoint.
+    Raises:
+        RunFolderError, PolicyError: no run, or a policy that cannot be read.
+        InvalidInput: a run whose task is not tracking.
+        ConfigError: seeds that training has used.
+    """
+    run = RunFolder.open(path)
+    config = run.config()
+    if not config.env.is_tracking:
+        raise InvalidInput("run", str(path), "a run in a tracking environment", f"Its environment is {config.env.id}.")
+    config.check_unused(range(min(seeds), max(seeds) + 1))
+    load_driving(run, which)
+    return Driven(Entrant(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
+
+
+def recorded_episodes(path: Path) -> list[Recorded]:
+    """The episodes in a file that the viewer wrote, or in a folder that agents.dataset wrote; one per controller.
+
+    Raises:
+        InvalidInput: anything else.
+    """
+    return grouped(read_records(path))
+
+
+def grouped(records: Sequence[Record]) -> list[Recorded]:
+    """Recorded episodes, those of one controller in one environment together."""
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        groups.setdefault((record.name, episodes_key(record.env)), []).append(record)
+    return [Recorded(some) for some in groups.values()]

@@ -1,0 +1,148 @@
+"""A person as the controller of a tracking environment, with others beside it in the same episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.baselines import OpenLoop
+from agents.evaluation.controller import Array, Seen
+from agents.runs.environment import EnvConfig
+from agents.viewer.drive import Drive, Film
+from agents.viewer.entrants import entrants
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.checks import as_choice, as_vector
+from rollingjoint.errors import InvalidInput
+
+PERSON = "you"
+
+
+class Hand:
+    """A Controller that pulls every tendon as a person says."""
+
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Hold still."""
+        self.pulls = np.zeros(task.action_size)
+
+    def pull(self, pulls: ArrayLike) -> None:
+        """Say how far each tendon is pulled in per step, (m,) in units of action_scale_mm; until said otherwise.
+
+        Raises:
+            InvalidInput: anything but m finite numbers.
+        """
+        self.pulls = np.clip(_finite("pulls", pulls, len(self.pulls), "one per tendon"), -1.0, 1.0)
+
+    def act(self, seen: Seen) -> Array:
+        """The pulls, (1, m)."""
+        return self.pulls[None]
+
+
+class Pointer(OpenLoop):
+    """A Controller that brings the tip of the model, not of the mechanism, to a point that a person moves.
+
+    A person who sees the tip or its trend moves the point until the true tip is at the target.
+    """
+
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Point at the tip of the resting model."""
+        super().begin(task, episodes)
+        self.point: Array | None = None
+
+    def aim_at(self, point: ArrayLike) -> None:
+        """Move the point to here, (d,) [mm].
+
+        Raises:
+            InvalidInput: anything but d finite numbers.
+        """
+        self.point = _finite("point", point, self.task.dimension, "coordinates in mm")
+
+    def act(self, seen: Seen) -> Array:
+        """One step towards the point, (1, m); none before there is one."""
+        return np.zeros((1, self.task.action_size)) if self.point is None else super().act(seen)
+
+    def aim(self, seen: Seen) -> Array:
+        """Where the model's tip should go, (1, d) [mm]."""
+        assert self.point is not None
+        return self.point[None]
+
+
+WAYS: Mapping[str, Callable[[], Any]] = {"point": Pointer, "tendons": Hand}
+"""The ways in which a person steers."""
+
+
+@dataclass(frozen=True)
+class Seat:
+    """What a person can say before an episode.
+
+    Args:
+        env: the environment. seed: of the episode. way: one of WAYS.
+        beside: names of others, as `entrants` knows them.
+    """
+
+    env: EnvConfig
+    seed: int = 0
+    way: str = "point"
+    beside: Sequence[str] = ()
+
+
+class Match:
+    """A person and other controllers in the same episode: same mechanism, load and target; one step at a time.
+
+    Args:
+        seat: what the person chose.
+    Raises:
+        RollingJointError: an environment that cannot be made; a way or name that is not known.
+    """
+
+    def __init__(self, seat: Seat) -> None:
+        self.seat = seat
+        self.person: Any = WAYS[as_choice("way", seat.way, list(WAYS))]()
+        known = entrants(seat.env) if seat.beside else {}
+        others = [known[as_choice("controller", name, list(known))] for name in seat.beside]
+        self.drives = [Drive(PERSON, seat.env, self.person, seat.seed), *(one.drive(seat.seed) for one in others)]
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has ended for all."""
+        return all(drive.over for drive in self.drives)
+
+    @property
+    def films(self) -> list[Film]:
+        """What is seen of everyone so far; the person first."""
+        return [drive.film for drive in self.drives]
+
+    @property
+    def task(self) -> TrackingTask:
+        """The tracking task, without what is drawn for the episode."""
+        task: TrackingTask = self.drives[0].task
+        return task
+
+    def step(self) -> None:
+        """One step of everyone."""
+        for drive in self.drives:
+            drive.step()
+
+    def close(self) -> None:
+        """Free the environments."""
+        for drive in self.drives:
+            drive.close()
+
+
+def _finite(what: str, values: ArrayLike, size: int, meaning: str) -> Array:
+    numbers = as_vector(what, values, size, meaning)
+    if not np.isfinite(numbers).all():
+        raise InvalidInput(what, values, f"{size} finite numbers, {meaning}")
+    return numbers
+
+
+def hidden_load(film: Film, step: int) -> str:
+    """What pulls at the mechanism at this step, one line; controllers are not told."""
+    scene: Any = film.at(step)
+    if hasattr(scene, "force"):
+        return f"{np.hypot(*scene.force):.2f} N on link {scene.link}"
+    tilt = np.degrees(np.arccos(np.clip(scene.gravity[2], -1.0, 1.0)))
+    return f"{np.linalg.norm(scene.payload):.2f} N at the tip, gravity {tilt:.0f}° off"
