@@ -31,12 +31,13 @@ class Design:
 
     Args:
         title: what it is called. mechanism: what it is.
-        values: of all that was measured of it, (k,).
+        values: of all that was measured of it, (k,). row: in the search; None of the reference.
     """
 
     title: str
     mechanism: RollingChain
     values: Array
+    row: int | None = None
 
     def bent(self, share: float) -> Equilibrium:
         """Its equilibrium without load under two tensions of 10 N together.
@@ -114,7 +115,7 @@ class Designs:
         everything = self.search.everything
         row = as_integer("design", row, 0, len(everything) - 1)
         mechanism = self.search.problem.space.mechanism(everything.x[row])
-        return Design(f"design {row}", mechanism, everything.measured[row])
+        return Design(f"design {row}", mechanism, everything.measured[row], row)
 
     @property
     def best(self) -> int:

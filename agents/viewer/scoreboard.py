@@ -1,0 +1,87 @@
+"""Errors of several controllers in one episode: a legend with numbers, and curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.pictures import COLOURS
+from agents.viewer.drive import Film
+from agents.viewer.solids import Array
+
+SMALLEST_MM = 0.01  # smaller errors are drawn here: the axis is logarithmic
+HEAD = "<tr><th></th><th>now</th><th>last 10</th></tr>"
+STYLE = "width:100%;font-size:0.85em;border-spacing:0 2px;text-align:right"
+ROW = '<tr><td style="text-align:left"><span style="color:{}">&#9632;</span> {}</td><td>{}</td><td>{}</td></tr>'
+
+
+class Scoreboard:
+    """The errors of films up to a step, in the panel of a client.
+
+    Args:
+        gui: of the client. films: of the same episode, in the order of their colours.
+        steps: of a whole episode.
+    """
+
+    def __init__(self, gui: Any, films: Sequence[Film], steps: int) -> None:
+        self.films, self.steps = films, steps
+        self.legend = gui.add_html("")
+        grid = {"show": True, "width": 1, "stroke": "#eaecee"}
+        self.curves = gui.add_uplot(
+            self._columns(0),
+            series=({"label": "step"}, *(_series(place, film) for place, film in enumerate(films))),
+            scales=self._scales(0),
+            axes=({"grid": grid, "size": 26}, {"grid": grid, "size": 52, "ticks": {"show": False}}),
+            title="tip error [mm] over steps",
+            legend={"show": False},
+            height=210,
+        )
+        self.show(0)
+
+    def show(self, step: int) -> None:
+        """Show the errors until this step."""
+        rows = [
+            ROW.format(_hex(place), escape(film.name), *_figures(film, step)) for place, film in enumerate(self.films)
+        ]
+        self.legend.content = f'<table style="{STYLE}">{HEAD}{"".join(rows)}</table>'
+        self.curves.data, self.curves.scales = self._columns(step), self._scales(step)
+
+    def remove(self) -> None:
+        """Take it out of the panel."""
+        self.legend.remove()
+        self.curves.remove()
+
+    def _scales(self, step: int) -> dict[str, Any]:
+        """Whole decades around the errors until this step."""
+        most = max(max(film.errors[: step + 1]) for film in self.films)
+        highest = 10.0 ** np.ceil(np.log10(max(most, 1.0)))
+        return {"x": {"time": False, "range": (0, self.steps)}, "y": {"distr": 3, "range": (SMALLEST_MM, highest)}}
+
+    def _columns(self, step: int) -> tuple[Array, ...]:
+        """Steps until now, and the error of every film after each; of one that ended before, its last error."""
+        known = max(len(film.errors[: step + 1]) for film in self.films)
+        errors = [film.errors[:known] for film in self.films]
+        padded = [np.pad(some, (0, known - len(some)), mode="edge") for some in errors]
+        return (np.arange(float(known)), *(np.maximum(some, SMALLEST_MM) for some in padded))
+
+
+def _series(place: int, film: Film) -> dict[str, Any]:
+    return {"label": film.name, "stroke": _hex(place), "width": 2, "points": {"show": False}}
+
+
+def _hex(place: int) -> str:
+    return COLOURS[place % len(COLOURS)]
+
+
+def _figures(film: Film, step: int) -> tuple[str, str]:
+    """The error after a step, and the mean over the last 10 where the episode is over."""
+    known = film.errors[: step + 1]
+    whole = step >= film.steps > 0
+    return _millimetres(known[-1]), _millimetres(film.last_10_mm) if whole else "–"
+
+
+def _millimetres(error: float) -> str:
+    return f"{error:.3f} mm" if error < 1 else f"{error:.1f} mm"

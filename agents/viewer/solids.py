@@ -1,0 +1,133 @@
+"""The links of a mechanism as triangles, and the lines of its tendons, for any drawing in space.
+
+A planar chain lies in the plane z = 0, each link as thick as it is drawn; arms are where their poses say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rj_gym.rendering.tracking import TrackingScene
+from rollingjoint.planar.chain import Link, RollingChain
+from rollingjoint.spatial.chain import HingeChain
+
+Array = NDArray[np.float64]
+Strand = tuple[Array, float]
+"""Points of a line, (K, 3) [mm], and its tension [N]."""
+
+DEPTH = 0.16  # of a planar link, in lengths of the chain
+SIDES = 24  # of a bead
+ALONG = 48  # points along each surface of a planar link
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Triangles of one shape and the links that have it.
+
+    Args:
+        vertices: in the frame of the link, (V, 3) [mm]. faces: (F, 3), counter-clockwise from outside.
+        links: which ones.
+    """
+
+    vertices: Array
+    faces: NDArray[np.uint32]
+    links: tuple[int, ...]
+
+
+def solids(mechanism: RollingChain | HingeChain) -> list[Solid]:
+    """The shapes of all links that are drawn: all of a planar chain, the beads of an arm; equal ones once."""
+    shapes = _arm(mechanism) if isinstance(mechanism, HingeChain) else _chain(mechanism)
+    found: dict[bytes, Solid] = {}
+    for link, vertices, faces in shapes:
+        key = vertices.tobytes()
+        links = found[key].links if key in found else ()
+        found[key] = Solid(vertices, faces, (*links, link))
+    return list(found.values())
+
+
+def frames(poses: ArrayLike) -> Array:
+    """Frames of all links in space, (n, 4, 4), from poses (n, 3) of a chain or (n, 4, 4) of an arm."""
+    given = np.asarray(poses, float)
+    if given.ndim == 3:
+        return given
+    placed = np.tile(np.eye(4), (len(given), 1, 1))
+    cos, sin = np.cos(given[:, 2]), np.sin(given[:, 2])
+    placed[:, 0, 0], placed[:, 0, 1], placed[:, 1, 0], placed[:, 1, 1] = cos, -sin, sin, cos
+    placed[:, :2, 3] = given[:, :2]
+    return placed
+
+
+def front(mechanism: RollingChain | HingeChain) -> float:
+    """The height of the front of a planar chain's links above the plane z = 0, on which lines are drawn [mm]."""
+    return 0.5 * DEPTH * mechanism.length
+
+
+def in_space(points: ArrayLike, z: float = 0.0) -> Array:
+    """Points (..., 2) in the plane at this height, or points (..., 3) as they are, (..., 3)."""
+    given = np.asarray(points, float)
+    if given.shape[-1] == 3:
+        return given
+    return np.concatenate([given, np.full((*given.shape[:-1], 1), z)], axis=-1)
+
+
+def strands(mechanism: Any, poses: ArrayLike, tensions: Sequence[float] | Array) -> list[Strand]:
+    """The lines of all tendons and their tensions, without friction."""
+    lines = mechanism.tendon_polyline(poses)
+    return [(in_space(line, front(mechanism)), float(one)) for line, one in zip(lines, tensions, strict=True)]
+
+
+def strands_of(scene: TrackingScene) -> list[Strand]:
+    """The parts of all tendons in a scene, each with its own tension where they rub."""
+    flat = not isinstance(scene.mechanism, HingeChain)
+    lines = scene.mechanism.tendon_polyline(scene.poses)
+    parts = [part for j, line in enumerate(lines) for part in scene.tendon_parts(j, line, from_hole=flat)]
+    return [(in_space(points, front(scene.mechanism)), tension) for points, tension in parts]
+
+
+def _chain(mechanism: RollingChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
+    return [(k, *_thick(link, DEPTH * mechanism.length)) for k, link in enumerate(mechanism.links)]
+
+
+def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
+    """A link between its two surfaces, `depth` [mm] thick: walls between the outlines of front and back, and these."""
+    parent, child = (surface.point(np.linspace(*surface.limits, ALONG)) for surface in (link.parent, link.child))
+    outline = np.concatenate([parent, child[::-1]])
+    count, last = len(outline), len(outline) - 1
+    vertices = np.concatenate([in_space(outline, 0.5 * depth), in_space(outline, -0.5 * depth)])
+    face = [(k, k + 1, last - k) for k in range(ALONG - 1)] + [
+        (k + 1, last - k - 1, last - k) for k in range(ALONG - 1)
+    ]
+    ahead = np.roll(np.arange(count), -1)
+    walls = [(k, k + count, j) for k, j in enumerate(ahead)] + [(k + count, j + count, j) for k, j in enumerate(ahead)]
+    faces = np.array([*face, *((c + count, b + count, a + count) for a, b, c in face), *walls], np.uint32)
+    return _sharp(vertices, faces)
+
+
+def _arm(arm: HingeChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
+    """Tubes from hole to hole."""
+    radius = 0.97 * max(float(np.hypot(*hole)) for tendon in arm.tendons for hole in tendon.holes)
+    gaps = [bead.gap for bead in arm.beads]
+    ends = [
+        (0.5 * bead.gap - bead.spacing, -0.5 * below) for bead, below in zip(arm.beads, [*gaps[1:], 0.0], strict=True)
+    ]
+    return [(k + 1, *_tube(radius, *each)) for k, each in enumerate(ends)]
+
+
+def _tube(radius: float, low: float, high: float) -> tuple[Array, NDArray[np.uint32]]:
+    turns = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
+    ring = radius * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    vertices = np.concatenate([in_space(ring, low), in_space(ring, high), [(0, 0, low), (0, 0, high)]])
+    k, j = np.arange(SIDES), np.roll(np.arange(SIDES), -1)
+    below, above = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    parts = [(k, j, k + SIDES), (j, j + SIDES, k + SIDES), (j, k, below), (k + SIDES, j + SIDES, above)]
+    return _sharp(vertices, np.concatenate([np.stack(part, axis=1) for part in parts]).astype(np.uint32))
+
+
+def _sharp(vertices: Array, faces: NDArray[np.uint32]) -> tuple[Array, NDArray[np.uint32]]:
+    """The same triangles with corners of their own, so that edges are not smoothed."""
+    return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.uint32).reshape(-1, 3)

@@ -1,0 +1,107 @@
+"""One step of an episode in the scene of a browser, under one controller or under several over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agents.evaluation.pictures import COLOURS
+from agents.viewer.body import Body
+from agents.viewer.drive import Film
+from agents.viewer.solids import Array, front, in_space, strands_of
+from rj_gym.rendering.canvas import BACKGROUND, LINK, LOAD, TARGET, Color, blend
+from rj_gym.rendering.tracking import TrackingScene
+
+GRAVITY: Color = (120, 90, 160)
+FAINT = 0.35  # opacity of the mechanisms of all controllers but the first
+
+
+def colour_of(place: int) -> Color:
+    """The colour of the controller at a place, the same in the scene, in plots and in legends."""
+    text = next(colour for k, colour in enumerate(cycle(COLOURS)) if k == place)
+    red, green, blue = (int(text[at : at + 2], 16) for at in (1, 3, 5))
+    return red, green, blue
+
+
+class Stage:
+    """What is seen of the same episode under several controllers: the first solid, the others faint.
+
+    Args:
+        scene: of a client. films: of the same episode, at least one.
+    """
+
+    def __init__(self, scene: Any, films: Sequence[Film]) -> None:
+        self.scene, self.films, self.shows_loads = scene, films, True
+        first = films[0].scenes[0]
+        self.length, self.height = first.mechanism.length, front(first.mechanism) if first.tip.shape == (2,) else 0.0
+        self.root = scene.add_frame("/episode", show_axes=False)
+        self.bodies = [self._body(place, film) for place, film in enumerate(films)]
+        self.target = scene.add_icosphere("/episode/target", 0.022 * self.length, TARGET)
+        self.tips = [self._tip(place) for place in range(len(films))]
+        self._path(first.targets)
+
+    def show(self, step: int) -> None:
+        """Show all controllers after this many steps; those with fewer, as they ended."""
+        first = self.films[0].at(step)
+        self.target.position = self._place(first.target)
+        for film, body, tip, place in zip(self.films, self.bodies, self.tips, range(len(self.films)), strict=True):
+            seen = film.at(step)
+            body.show(seen.poses, strands_of(seen), seen.tension_range)
+            tip.position = self._place(seen.tip)
+            self._line(f"/episode/trail/{place}", film.trail(step), colour_of(place), 2.5)
+        self._loads(first)
+
+    def remove(self) -> None:
+        """Take everything out of the scene."""
+        self.root.remove()
+
+    def _body(self, place: int, film: Film) -> Body:
+        solid = place == 0
+        tint = blend(LINK, colour_of(place), 0.25 if solid else 0.75)
+        behind = 0.008 * place * self.length if self.height else 0.0
+        return Body(self.scene, f"/episode/{place}", film.scenes[0].mechanism, tint, 1.0 if solid else FAINT, behind)
+
+    def _tip(self, place: int) -> Any:
+        return self.scene.add_icosphere(f"/episode/tip/{place}", 0.014 * self.length, colour_of(place))
+
+    def _place(self, point: Array) -> Array:
+        """A position in the plane in front of the links, or in space as it is."""
+        return in_space(point, self.height)
+
+    def _path(self, targets: Array) -> None:
+        if np.any(targets != targets[0]):
+            self._line("/episode/path", targets, blend(BACKGROUND, TARGET, 0.5), 1.5)
+
+    def _line(self, name: str, points: ArrayLike, colour: Color, thickness: float) -> None:
+        corners = in_space(points, self.height)
+        corners = np.concatenate([corners[:1], corners])  # a line of one point, too
+        pieces = np.stack([corners[:-1], corners[1:]], axis=1)
+        self.scene.add_line_segments(name, pieces, colour, thickness=thickness, thickness_units="screen")
+
+    def _loads(self, seen: TrackingScene) -> None:
+        """The hidden loads as arrows, if they are shown: a force on a link, or payload and gravity."""
+        arrows = _arrows(seen, self.length) if self.shows_loads else []
+        points = np.array([[self._place(begin), self._place(end)] for begin, end, _ in arrows]).reshape(-1, 2, 3)
+        colours = np.array([colour for *_, colour in arrows], np.uint8).reshape(-1, 3)
+        unit = 0.01 * self.length
+        sizes = {"shaft_radius": 0.6 * unit, "head_radius": 1.8 * unit, "head_length": 4.5 * unit}
+        self.scene.add_arrows("/episode/loads", points, colours, **sizes)
+
+
+def _arrows(seen: Any, length: float) -> list[tuple[Array, Array, Color]]:
+    if hasattr(seen, "force"):
+        begin = seen.poses[seen.link, :2]
+        return [(begin, begin + _stretched(seen.force, length), LOAD)] if np.any(seen.force) else []
+    beside = np.array([-0.3, 0.0, 0.1]) * length
+    arrows = [(beside, beside + 0.16 * length * seen.gravity, GRAVITY)]
+    return [*arrows, (seen.tip, seen.tip + _stretched(seen.payload, length), LOAD)] if np.any(seen.payload) else arrows
+
+
+def _stretched(force: Array, length: float) -> Array:
+    """A force [N] as an arrow [mm], long enough to be seen."""
+    size = float(np.linalg.norm(force))
+    return force / size * (0.1 + 0.2 * size) * length
