@@ -1,7 +1,8 @@
-"""Where a client looks from, so that a mechanism fills its picture beside the panel."""
+"""Where a browser looks from, so that a mechanism fills its picture beside the panel."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,22 +13,50 @@ from rj_gym.rendering.tracking import TrackingScene
 FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so
 
 
-def look_at_episode(client: Any, scene: TrackingScene) -> None:
-    """Face a chain that stands in the plane x, y, or an arm that hangs along z."""
+@dataclass(frozen=True)
+class View:
+    """A place that is looked at, and from where, as seen from it, (3,) each [mm]; and what is up."""
+
+    at: Array
+    away: Array
+    up: tuple[float, float, float]
+
+    @property
+    def far(self) -> float:
+        """How far away things are still seen [mm]."""
+        return 20.0 * float(np.linalg.norm(self.away))
+
+
+def episode_view(scene: TrackingScene) -> View:
+    """A chain that stands in the plane x, y, or an arm that hangs along z, left of the panel."""
     length = float(scene.mechanism.length)
     if scene.tip.shape == (2,):
-        face(client, np.array([0.3, 0.5, 0.0]) * length, np.array([0.15, 0.35, 3.3]) * length, (0.0, 1.0, 0.0))
-    else:
-        face(client, np.array([0.25, 0.0, 0.48]) * length, np.array([0.6, 2.9, -0.9]) * length, (0.0, 0.0, -1.0))
+        return View(np.array([0.3, 0.5, 0.0]) * length, np.array([0.15, 0.35, 3.3]) * length, (0.0, 1.0, 0.0))
+    return View(np.array([0.25, 0.0, 0.48]) * length, np.array([0.6, 2.9, -0.9]) * length, (0.0, 0.0, -1.0))
 
 
-def face(client: Any, at: Array, away: Array, up: tuple[float, float, float]) -> None:
-    """Look at a place from another one, `away` from it, both [mm]."""
-    client.scene.set_up_direction(up)
-    camera = client.camera
+def centred_view(scene: TrackingScene) -> View:
+    """The same from farther away and in the middle, for a page without a panel and for narrow screens."""
+    view = episode_view(scene)
+    return View(view.at * (0.0, 1.0, 1.0), 1.45 * view.away, view.up)
+
+
+def look(client: Any, view: View) -> None:
+    """Turn a client's camera."""
+    client.scene.set_up_direction(view.up)
     with client.atomic():
-        camera.up_direction = up
-        camera.position = at + away
-        camera.look_at = at
-        camera.fov = FIELD
-        camera.far = 100.0 * float(np.linalg.norm(away))
+        client.camera.up_direction = view.up
+        client.camera.position = view.at + view.away
+        client.camera.look_at = view.at
+        client.camera.fov = FIELD
+        client.camera.far = view.far
+
+
+def begin_with(server: Any, view: View) -> None:
+    """Let everybody who comes to a server, or opens its recording, look like this first."""
+    server.scene.set_up_direction(view.up)
+    server.initial_camera.up = view.up
+    server.initial_camera.position = view.at + view.away
+    server.initial_camera.look_at = view.at
+    server.initial_camera.fov = FIELD
+    server.initial_camera.far = view.far

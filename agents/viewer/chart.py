@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.viewer.designs import Points
 from agents.viewer.solids import Array
-from rj_gym.rendering.canvas import FAINT, GRID, INK, Color
+from rj_gym.rendering.canvas import FAINT, GRID, Color
 
 COLOURS: Sequence[Color] = ((176, 184, 196), (86, 180, 233), (213, 94, 0))
 """Of the kinds of points."""
@@ -75,7 +75,7 @@ class Chart:
 
     def mark(self, name: str, row: int | None, colour: Color) -> None:
         """Put a ring around the point of a design; None, or a design without a point: takes the ring away."""
-        at = np.flatnonzero(self.points.rows == row) if row is not None else []
+        at = np.flatnonzero(self.points.rows == (-1 if row is None else row))
         turns = np.linspace(0.0, 2 * np.pi, 33)
         radius = 0.025 * self.area.width
         ring = radius * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1)

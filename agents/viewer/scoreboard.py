@@ -38,15 +38,13 @@ class Scoreboard:
             title="tip error [mm] over steps",
             legend={"show": False},
             height=210,
+            padding=(10, 12, 0, 0),
         )
         self.show(0)
 
     def show(self, step: int) -> None:
         """Show the errors until this step."""
-        rows = [
-            ROW.format(_hex(place), escape(film.name), *_figures(film, step)) for place, film in enumerate(self.films)
-        ]
-        self.legend.content = f'<table style="{STYLE}">{HEAD}{"".join(rows)}</table>'
+        self.legend.content = legend(self.films, step)
         self.curves.data, self.curves.scales = self._columns(step), self._scales(step)
 
     def remove(self) -> None:
@@ -66,6 +64,12 @@ class Scoreboard:
         errors = [film.errors[:known] for film in self.films]
         padded = [np.pad(some, (0, known - len(some)), mode="edge") for some in errors]
         return (np.arange(float(known)), *(np.maximum(some, SMALLEST_MM) for some in padded))
+
+
+def legend(films: Sequence[Film], step: int) -> str:
+    """HTML: the colour of every controller, its error at a step, and its mean over the last 10."""
+    rows = [ROW.format(_hex(place), escape(film.name), *_figures(film, step)) for place, film in enumerate(films)]
+    return f'<table style="{STYLE}">{HEAD}{"".join(rows)}</table>'
 
 
 def _series(place: int, film: Film) -> dict[str, Any]:

@@ -13,10 +13,12 @@ from agents.evaluation.pictures import COLOURS
 from agents.viewer.body import Body
 from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
-from rj_gym.rendering.canvas import BACKGROUND, LINK, LOAD, TARGET, Color, blend
+from rj_gym.rendering.canvas import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
 from rj_gym.rendering.tracking import TrackingScene
 
 GRAVITY: Color = (120, 90, 160)
+EDGES: Color = (208, 213, 219)
+FLOOR = 1.12  # height of the floor below the base of an arm, in lengths
 FAINT = 0.35  # opacity of the mechanisms of all controllers but the first
 
 
@@ -43,6 +45,7 @@ class Stage:
         self.target = scene.add_icosphere("/episode/target", 0.022 * self.length, TARGET)
         self.tips = [self._tip(place) for place in range(len(films))]
         self._path(first.targets)
+        self._grid()
 
     def show(self, step: int) -> None:
         """Show all controllers after this many steps; those with fewer, as they ended."""
@@ -75,6 +78,15 @@ class Stage:
     def _path(self, targets: Array) -> None:
         if np.any(targets != targets[0]):
             self._line("/episode/path", targets, blend(BACKGROUND, TARGET, 0.5), 1.5)
+
+    def _grid(self) -> None:
+        """Squares of a tenth of the length: behind a chain, below an arm."""
+        behind = (0.0, 0.4 * self.length, -1.1 * self.height)
+        self.scene.add_grid(
+            "/episode/grid", 2.2 * self.length, 1.6 * self.length if self.height else 2.2 * self.length,
+            cell_size=0.1 * self.length, section_size=0.5 * self.length, cell_color=GRID, section_color=EDGES,
+            position=behind if self.height else (0.0, 0.0, FLOOR * self.length),
+        )  # fmt: skip
 
     def _line(self, name: str, points: ArrayLike, colour: Color, thickness: float) -> None:
         corners = in_space(points, self.height)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.viewer.camera import look_at_episode
+from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
 from agents.viewer.entrants import entrants, worlds
 from agents.viewer.play import WAYS, Match, Seat, hidden_load
@@ -34,7 +34,7 @@ class Control:
         client: the browser.
     """
 
-    name = "Control"
+    name: ClassVar[str] = "Control"
 
     def __init__(self, client: Any) -> None:
         self.client, self.gui = client, client.gui
@@ -86,7 +86,7 @@ class Control:
             self.match = Match(Seat(worlds()[self.world.value], int(self.seed.value), self.way.value, beside))
             films = self.match.films
             self.stage = Stage(self.client.scene, films)
-            look_at_episode(self.client, films[0].scenes[0])
+            look(self.client, episode_view(films[0].scenes[0]))
             with self.scores:
                 self.board = Scoreboard(self.gui, films, self.match.task.config.episode_steps)
             self._parts = [self.match, self.stage, self.board]
@@ -194,13 +194,18 @@ class Control:
                 choice.on_update(lambda _: self.begin())
 
     def _bind(self) -> None:
-        self.world.on_update(lambda _: (self._offer(), self.begin()))
+        self.world.on_update(lambda _: self._move())
         for chosen in (self.seed, self.way):
             chosen.on_update(lambda event: self.begin() if event.client is not None else None)
         self.loads.on_update(lambda _: self.show())
         self.rate.on_update(lambda _: setattr(self.clock, "rate", float(self.rate.value)))
         self.buttons.on_click(lambda _: self._do(self.buttons.value))
         self.saving.on_click(lambda _: self._save())
+
+    def _move(self) -> None:
+        """Another world was chosen."""
+        self._offer()
+        self.begin()
 
     def _command(self, key: str) -> Any:
         words = {"space": "Run or pause", "enter": "One step", "R": "The same episode again", "N": "The next episode"}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from agents.search.pictures import TENSION
 from agents.viewer.body import Body
-from agents.viewer.camera import face
+from agents.viewer.camera import View, look
 from agents.viewer.chart import COLOURS, Area, Chart
 from agents.viewer.clock import Clock
 from agents.viewer.designs import KINDS, LARGEST_RATIO, Design, Designs
@@ -38,7 +38,7 @@ class DesignsRoom:
         client: the browser. searches: to choose from.
     """
 
-    name = "Designs"
+    name: ClassVar[str] = "Designs"
 
     def __init__(self, client: Any, searches: Sequence[Designs] = ()) -> None:
         self.client, self.gui = client, client.gui
@@ -96,7 +96,8 @@ class DesignsRoom:
             self._put(SECOND, reference)
             self._put(FIRST, best)
             length = best.mechanism.length
-            face(self.client, np.array([-0.35, 0.5, 0.0]) * length, np.array([0.0, 0.0, 4.6]) * length, (0.0, 1.0, 0.0))
+            at, away = np.array([-0.35, 0.4, 0.0]), np.array([0.0, 0.25, 4.6])
+            look(self.client, View(at * length, away * length, (0.0, 1.0, 0.0)))
 
     def plot(self) -> None:
         """Draw the plot over the two chosen quantities."""
@@ -119,7 +120,7 @@ class DesignsRoom:
         """Bend both as far as the slider says."""
         with self._lock, self.messages.told(), self.client.atomic():
             for place, design in self.chosen.items():
-                found = design.bent(float(self.bend.value))
+                found: Any = design.bent(float(self.bend.value))
                 if not found.ok:
                     self.messages.show(f"⚠ {design.title}: {found.status.message}")
                     continue

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
-from agents.viewer.camera import look_at_episode
+from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
 from agents.viewer.drive import Film
 from agents.viewer.entrants import entrants, worlds
@@ -27,7 +27,7 @@ class Replay:
         client: the browser. shelf: episodes to choose from; those of shipped policies follow.
     """
 
-    name = "Replay"
+    name: ClassVar[str] = "Replay"
 
     def __init__(self, client: Any, shelf: Sequence[Episodes] = ()) -> None:
         self.client, self.gui = client, client.gui
@@ -119,7 +119,7 @@ class Replay:
         self.films = films
         self.at.max, self.at.value = self._steps, 0
         self.stage = Stage(self.client.scene, films)
-        look_at_episode(self.client, films[0].scenes[0])
+        look(self.client, episode_view(films[0].scenes[0]))
         with self.scores:
             self.board = Scoreboard(self.gui, films, self._steps)
         self._parts = [self.stage, self.board]
@@ -146,7 +146,7 @@ class Replay:
                 choice.on_update(lambda _: self.choose())
 
     def _bind(self) -> None:
-        self.source.on_update(lambda _: (self._offer(), self.choose()))
+        self.source.on_update(lambda _: self._turn_to())
         self.rank.on_update(lambda _: self.choose())
         self.seed.on_update(lambda event: self._go_to_seed() if event.client is not None else None)
         self.at.on_update(lambda event: self.show() if event.client is not None else None)
@@ -155,6 +155,11 @@ class Replay:
         self.buttons.on_click(lambda _: self._do(self.buttons.value))
         self.upload.on_upload(lambda _: self._opened(self.upload.value))
         self.saving.on_click(lambda _: self._save())
+
+    def _turn_to(self) -> None:
+        """Other episodes were chosen."""
+        self._offer()
+        self.choose()
 
     def _go_to_seed(self) -> None:
         """A seed was typed."""

@@ -1,0 +1,112 @@
+"""The server of the viewer: one browser, one state of its own."""
+
+from __future__ import annotations
+
+import ipaddress
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import viser
+
+from agents.viewer.rooms import Room
+from rollingjoint.errors import InvalidInput
+
+Rooms = Mapping[str, Callable[[Any], Room]]
+"""What makes each room for a client, by name."""
+
+BRAND = (70, 110, 170)
+
+
+class Viewer:
+    """A server of rooms that browsers enter; runs from when it is made until stop().
+
+    Args:
+        rooms: the first is entered at once. host: address to listen at. port: 0 for any that is free.
+        exposed: whether addresses that other machines can reach are allowed.
+    Raises:
+        InvalidInput: such an address without `exposed`.
+        OSError: a port that is in use.
+    """
+
+    def __init__(self, rooms: Rooms, host: str = "127.0.0.1", port: int = 8080, exposed: bool = False) -> None:
+        check_host(host, exposed)
+        self.rooms = rooms
+        self.visits: dict[int, Visit] = {}
+        self.server = viser.ViserServer(host=host, port=port, label="rolling joints", verbose=False)
+        self.server.gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False)
+        self.server.on_client_connect(self._enter)
+        self.server.on_client_disconnect(self._leave)
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds it."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def stop(self) -> None:
+        """Close all rooms and stop serving."""
+        for visit in list(self.visits.values()):
+            visit.close()
+        self.server.stop()
+
+    def _enter(self, client: Any) -> None:
+        self.visits[client.client_id] = Visit(client, self.rooms)
+        self.visits[client.client_id].enter(next(iter(self.rooms)))
+
+    def _leave(self, client: Any) -> None:
+        if visit := self.visits.pop(client.client_id, None):
+            visit.close()
+
+
+class Visit:
+    """One browser and the room that it is in.
+
+    Args:
+        client: the browser. rooms: that it can enter.
+    """
+
+    def __init__(self, client: Any, rooms: Rooms) -> None:
+        self.client, self.rooms = client, rooms
+        self.room: Room | None = None
+        self._lock = threading.Lock()
+        self._gone = False
+        self._doors = client.gui.add_button_group("Room", tuple(rooms))
+        self._doors.on_click(lambda _: self.enter(self._doors.value))
+        self._panel: Any = None
+
+    def enter(self, name: str) -> None:
+        """Leave the room for another one."""
+        with self._lock:
+            if self._gone:
+                return
+            self._leave()
+            self._panel = self.client.gui.add_folder(name)
+            self.room = self.rooms[name](self.client)
+            with self._panel:
+                self.room.build()
+            self.room.open()
+
+    def close(self) -> None:
+        """Leave for good."""
+        with self._lock:
+            self._gone = True
+            self._leave()
+
+    def _leave(self) -> None:
+        if self.room is not None:
+            self.room.close()
+            self._panel.remove()
+            self.room = None
+
+
+def check_host(host: str, exposed: bool) -> None:
+    """Raise InvalidInput for an address that other machines can reach, unless that is wanted."""
+    if exposed or host == "localhost":
+        return
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = False
+    if not local:
+        hint = "Whoever reaches the viewer can read files through it: add --exposed only in a network that you trust."
+        raise InvalidInput("--host", host, "127.0.0.1, ::1 or localhost", hint)
