@@ -12,11 +12,16 @@ from typing import TYPE_CHECKING
 
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
+from agents.runs.files import write_text
 from agents.runs.pickles import add_trust
+from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
+    from agents.viewer.episodes import Episodes
     from agents.viewer.server import Rooms
 
+EPISODES = "a file or dataset of recorded episodes, or a shipped policy by name; repeatable"
+RECORD = "write one page that plays an episode without a server, and end"
 EXPOSED = "allow addresses that other machines can reach"
 
 
@@ -25,10 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m agents.view", description="Mechanisms in a browser.")
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
-    parser.add_argument(
-        "--episodes", type=Path, action="append", default=[], help="recorded episodes: a file or a dataset, repeatable"
-    )
+    parser.add_argument("--episodes", action="append", default=[], help=EPISODES)
     parser.add_argument("--search", type=Path, action="append", default=[], help="folder of a search, repeatable")
+    parser.add_argument("--record", type=Path, metavar="OUT.html", help=RECORD)
+    parser.add_argument("--which", default="median", help='to record: "best", "median" (default), "worst" or a seed')
+    parser.add_argument("--beside", action="append", default=[], help="controller to record over it, repeatable")
     parser.add_argument("--port", type=int, default=8080, help="port (default 8080); 0: any that is free")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (default 127.0.0.1)")
     parser.add_argument("--exposed", action="store_true", help=EXPOSED)
@@ -37,18 +43,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_code(lambda: _command(arguments), arguments.trust)
 
 
-def rooms(
-    runs: Sequence[Path] = (), episodes: Sequence[Path] = (), searches: Sequence[Path] = (), policy: str = "best"
-) -> Rooms:
-    """All rooms, with what they show from these folders and files; raises RollingJointError if one cannot be read."""
+def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = ()) -> Rooms:
+    """All rooms, with these episodes and searches to choose from; raises RunFolderError for a folder without one."""
     from agents.viewer.designs import Designs
-    from agents.viewer.episodes import Episodes, recorded_episodes, run_episodes_of
     from agents.viewer.rooms.control import Control
     from agents.viewer.rooms.designs import DesignsRoom
     from agents.viewer.rooms.replay import Replay
 
-    shelf: list[Episodes] = [run_episodes_of(path, policy) for path in runs]
-    shelf += [one for path in episodes for one in recorded_episodes(path)]
     found = [Designs.read(path) for path in searches]
     return {
         Control.name: Control,
@@ -58,17 +59,37 @@ def rooms(
 
 
 def _command(arguments: argparse.Namespace) -> int:
+    from agents.viewer.episodes import episodes_of, run_episodes_of
+
+    shelf: list[Episodes] = [run_episodes_of(path, arguments.policy) for path in arguments.run]
+    shelf += [one for name in arguments.episodes for one in episodes_of(name)]
+    return _record(arguments, shelf) if arguments.record else _serve(arguments, shelf)
+
+
+def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
     from agents.viewer.server import Viewer, check_host
 
     check_host(arguments.host, arguments.exposed)
     port = integer(0, 65_535)("--port", arguments.port)
-    made = rooms(arguments.run, arguments.episodes, arguments.search, arguments.policy)
-    viewer = Viewer(made, arguments.host, port, arguments.exposed)
+    viewer = Viewer(rooms(shelf, arguments.search), arguments.host, port, arguments.exposed)
     print(f"Open {viewer.url} in a browser; Ctrl-C stops.", flush=True)
     try:
         threading.Event().wait()
     except KeyboardInterrupt:
         viewer.stop()
+    return 0
+
+
+def _record(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
+    from agents.viewer.record import episode_page
+
+    if not shelf:
+        raise ConfigError("--record", str(arguments.record), "--run or --episodes beside it, which say what to record")
+    seed = shelf[0].seed_of(arguments.which)
+    films = shelf[0].films(seed, arguments.beside)
+    write_text(arguments.record, episode_page(films))
+    size = arguments.record.stat().st_size / 1e6
+    print(f"{arguments.record}: {films[0].name}, seed {seed}, {films[0].steps} steps, {size:.1f} MB")
     return 0
 
 

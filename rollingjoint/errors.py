@@ -48,6 +48,7 @@ _EXTRAS = {  # of pyproject.toml, and the packages that only they bring
     "cluster": ("ray",),
     "onnx": ("onnx", "onnxruntime"),
     "data": ("minari", "h5py"),
+    "view": ("viser",),
     "cad": ("ezdxf", "shapely", "trimesh", "manifold3d"),
     "plot": ("matplotlib", "PIL", "pygame"),
 }

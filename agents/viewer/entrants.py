@@ -17,6 +17,8 @@ from agents.runs.environment import EnvConfig
 from agents.viewer.drive import Drive, Film, filmed
 from rj_gym import IDS
 
+POLICY = "policy "  # before the names of shipped policies
+
 
 @dataclass(frozen=True)
 class Entrant:
@@ -64,7 +66,7 @@ def entrants(env: EnvConfig) -> dict[str, Entrant]:
     policies = [_policy(name) for name in list_policies() if _key(name) == key]
     left_out = () if env.arguments()["config"].sees_all else NEED_POSES
     others = [name for name in candidates(env.id) if name not in left_out]
-    found = [Entrant(f"policy {one.name}", one.environment, partial(load_policy, one.name)) for one in policies]
+    found = [Entrant(f"{POLICY}{one.name}", one.environment, partial(load_policy, one.name)) for one in policies]
     found += [Entrant(name, env, partial(_candidate, env.id, name)) for name in others]
     return {one.name: one for one in found}
 

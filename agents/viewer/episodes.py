@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from agents.evaluation.controller import Array
+from agents.policies.loading import list_policies
 from agents.policies.trained import load_driving
 from agents.results.environment import episodes_key
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from agents.viewer.drive import Film
-from agents.viewer.entrants import Entrant, entrants
+from agents.viewer.entrants import POLICY, Entrant, entrants, worlds
 from agents.viewer.recorded import Record, read_records
+from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import InvalidInput
 
 SEEDS = range(10_000, 10_200)
@@ -54,6 +56,25 @@ class Episodes(ABC):
         """The mean tip error over the last 10 steps of one episode [mm]; raises as `film`."""
         self._check(seed)
         return float(self.errors[list(self.seeds).index(seed)])
+
+    def seed_of(self, which: str) -> int:
+        """The seed of the "best", "median" or "worst" episode, or the number that it says.
+
+        Raises:
+            InvalidInput: anything else.
+        """
+        if which in RANKS:
+            return self.ranked()[which]
+        if not which.isdecimal():
+            raise InvalidInput("episode", which, f"{', '.join(RANKS)} or a seed")
+        self._check(int(which))
+        return int(which)
+
+    def films(self, seed: int, beside: Sequence[str] = ()) -> list[Film]:
+        """One episode under this controller and under others; raises InvalidInput for a name that is not known."""
+        others = self.beside()
+        chosen = [others[as_choice("beside", name, list(others))] for name in beside]
+        return [self.film(seed), *(one.film(seed) for one in chosen)]
 
     def beside(self) -> dict[str, Entrant]:
         """Others that can drive in the same episodes, by name."""
@@ -124,6 +145,26 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
     config.check_unused(range(min(seeds), max(seeds) + 1))
     load_driving(run, which)
     return Driven(Entrant(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
+
+
+def of_shipped_policies() -> list[Episodes]:
+    """Episodes of all shipped policies, each in its own environment."""
+    everyone = [one for env in worlds().values() for one in entrants(env).values()]
+    return [Driven(one) for one in everyone if one.name.startswith(POLICY)]
+
+
+def episodes_of(name: str) -> list[Episodes]:
+    """Episodes of the shipped policy of this name, or those recorded in this file or folder.
+
+    Raises:
+        InvalidInput: neither.
+    """
+    if name in list_policies():
+        return [one for one in of_shipped_policies() if one.name == f"{POLICY}{name}"]
+    if not Path(name).exists():
+        allowed = f"a file or folder of episodes, or one of {', '.join(list_policies())}"
+        raise InvalidInput("episodes", name, allowed, suggestion(name, list_policies()))
+    return list(recorded_episodes(Path(name)))
 
 
 def recorded_episodes(path: Path) -> list[Recorded]:

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-import viser
-
 from agents.viewer.camera import begin_with, centred_view
 from agents.viewer.drive import Film
 from agents.viewer.scoreboard import legend
+from agents.viewer.serving import serving
 from agents.viewer.stage import Stage
 
 TITLE = "<title>{}</title>"
 CORNER = (
-    '<div style="position:fixed;left:12px;bottom:56px;max-width:20em;padding:8px 12px;z-index:10;background:#fffd;'
-    'border-radius:6px;font:14px system-ui,sans-serif">{}</div>'
+    '<div style="position:fixed;left:12px;bottom:56px;max-width:calc(100vw - 48px);padding:8px 12px;'
+    'z-index:10;background:#fffd;border-radius:6px;font:14px system-ui,sans-serif">{}</div>'
 )
 
 
@@ -25,21 +24,20 @@ def episode_page(films: Sequence[Film], rate: float = 10.0, title: str = "") -> 
     Args:
         films: of the same episode, at least one. rate: steps per second. title: of the page.
     """
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    try:
+    with serving() as server:
         begin_with(server, centred_view(films[0].scenes[0]))
         stage = Stage(server.scene, films)
         recording = server.get_scene_serializer()
         for step in range(max(film.steps for film in films) + 1):
             stage.show(step)
             recording.insert_sleep(1.0 / rate)
-        return _framed(recording.as_html(), films, title or f"{films[0].env.id}, seed {films[0].seed}")
-    finally:
-        server.stop()
+        page = recording.as_html()
+    return _framed(page, films, title or f"{films[0].env.id}, seed {films[0].seed}")
 
 
 def _framed(page: str, films: Sequence[Film], title: str) -> str:
     """The page with its title, and a legend in a corner."""
-    corner = CORNER.format(f"<b>{escape(title)}</b>{legend(films, max(film.steps for film in films))}")
+    errors = legend(films, max(film.steps for film in films), "at the end")
+    corner = CORNER.format(f"<b>{escape(title)}</b>{errors}")
     before, end, after = page.rpartition("</body>")
     return before.replace("<head>", f"<head>{TITLE.format(escape(title))}", 1) + corner + end + after

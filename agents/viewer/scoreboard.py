@@ -13,9 +13,12 @@ from agents.viewer.drive import Film
 from agents.viewer.solids import Array
 
 SMALLEST_MM = 0.01  # smaller errors are drawn here: the axis is logarithmic
-HEAD = "<tr><th></th><th>now</th><th>last 10</th></tr>"
+HEAD = "<tr><th></th><th>{}</th><th>last 10</th></tr>"
 STYLE = "width:100%;font-size:0.85em;border-spacing:0 2px;text-align:right"
-ROW = '<tr><td style="text-align:left"><span style="color:{}">&#9632;</span> {}</td><td>{}</td><td>{}</td></tr>'
+ROW = (
+    '<tr style="white-space:nowrap"><td style="text-align:left"><span style="color:{}">&#9632;</span> {}</td>'
+    "<td>{}</td><td>{}</td></tr>"
+)
 
 
 class Scoreboard:
@@ -66,10 +69,10 @@ class Scoreboard:
         return (np.arange(float(known)), *(np.maximum(some, SMALLEST_MM) for some in padded))
 
 
-def legend(films: Sequence[Film], step: int) -> str:
+def legend(films: Sequence[Film], step: int, when: str = "now") -> str:
     """HTML: the colour of every controller, its error at a step, and its mean over the last 10."""
     rows = [ROW.format(_hex(place), escape(film.name), *_figures(film, step)) for place, film in enumerate(films)]
-    return f'<table style="{STYLE}">{HEAD}{"".join(rows)}</table>'
+    return f'<table style="{STYLE}">{HEAD.format(when)}{"".join(rows)}</table>'
 
 
 def _series(place: int, film: Film) -> dict[str, Any]:

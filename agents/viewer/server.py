@@ -7,9 +7,8 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import viser
-
 from agents.viewer.rooms import Room
+from agents.viewer.serving import started, stop
 from rollingjoint.errors import InvalidInput
 
 Rooms = Mapping[str, Callable[[Any], Room]]
@@ -33,7 +32,8 @@ class Viewer:
         check_host(host, exposed)
         self.rooms = rooms
         self.visits: dict[int, Visit] = {}
-        self.server = viser.ViserServer(host=host, port=port, label="rolling joints", verbose=False)
+        self.server = started(host, port)
+        self.server.gui.set_panel_label("rolling joints")
         self.server.gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False)
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
@@ -47,7 +47,7 @@ class Viewer:
         """Close all rooms and stop serving."""
         for visit in list(self.visits.values()):
             visit.close()
-        self.server.stop()
+        stop(self.server)
 
     def _enter(self, client: Any) -> None:
         self.visits[client.client_id] = Visit(client, self.rooms)

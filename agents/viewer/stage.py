@@ -81,12 +81,18 @@ class Stage:
 
     def _grid(self) -> None:
         """Squares of a tenth of the length: behind a chain, below an arm."""
-        behind = (0.0, 0.4 * self.length, -1.1 * self.height)
+        length, stands = self.length, self.height > 0.0
         self.scene.add_grid(
-            "/episode/grid", 2.2 * self.length, 1.6 * self.length if self.height else 2.2 * self.length,
-            cell_size=0.1 * self.length, section_size=0.5 * self.length, cell_color=GRID, section_color=EDGES,
-            position=behind if self.height else (0.0, 0.0, FLOOR * self.length),
-        )  # fmt: skip
+            "/episode/grid",
+            2.2 * length,
+            (1.6 if stands else 2.2) * length,
+            cell_size=0.1 * length,
+            section_size=0.5 * length,
+            cell_color=GRID,
+            section_color=EDGES,
+            fade_strength=0.0,
+            position=(0.0, 0.4 * length, -1.1 * self.height) if stands else (0.0, 0.0, FLOOR * length),
+        )
 
     def _line(self, name: str, points: ArrayLike, colour: Color, thickness: float) -> None:
         corners = in_space(points, self.height)

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
 from agents.viewer.drive import Film
-from agents.viewer.entrants import entrants, worlds
-from agents.viewer.episodes import RANKS, Driven, Episodes, grouped
+from agents.viewer.episodes import RANKS, Episodes, grouped, of_shipped_policies
 from agents.viewer.play import hidden_load
 from agents.viewer.recorded import file_of, records_in
 from agents.viewer.rooms.messages import Messages
@@ -185,12 +184,6 @@ class Replay:
         for part in self._parts:
             part.remove()
         self._parts, self.films = [], []
-
-
-def of_shipped_policies() -> list[Driven]:
-    """Episodes of all shipped policies, each in its own environment."""
-    everyone = [one for env in worlds().values() for one in entrants(env).values()]
-    return [Driven(one) for one in everyone if one.name.startswith("policy ")]
 
 
 def _title(episodes: Episodes) -> str:
