@@ -87,13 +87,15 @@ class Visit:
             self.room.open()
 
     def close(self) -> None:
-        """Leave for good."""
+        """Vanish."""
         with self._lock:
             self._gone = True
-            self._leave()
+            if self.room is not None:
+                self.room.stop()
 
     def _leave(self) -> None:
         if self.room is not None:
+            self.room.stop()
             self.room.close()
             self._panel.remove()
             self.room = None

@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 
 
 class Room(Protocol):
-    """One room for one client; it is made when the client enters and closed when it leaves or vanishes."""
+    """One room for one client: made when the client enters, stopped when it vanishes, closed, too, when it leaves."""
 
     name: ClassVar[str]
 
@@ -23,5 +23,8 @@ class Room(Protocol):
     def open(self) -> None:
         """Fill the scene; the room may run clocks from now on."""
 
+    def stop(self) -> None:
+        """Let nothing go on running; nobody may be there to see the room."""
+
     def close(self) -> None:
-        """Empty the scene and stop every clock."""
+        """Empty the scene of a room that has stopped."""

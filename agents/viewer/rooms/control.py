@@ -41,6 +41,8 @@ class Control:
         self.match: Match | None = None
         self.clock = Clock(self.step, 5.0)
         self._lock = threading.RLock()
+        self.aim: Any = None
+        self.sliders: list[Any] = []
         self._parts: list[Any] = []  # of the panel and the scene, of the running episode
         self._commands: list[Any] = []
         self._choices: dict[str, Any] = {}
@@ -68,9 +70,16 @@ class Control:
         self._commands = [self._command(key) for key in (*KEYS, *HOTKEYS)]
         self.begin()
 
-    def close(self) -> None:
-        """End the episode; nothing goes on running."""
+    def stop(self) -> None:
+        """End the episode."""
         self.clock.stop()
+        with self._lock:
+            if self.match is not None:
+                self.match.close()
+            self.match = None
+
+    def close(self) -> None:
+        """Empty the scene; keys mean nothing any more."""
         with self._lock:
             self._clear()
             for command in self._commands:
@@ -79,7 +88,7 @@ class Control:
 
     def begin(self) -> None:
         """Begin the chosen episode anew."""
-        self.clock.stop()
+        self.stop()
         with self._lock, self.messages.told():
             self._clear()
             beside = [name for name, chosen in self._choices.items() if chosen.value]
@@ -89,7 +98,7 @@ class Control:
             look(self.client, episode_view(films[0].scenes[0]))
             with self.scores:
                 self.board = Scoreboard(self.gui, films, self.match.task.config.episode_steps)
-            self._parts = [self.match, self.stage, self.board]
+            self._parts = [self.stage, self.board]
             self._steer(self.match)
             self.show()
 
@@ -217,10 +226,10 @@ class Control:
         with self._lock, self.messages.told():
             if self.match is not None:
                 content = file_of(self.match.films)
-                self.client.send_file_download(f"episodes_{self.seed.value}.json", content)
+                self.client.send_file_download(f"episodes_{self.seed.value}.json", content, save_immediately=True)
 
     def _clear(self) -> None:
         """Take the running episode out of panel and scene."""
         for part in self._parts:
-            part.close() if isinstance(part, Match) else part.remove()
-        self._parts, self.match = [], None
+            part.remove()
+        self._parts = []

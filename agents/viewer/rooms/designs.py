@@ -81,9 +81,12 @@ class DesignsRoom:
         if self.searches:
             self.begin()
 
-    def close(self) -> None:
-        """Nothing goes on running."""
+    def stop(self) -> None:
+        """Stop bending to and fro."""
         self.clock.stop()
+
+    def close(self) -> None:
+        """Empty the scene."""
         with self._lock:
             self._clear()
 
@@ -162,7 +165,8 @@ class DesignsRoom:
     def _save(self) -> None:
         design = self.chosen[FIRST]
         name = design.title.replace(" ", "_")
-        self.client.send_file_download(f"{name}.yaml", dump_yaml(mechanism_to_dict(design.mechanism)).encode())
+        content = dump_yaml(mechanism_to_dict(design.mechanism)).encode()
+        self.client.send_file_download(f"{name}.yaml", content, save_immediately=True)
 
     def _clear(self) -> None:
         for part in (*self._bodies.values(), self._chart):

@@ -61,9 +61,12 @@ class Replay:
         """Show the chosen episode."""
         self.choose()
 
-    def close(self) -> None:
-        """Nothing goes on running."""
+    def stop(self) -> None:
+        """Pause."""
         self.clock.stop()
+
+    def close(self) -> None:
+        """Empty the scene."""
         with self._lock:
             self._clear()
 
@@ -178,7 +181,8 @@ class Replay:
     def _save(self) -> None:
         with self._lock, self.messages.told():
             if self.films:
-                self.client.send_file_download(f"episodes_{self.films[0].seed}.json", file_of(self.films))
+                name = f"episodes_{self.films[0].seed}.json"
+                self.client.send_file_download(name, file_of(self.films), save_immediately=True)
 
     def _clear(self) -> None:
         for part in self._parts:

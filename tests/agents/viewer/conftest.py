@@ -1,0 +1,103 @@
+"""A viewer in this process, and a real browser that looks at it."""
+
+import os
+import shutil
+import time
+
+import pytest
+
+FLAGS = """
+--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
+--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
+"""
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium of the operating system, driven by Playwright."""
+    pytest.importorskip("viser", reason="the extra view is not installed")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip("no Chromium: install your system's, for example apt install chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=found, args=FLAGS.split())
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def viewer():
+    """A running viewer with all rooms and nothing but what is shipped."""
+    pytest.importorskip("viser", reason="the extra view is not installed")
+    from agents.view import rooms
+    from agents.viewer.server import Viewer
+
+    running = Viewer(rooms(), port=0)
+    yield running
+    running.stop()
+
+
+class Guest:
+    """A page in the browser, the server's side of it, and what it complained about."""
+
+    def __init__(self, browser, viewer, size=(1280, 800)):
+        self.viewer, self.complaints = viewer, []
+        known = set(viewer.visits)
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(viewer.url)
+        until(lambda: set(viewer.visits) - known)
+        (self.id,) = set(viewer.visits) - known
+
+    @property
+    def room(self):
+        return self.viewer.visits[self.id].room
+
+    def enter(self, name):
+        self.page.get_by_role("button", name=name, exact=True).first.click()
+        until(lambda: self.is_open() and self.room is not None and self.room.name == name)
+        self.page.wait_for_timeout(500)
+
+    def is_open(self):
+        """Whether the room has been opened: nobody holds its door."""
+        return not self.viewer.visits[self.id]._lock.locked()
+
+    def press(self, *keys):
+        self.page.mouse.click(60, 740)  # the scene, not a field of the panel
+        for key in keys:
+            self.page.keyboard.press(key)
+            self.page.wait_for_timeout(150)
+
+    def pixels(self):
+        """What the scene looks like now, without the panel."""
+        self.page.wait_for_timeout(700)
+        return self.page.screenshot(clip={"x": 300, "y": 0, "width": 600, "height": 800})
+
+
+def until(true, seconds=60.0):
+    """Wait until this is so."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def guests(browser, viewer):
+    """Makes guests; none of them may have had an error on the console."""
+    found = []
+
+    def come(to=viewer, **size):
+        guest = Guest(browser, to, **size)
+        found.append(guest)
+        until(lambda: guest.room is not None and guest.is_open())
+        return guest
+
+    yield come
+    for guest in found:
+        if not guest.page.is_closed():
+            guest.page.close()
+    assert [complaint for guest in found for complaint in guest.complaints] == []
