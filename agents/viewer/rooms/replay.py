@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from agents.viewer.camera import episode_view, look
@@ -11,6 +11,7 @@ from agents.viewer.clock import Clock
 from agents.viewer.drive import Film
 from agents.viewer.episodes import RANKS, Episodes, grouped, of_shipped_policies
 from agents.viewer.play import hidden_load
+from agents.viewer.record import episode_page
 from agents.viewer.recorded import file_of, records_in
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.scoreboard import Scoreboard
@@ -54,6 +55,7 @@ class Replay:
         self.scores = gui.add_folder("Tip error")
         self.upload = gui.add_upload_button("Open a file of episodes", mime_type="application/json")
         self.saving = gui.add_button("Save these episodes")
+        self.paging = gui.add_button("Save as a page", hint="It plays in any browser, without this viewer")
         self._offer()
         self._bind()
 
@@ -156,7 +158,8 @@ class Replay:
         self.rate.on_update(lambda _: setattr(self.clock, "rate", float(self.rate.value)))
         self.buttons.on_click(lambda _: self._do(self.buttons.value))
         self.upload.on_upload(lambda _: self._opened(self.upload.value))
-        self.saving.on_click(lambda _: self._save())
+        self.saving.on_click(lambda _: self._save("json", file_of))
+        self.paging.on_click(lambda _: self._save("html", lambda films: episode_page(films).encode()))
 
     def _turn_to(self) -> None:
         """Other episodes were chosen."""
@@ -178,11 +181,11 @@ class Replay:
             self.source.options = tuple(self.shelf)
             self.source.value = next(iter(opened))
 
-    def _save(self) -> None:
+    def _save(self, ending: str, content: Callable[[Sequence[Film]], bytes]) -> None:
         with self._lock, self.messages.told():
             if self.films:
-                name = f"episodes_{self.films[0].seed}.json"
-                self.client.send_file_download(name, file_of(self.films), save_immediately=True)
+                name = f"episodes_{self.films[0].seed}.{ending}"
+                self.client.send_file_download(name, content(self.films), save_immediately=True)
 
     def _clear(self) -> None:
         for part in self._parts:

@@ -289,3 +289,21 @@ def test_a_refused_or_interrupted_call_leaves_the_environment_free(monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             env.reset()
     env.reset(seed=0)
+
+
+@pytest.mark.parametrize("env_id", ["rj_gym/RollingJoint-v0", "rj_gym/FlexibleArm-v0"])
+def test_the_scene_of_a_lane_is_what_happened_there_and_stays_as_it_was(env_id):
+    envs = gymnasium.make_vec(env_id, 3, "vector_entry_point", **SHORT)
+    with pytest.raises(ResetNeeded, match="scene"):
+        envs.scene()
+    _, info = envs.reset(seed=2)
+    scenes, tips = [[envs.scene(lane) for lane in range(3)]], [info["tip"]]
+    for _ in range(3):
+        *_, info = envs.step(np.full(envs.action_space.shape, 0.3, np.float32))
+        scenes.append([envs.scene(lane) for lane in range(3)])
+        tips.append(info["tip"])
+    for step, (there, seen) in enumerate(zip(scenes, tips, strict=True)):
+        np.testing.assert_array_equal([scene.tip for scene in there], seen)
+        assert [scene.step for scene in there] == [step] * 3
+        np.testing.assert_array_equal([scene.trail for scene in there], seen[:, None])
+    assert len({scene.poses.tobytes() for there in scenes for scene in there}) == 12
