@@ -46,6 +46,14 @@ class Axis:
         """Where values are along the axis [mm]."""
         return self.begin + self.size * (np.asarray(values) - self.low) / (self.high - self.low)
 
+    def value(self, place: float) -> float:
+        """The value at a place along the axis [mm]."""
+        return self.low + (place - self.begin) / self.size * (self.high - self.low)
+
+    def has(self, place: float) -> bool:
+        """Whether a place is on the axis [mm]."""
+        return self.begin <= place <= self.begin + self.size
+
     @property
     def ticks(self) -> Array:
         """Round values along the axis."""
@@ -58,7 +66,7 @@ class Chart:
 
     Args:
         scene: of a client. area: where it stands. points: what it shows, at least one. labels: of the two axes.
-        chosen: called with the row of the design whose point was clicked.
+        chosen: called with the row of the design whose point is nearest to a click.
     """
 
     def __init__(
@@ -72,6 +80,7 @@ class Chart:
         self._texts(labels)
         for kind in range(len(COLOURS)):
             self._dots(kind)
+        scene.on_click()(self._clicked)
 
     def mark(self, name: str, row: int | None, colour: Color) -> None:
         """Put a ring around the point of a design; None, or a design without a point: takes the ring away."""
@@ -86,6 +95,7 @@ class Chart:
 
     def remove(self) -> None:
         """Take it out of the scene."""
+        self.scene.remove_click_callback(self._clicked)
         self.root.remove()
 
     def _place(self, at: int) -> tuple[float, float]:
@@ -95,14 +105,23 @@ class Chart:
         rows = np.flatnonzero(self.points.kinds == kind)
         if not len(rows):
             return
-        places = np.stack([self.x.place(self.points.x[rows]), self.y.place(self.points.y[rows])], axis=-1)
-        vertices, faces = _disc(0.01 * SIZES[kind] * self.area.width)
-        dots = self.scene.add_batched_meshes_simple(
-            f"/chart/kind_{kind}", vertices, faces,
-            np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1)), np.append(places, np.full((len(rows), 1), kind), axis=1),
-            batched_colors=COLOURS[kind], side="double", lod="off", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-        dots.on_click(lambda event: self.chosen(int(self.points.rows[rows[event.instance_index]])))
+        places = [self.x.place(self.points.x[rows]), self.y.place(self.points.y[rows]), np.full(len(rows), 0.1 * kind)]
+        self.scene.add_point_cloud(
+            f"/chart/kind_{kind}",
+            np.stack(places, axis=-1),
+            COLOURS[kind],
+            point_size=0.01 * SIZES[kind] * self.area.width,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
+
+    def _clicked(self, event: Any) -> None:
+        """Choose the design nearest to where the ray of a click meets the plot, if it does."""
+        origin, ray = np.array(event.ray_origin), np.array(event.ray_direction)
+        x, y = (origin - ray * origin[2] / ray[2])[:2]
+        if self.x.has(x) and self.y.has(y):
+            self.chosen(self.points.nearest(self.x.value(x), self.y.value(y)))
 
     def _lines(self) -> None:
         (left, right), (low, high) = (axis.begin + np.array([0.0, axis.size]) for axis in (self.x, self.y))
@@ -134,10 +153,3 @@ class Chart:
 def _round_step(step: float) -> float:
     power = 10.0 ** np.floor(np.log10(step))
     return float(power * next(each for each in ROUND if each * power >= step * (1 - 1e-9)))
-
-
-def _disc(radius: float, sides: int = 12) -> tuple[Array, Any]:
-    turns = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    ring = radius * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=-1)
-    k = np.arange(1, sides - 1)
-    return ring, np.stack([0 * k, k, k + 1], axis=1).astype(np.uint32)

@@ -18,7 +18,6 @@ from rollingjoint.checks import as_integer, as_number
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.statics.solve import solve_tensions
-from rollingjoint.tables import markdown_table
 
 SHOWN = 4000  # designs of which a scatter plot has a point, besides those of the Pareto set and the archive
 KINDS = ("feasible", "archive", "Pareto set")
@@ -130,13 +129,12 @@ class Designs:
         values = np.array(against(self.search.config, self.search.problem))
         return Design(words(mechanism.name or "reference"), mechanism, values)
 
-    def table(self, designs: Sequence[Design]) -> str:
-        """What was measured of some designs, as Markdown."""
-        rows = [
+    def compared(self, designs: Sequence[Design]) -> list[list[str]]:
+        """What was measured of some designs: a row per quantity, its name and the value of every design."""
+        return [
             [quantity, *(plain_number(design.values[place]) for design in designs)]
             for place, quantity in enumerate(self.quantities)
         ]
-        return markdown_table(["", *(design.title for design in designs)], rows)
 
     @cached_property
     def _archived(self) -> Mask:

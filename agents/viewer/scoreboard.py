@@ -10,15 +10,10 @@ import numpy as np
 
 from agents.evaluation.pictures import COLOURS
 from agents.viewer.drive import Film
+from agents.viewer.html import coloured, html_table
 from agents.viewer.solids import Array
 
 SMALLEST_MM = 0.01  # smaller errors are drawn here: the axis is logarithmic
-HEAD = "<tr><th></th><th>{}</th><th>last 10</th></tr>"
-STYLE = "width:100%;font-size:0.85em;border-spacing:0 2px;text-align:right"
-ROW = (
-    '<tr style="white-space:nowrap"><td style="text-align:left"><span style="color:{}">&#9632;</span> {}</td>'
-    "<td>{}</td><td>{}</td></tr>"
-)
 
 
 class Scoreboard:
@@ -71,8 +66,9 @@ class Scoreboard:
 
 def legend(films: Sequence[Film], step: int, when: str = "now") -> str:
     """HTML: the colour of every controller, its error at a step, and its mean over the last 10."""
-    rows = [ROW.format(_hex(place), escape(film.name), *_figures(film, step)) for place, film in enumerate(films)]
-    return f'<table style="{STYLE}">{HEAD.format(when)}{"".join(rows)}</table>'
+    names = [f"{coloured(_hex(place))} {escape(film.name)}" for place, film in enumerate(films)]
+    rows = [[name, *_figures(film, step)] for name, film in zip(names, films, strict=True)]
+    return html_table(["", when, "last 10"], rows)
 
 
 def _series(place: int, film: Film) -> dict[str, Any]:

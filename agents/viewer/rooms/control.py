@@ -51,12 +51,12 @@ class Control:
         """Add what a person chooses to the panel."""
         gui = self.gui
         self.world = gui.add_dropdown("World", tuple(worlds()))
-        self.seed = gui.add_number("Episode (seed)", 0, min=0, max=2**31 - 1, step=1)
+        self.seed = gui.add_number("Episode", 0, min=0, max=2**31 - 1, step=1, hint="the seed")
         self.way = gui.add_dropdown("Steer by", tuple(WAYS))
         self.beside = gui.add_folder("Beside you", expand_by_default=False)
-        self.loads = gui.add_checkbox("Show the hidden load", False)
-        self.rate = gui.add_slider("Steps per second", 1, 20, 1, 5)
-        self.buttons = gui.add_button_group("Episode", (RUN, STEP, AGAIN, NEXT), hint="Space, Enter, R, N")
+        self.loads = gui.add_checkbox("Hidden load", False)
+        self.rate = gui.add_slider("Speed", 1, 20, 1, 5, hint="steps per second")
+        self.buttons = gui.add_button_group("Steps", (RUN, STEP, AGAIN, NEXT), hint="Space, Enter, R, N")
         self.note = gui.add_markdown("")
         self.messages = Messages(gui)
         self.steering = gui.add_folder("Steering")

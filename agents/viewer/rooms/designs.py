@@ -14,6 +14,7 @@ from agents.viewer.camera import View, look
 from agents.viewer.chart import COLOURS, Area, Chart
 from agents.viewer.clock import Clock
 from agents.viewer.designs import KINDS, LARGEST_RATIO, Design, Designs
+from agents.viewer.html import coloured, html_table
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.solids import strands
 from agents.viewer.stage import FAINT, colour_of
@@ -26,6 +27,7 @@ FIRST, SECOND = "first", "second"
 PLACES: Mapping[str, Color] = {FIRST: colour_of(0), SECOND: colour_of(2)}
 """The two designs that are compared, and their colours."""
 
+DOT, RING = "&#9679;", "&#9711;"
 RANGE = (TENSION / (1 + LARGEST_RATIO), TENSION - TENSION / (1 + LARGEST_RATIO))
 SECONDS = 4.0  # of bending to and fro
 RATE = 25.0  # pictures per second of it
@@ -67,7 +69,7 @@ class DesignsRoom:
         self.row = gui.add_number("Design", 0, min=0, step=1)
         self.bend = gui.add_slider("Bend", -1.0, 1.0, 0.02, 0.0, hint="the share by which one tendon pulls harder")
         self.swings = gui.add_checkbox("To and fro", False)
-        self.comparison = gui.add_markdown("")
+        self.comparison = gui.add_html("")
         self.copy = gui.add_button("Save the first as YAML", hint="A mechanism file")
         self._bind()
 
@@ -99,7 +101,7 @@ class DesignsRoom:
             self._put(SECOND, reference)
             self._put(FIRST, best)
             length = best.mechanism.length
-            at, away = np.array([-0.35, 0.4, 0.0]), np.array([0.0, 0.25, 4.6])
+            at, away = np.array([-0.3, 0.42, 0.0]), np.array([0.0, 0.0, 4.3])
             look(self.client, View(at * length, away * length, (0.0, 1.0, 0.0)))
 
     def plot(self) -> None:
@@ -140,8 +142,13 @@ class DesignsRoom:
         self._bodies[place] = Body(self.client.scene, f"/{place}", design.mechanism, colour, opacity, behind)
         self.chosen[place] = design
         self._mark(place)
-        self.comparison.content = self.designs.table([self.chosen[each] for each in PLACES if each in self.chosen])
+        self._compare()
         self.show()
+
+    def _compare(self) -> None:
+        shown = {each: self.chosen[each] for each in PLACES if each in self.chosen}
+        head = [f"{coloured(_css(PLACES[each]), RING)} {design.title}" for each, design in shown.items()]
+        self.comparison.content = html_table(["", *head], self.designs.compared(list(shown.values())))
 
     def _mark(self, place: str) -> None:
         assert self._chart is not None
@@ -176,8 +183,10 @@ class DesignsRoom:
 
 
 def _legend() -> str:
-    """The kinds of points, and the rings of the two designs, as HTML."""
-    named = [*zip(KINDS, COLOURS, ["&#9679;"] * len(KINDS), strict=True)]
-    named += [(f"{place} design", colour, "&#9711;") for place, colour in PLACES.items()]
-    parts = [f'<span style="color:rgb{colour}">{mark}</span>&nbsp;{name}' for name, colour, mark in named]
-    return f'<p style="font-size:0.85em;line-height:1.6">{" &ensp; ".join(parts)}</p>'
+    """The kinds of points as HTML."""
+    parts = [f"{coloured(_css(colour), DOT)}&nbsp;{kind}" for kind, colour in zip(KINDS, COLOURS, strict=True)]
+    return f'<p style="font-size:0.85em">{" &ensp; ".join(parts)}</p>'
+
+
+def _css(colour: Color) -> str:
+    return f"rgb{colour}"

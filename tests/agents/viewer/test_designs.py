@@ -81,9 +81,13 @@ def test_the_nearest_point_is_the_design_that_was_clicked(designs):
 
 
 def test_two_designs_are_compared_in_all_that_was_measured(designs):
-    table = designs.table([designs.design(designs.best), designs.reference])
-    assert len(table.splitlines()) == 2 + len(designs.quantities)
-    assert f"design {designs.best}" in table and "five link" in table
+    best = designs.design(designs.best)
+    rows = designs.compared([best, designs.reference])
+    assert [row[0] for row in rows] == designs.quantities and rows[0][0] == "lateral stiffness [N/mm]"
+    for place, (_, ours, theirs) in enumerate(rows):
+        assert float(ours) == pytest.approx(best.values[place], rel=1e-3)
+        assert float(theirs) == pytest.approx(designs.reference.values[place], rel=1e-3)
+    assert designs.reference.title == "five link" and designs.reference.row is None
 
 
 def test_what_is_no_search_or_no_design_is_refused(designs, tmp_path):

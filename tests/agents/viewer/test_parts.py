@@ -110,7 +110,8 @@ def test_plots_have_round_ticks_inside_their_axes():
         axis = chart.Axis(np.array(values), 10.0, 50.0)
         assert 2 <= len(axis.ticks) <= 11
         assert ((axis.place(axis.ticks) >= 10.0 - 1e-9) & (axis.place(axis.ticks) <= 60.0 + 1e-9)).all()
-        assert axis.place(np.array(values)).min() > 10.0
+        assert axis.place(np.array(values)).min() > 10.0 and axis.has(10.0) and not axis.has(60.1)
+        assert axis.value(axis.place(values[0])) == pytest.approx(values[0])
 
 
 def test_a_legend_names_every_controller_and_its_errors():

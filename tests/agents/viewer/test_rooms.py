@@ -35,7 +35,7 @@ def test_a_person_steers_by_keys_and_sees_it(guests):
 
 def test_an_episode_runs_by_itself_until_it_ends_and_tells_the_hidden_load(guests):
     guest = guests()
-    guest.page.get_by_label("Show the hidden load").click()
+    guest.page.get_by_label("Hidden load").click()
     until(lambda: guest.room.loads.value)
     guest.room.clock.rate = 100.0
     guest.press("Space")
@@ -130,7 +130,7 @@ def test_a_click_on_a_point_shows_the_design_and_the_slider_bends_it(guests, wit
     x, y = next(place for place in places(guest) if place[0] != first)[1]
     guest.page.mouse.click(x, y)
     until(lambda: room.chosen["first"].row != first)
-    guest.page.get_by_text(f"design {room.chosen['first'].row}", exact=True).wait_for()
+    guest.page.get_by_text(f"design {room.chosen['first'].row}").first.wait_for()
     shown = guest.pixels()
     assert shown != before
     guest.page.get_by_label("To and fro").click()
@@ -149,7 +149,7 @@ def places(guest):
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead / distance)
     for at, row in enumerate(chart.points.rows):
-        away = np.array([*chart._place(at), float(chart.points.kinds[at])]) - camera.position
+        away = np.array([*chart._place(at), 0.1 * chart.points.kinds[at]]) - camera.position
         scale = 400.0 / np.tan(0.5 * camera.fov) / (away @ ahead / distance)
         yield int(row), (640.0 + scale * (away @ right), 400.0 - scale * (away @ up))
 
