@@ -15,6 +15,8 @@ from agents.runs.command_line import exit_code
 from agents.runs.files import write_text
 from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.presets import PRESETS
 
 if TYPE_CHECKING:
     from agents.viewer.episodes import Episodes
@@ -28,6 +30,7 @@ EXPOSED = "allow addresses that other machines can reach"
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 stopped by Ctrl-C, 2 an error."""
     parser = argparse.ArgumentParser(prog="python -m agents.view", description="Mechanisms in a browser.")
+    parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
     parser.add_argument("--episodes", action="append", default=[], help=EPISODES)
@@ -43,15 +46,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_code(lambda: _command(arguments), arguments.trust)
 
 
-def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = ()) -> Rooms:
-    """All rooms, with these episodes and searches to choose from; raises RunFolderError for a folder without one."""
+def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:
+    """All rooms, with these episodes, searches and mechanisms to choose from.
+
+    Raises:
+        RunFolderError: a folder without a search. MechanismError: a file without a mechanism.
+    """
     from agents.viewer.designs import Designs
     from agents.viewer.rooms.control import Control
     from agents.viewer.rooms.designs import DesignsRoom
+    from agents.viewer.rooms.explore import Explore
     from agents.viewer.rooms.replay import Replay
 
+    for name in mechanisms:
+        load_mechanism(name)
     found = [Designs.read(path) for path in searches]
+    known = tuple(dict.fromkeys([*mechanisms, *PRESETS]))
     return {
+        Explore.name: partial(Explore, mechanisms=known),
         Control.name: Control,
         Replay.name: partial(Replay, shelf=shelf),
         DesignsRoom.name: partial(DesignsRoom, searches=found),
@@ -67,11 +79,14 @@ def _command(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
+    from agents.viewer.camera import mechanism_view
     from agents.viewer.server import Viewer, check_host
 
     check_host(arguments.host, arguments.exposed)
     port = integer(0, 65_535)("--port", arguments.port)
-    viewer = Viewer(rooms(shelf, arguments.search), arguments.host, port, arguments.exposed)
+    known = rooms(shelf, arguments.search, arguments.mechanism)
+    first = load_mechanism(next(iter([*arguments.mechanism, *PRESETS])))
+    viewer = Viewer(known, arguments.host, port, arguments.exposed, mechanism_view(first))
     print(f"Open {viewer.url} in a browser; Ctrl-C stops.", flush=True)
     try:
         threading.Event().wait()
@@ -81,15 +96,23 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
 
 
 def _record(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
-    from agents.viewer.record import episode_page
+    from agents.viewer.record import episode_page, sweep_page
 
+    if arguments.mechanism and not shelf:
+        name = arguments.mechanism[0]
+        return _written(arguments.record, sweep_page(load_mechanism(name), name), f"{name}, every tendon in turn")
     if not shelf:
-        raise ConfigError("--record", str(arguments.record), "--run or --episodes beside it, which say what to record")
+        expected = "a mechanism, --run or --episodes beside it, which say what to record"
+        raise ConfigError("--record", str(arguments.record), expected)
     seed = shelf[0].seed_of(arguments.which)
     films = shelf[0].films(seed, arguments.beside)
-    write_text(arguments.record, episode_page(films))
-    size = arguments.record.stat().st_size / 1e6
-    print(f"{arguments.record}: {films[0].name}, seed {seed}, {films[0].steps} steps, {size:.1f} MB")
+    what = f"{films[0].name}, seed {seed}, {films[0].steps} steps"
+    return _written(arguments.record, episode_page(films), what)
+
+
+def _written(path: Path, page: str, what: str) -> int:
+    write_text(path, page)
+    print(f"{path}: {what}, {path.stat().st_size / 1e6:.1f} MB")
     return 0
 
 

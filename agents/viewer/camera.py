@@ -9,6 +9,8 @@ import numpy as np
 
 from agents.viewer.solids import Array
 from rj_gym.rendering.tracking import TrackingScene
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.spatial.chain import HingeChain
 
 FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so
 
@@ -27,22 +29,30 @@ class View:
         return 20.0 * float(np.linalg.norm(self.away))
 
 
-def episode_view(scene: TrackingScene) -> View:
+def mechanism_view(mechanism: RollingChain | HingeChain) -> View:
     """A chain that stands in the plane x, y, or an arm that hangs along z, left of the panel."""
-    length = float(scene.mechanism.length)
-    if scene.tip.shape == (2,):
+    length = float(mechanism.length)
+    if isinstance(mechanism, RollingChain):
         return View(np.array([0.3, 0.5, 0.0]) * length, np.array([0.15, 0.35, 3.3]) * length, (0.0, 1.0, 0.0))
     return View(np.array([0.25, 0.0, 0.48]) * length, np.array([0.6, 2.9, -0.9]) * length, (0.0, 0.0, -1.0))
 
 
-def centred_view(scene: TrackingScene) -> View:
+def episode_view(scene: TrackingScene) -> View:
+    """That of the mechanism of an episode."""
+    return mechanism_view(scene.mechanism)
+
+
+def centred_view(mechanism: RollingChain | HingeChain) -> View:
     """The same from farther away and in the middle, for a page without a panel and for narrow screens."""
-    view = episode_view(scene)
+    view = mechanism_view(mechanism)
     return View(view.at * (0.0, 1.0, 1.0), 1.45 * view.away, view.up)
 
 
 def look(client: Any, view: View) -> None:
-    """Turn a client's camera."""
+    """Turn a client's camera, unless it looks there; one that has only just come would forget it."""
+    seen = [*client.camera.position, *client.camera.look_at]
+    if np.allclose(seen, [*(view.at + view.away), *view.at], atol=1e-3 * view.far):
+        return
     client.scene.set_up_direction(view.up)
     with client.atomic():
         client.camera.up_direction = view.up

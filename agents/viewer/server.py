@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from agents.viewer.camera import View, begin_with
 from agents.viewer.rooms import Room
 from agents.viewer.serving import started, stop
 from rollingjoint.errors import InvalidInput
@@ -23,25 +24,36 @@ class Viewer:
     Args:
         rooms: the first is entered at once. host: address to listen at. port: 0 for any that is free.
         exposed: whether addresses that other machines can reach are allowed.
+        view: of the first room, see camera.look.
     Raises:
         InvalidInput: such an address without `exposed`.
         OSError: a port that is in use.
     """
 
-    def __init__(self, rooms: Rooms, host: str = "127.0.0.1", port: int = 8080, exposed: bool = False) -> None:
+    def __init__(
+        self,
+        rooms: Rooms,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        exposed: bool = False,
+        view: View | None = None,
+    ) -> None:
         check_host(host, exposed)
         self.rooms = rooms
         self.visits: dict[int, Visit] = {}
         self.server = started(host, port)
         self.server.gui.set_panel_label("rolling joints")
         self.server.gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False)
+        if view is not None:
+            begin_with(self.server, view)
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
 
     @property
     def url(self) -> str:
         """Where a browser finds it."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        host = self.server.get_host()
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
 
     def stop(self) -> None:
         """Close all rooms and stop serving."""

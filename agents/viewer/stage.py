@@ -15,6 +15,8 @@ from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
 from rj_gym.rendering.canvas import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
 from rj_gym.rendering.tracking import TrackingScene
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.spatial.chain import HingeChain
 
 GRAVITY: Color = (120, 90, 160)
 EDGES: Color = (208, 213, 219)
@@ -27,6 +29,22 @@ def colour_of(place: int) -> Color:
     text = next(colour for k, colour in enumerate(cycle(COLOURS)) if k == place)
     red, green, blue = (int(text[at : at + 2], 16) for at in (1, 3, 5))
     return red, green, blue
+
+
+def add_grid(scene: Any, name: str, mechanism: RollingChain | HingeChain) -> Any:
+    """Squares of a tenth of the length: behind a chain, below an arm."""
+    length, stands = mechanism.length, isinstance(mechanism, RollingChain)
+    return scene.add_grid(
+        name,
+        2.2 * length,
+        (1.6 if stands else 2.2) * length,
+        cell_size=0.1 * length,
+        section_size=0.5 * length,
+        cell_color=GRID,
+        section_color=EDGES,
+        fade_strength=0.0,
+        position=(0.0, 0.4 * length, -1.1 * front(mechanism)) if stands else (0.0, 0.0, FLOOR * length),
+    )
 
 
 class Stage:
@@ -45,7 +63,7 @@ class Stage:
         self.target = scene.add_icosphere("/episode/target", 0.022 * self.length, TARGET)
         self.tips = [self._tip(place) for place in range(len(films))]
         self._path(first.targets)
-        self._grid()
+        add_grid(scene, "/episode/grid", first.mechanism)
 
     def show(self, step: int) -> None:
         """Show all controllers after this many steps; those with fewer, as they ended."""
@@ -78,21 +96,6 @@ class Stage:
     def _path(self, targets: Array) -> None:
         if np.any(targets != targets[0]):
             self._line("/episode/path", targets, blend(BACKGROUND, TARGET, 0.5), 1.5)
-
-    def _grid(self) -> None:
-        """Squares of a tenth of the length: behind a chain, below an arm."""
-        length, stands = self.length, self.height > 0.0
-        self.scene.add_grid(
-            "/episode/grid",
-            2.2 * length,
-            (1.6 if stands else 2.2) * length,
-            cell_size=0.1 * length,
-            section_size=0.5 * length,
-            cell_color=GRID,
-            section_color=EDGES,
-            fade_strength=0.0,
-            position=(0.0, 0.4 * length, -1.1 * self.height) if stands else (0.0, 0.0, FLOOR * length),
-        )
 
     def _line(self, name: str, points: ArrayLike, colour: Color, thickness: float) -> None:
         corners = in_space(points, self.height)

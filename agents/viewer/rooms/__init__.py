@@ -1,6 +1,7 @@
 """The rooms of the viewer: each is what one browser sees and does in one of its tabs.
 
 Modules:
+    explore: a mechanism under tendons, loads, friction and curvatures that a person sets.
     control: a person steers, others drive the same episode.
     replay: episodes step by step.
     designs: what a search found.

@@ -1,0 +1,270 @@
+"""One mechanism in a person's hands: its inputs, its equilibrium, what follows from it, and how to write it down."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from rollingjoint import CapstanFriction, WorldForce, solve_lengths, solve_tensions, solve_tensions_batch
+from rollingjoint.io import report
+from rollingjoint.io.mechanism_file import dump_mechanism
+from rollingjoint.planar.chain import RollingChain
+from rollingjoint.presets import PRESETS
+from rollingjoint.profile import Profile, Surface
+
+Array = NDArray[np.float64]
+
+TENSIONS, LENGTHS = "tensions", "lengths"
+INPUTS = (TENSIONS, LENGTHS)
+HIGHEST = 15.0  # N, of every tendon
+MOST_PULL = 0.25  # of the length of the mechanism, that a tendon is pulled in or paid out
+REACHED = 11  # the logarithm of how many tensions are tried for what the tip reaches
+SHARE = 0.2  # of the length of the mechanism, at most, that the force of the ellipses moves the tip
+FORCES = np.outer(10.0 ** np.arange(-6, 4), (1.0, 2.0, 5.0)).ravel()  # N, to choose that force from
+TURN = 64  # points of an ellipse
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a person sets.
+
+    Args:
+        drive: TENSIONS or LENGTHS. tensions: (m,) [N]. pulls: (m,), how far below the neutral lengths [mm].
+        link: the link whose origin the force acts on. force: in the base frame, (2,) or (3,) [N].
+        friction: coefficient in all holes. curvatures: factors of the curvature of the contact surfaces,
+            those below and above joint 0 first, (2 J,); none for arms.
+    """
+
+    drive: str
+    tensions: tuple[float, ...]
+    pulls: tuple[float, ...]
+    link: int
+    force: tuple[float, ...]
+    friction: float
+    curvatures: tuple[float, ...]
+
+
+class Explorer:
+    """A mechanism under inputs that change; where tendons rub, every equilibrium remembers the one before.
+
+    Args:
+        mechanism: of either family. name: of the preset or file that it comes from.
+    """
+
+    def __init__(self, mechanism: Any, name: str = "") -> None:
+        self.nominal, self.name = mechanism, name or mechanism.name or "mechanism"
+        self.flat = isinstance(mechanism, RollingChain)
+        self.inputs = self._neutral()
+        self.mechanism = mechanism
+        self.found: Any = None
+        self.usable: Any = None  # the last usable equilibrium
+        self.solve()
+
+    @classmethod
+    def preset(cls, name: str) -> Explorer:
+        """One of the mechanisms that come with the package."""
+        return cls(PRESETS[name](), name)
+
+    def change(self, **changes: Any) -> None:
+        """Set inputs and find the equilibrium; raises MechanismError, and nothing changes, if there is no such chain."""
+        inputs = replace(self.inputs, **(self._held(changes.get("drive")) | changes))
+        if (inputs.friction, inputs.curvatures) != (self.inputs.friction, self.inputs.curvatures):
+            self.mechanism = self._built(inputs)
+            self.usable = None  # another mechanism remembers nothing of this one
+        self.inputs = inputs
+        self.solve()
+
+    def solve(self) -> None:
+        """Find the equilibrium of the inputs from the last usable one."""
+        given: dict[str, Any] = {"start": self.usable}
+        if self.mechanism.has_friction:
+            given["history"] = self.usable or self._begun()
+        if self.inputs.drive == TENSIONS:
+            self.found = solve_tensions(self.mechanism, self.inputs.tensions, self.loads, **given)
+        else:
+            self.found = solve_lengths(self.mechanism, self.lengths, self.loads, **given)
+        self.usable = self.found if self.found.ok else self.usable
+
+    @property
+    def loads(self) -> list[WorldForce]:
+        """The force, if there is one."""
+        return [WorldForce(self.inputs.link, self.inputs.force)] if any(self.inputs.force) else []
+
+    @property
+    def lengths(self) -> Array:
+        """Tendon lengths that the motors command, (m,) [mm]."""
+        return np.asarray(self.nominal.neutral_lengths - np.array(self.inputs.pulls))
+
+    @property
+    def headline(self) -> str:
+        """How the solve ended, in a line; where a result is usable, with its smallest eigenvalue and margins."""
+        if not self.found.ok:
+            return f"⚠ **{self.found.status.name}**: {self.found.status.message}"
+        parts = [f"**{self.found.status.name}**", f"smallest eigenvalue {self.found.smallest_eigenvalue:.3g} N·mm"]
+        if self.flat:
+            parts.append(f"slip margin {self.found.slip_margins().min():.2f} N")
+            parts.append(f"pressing margin {self.found.pressing_margins.min():.2f} N")
+        return ", ".join(parts)
+
+    @property
+    def table(self) -> str:
+        """All numbers of the equilibrium, as `rj solve` prints them."""
+        return report.as_table(self.found)
+
+    @property
+    def contact_arrows(self) -> Array:
+        """Contact forces on the distal links as arrows, (J, 2, 2): from, by [mm, N]; none for arms."""
+        if not self.flat or not self.found.ok:
+            return np.zeros((0, 2, 2))
+        tangents = self.found.contact_tangents
+        normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
+        forces = self.found.contact_forces
+        by = forces[:, :1] * tangents + forces[:, 1:] * normals
+        return np.stack([self.found.contact_points, by], axis=1)
+
+    @property
+    def compliance(self) -> Array:
+        """How far a force moves the tip, (d, d) [mm/N]; NaN where that is not defined."""
+        size = len(self.inputs.force)
+        if not self.found.ok:
+            return np.full((size, size), np.nan)
+        free = self.found.free_joints
+        moves = self.found.point_jacobian(self.mechanism.n_links - 1)[:size][:, free]
+        stiffness = self.found.stiffness[np.ix_(free, free)]
+        return np.asarray(moves @ np.linalg.solve(stiffness, moves.T))
+
+    def ellipses(self) -> tuple[float, list[Array]]:
+        """A force [N], and where the tip goes under it in every direction of a plane, (TURN, d) [mm] for each plane."""
+        compliance = self.compliance
+        most = np.linalg.norm(compliance, 2) if np.isfinite(compliance).all() else 0.0
+        fitting = FORCES[most * FORCES < SHARE * self.mechanism.length] if most > 0.0 else []
+        if not len(fitting):
+            return 0.0, []
+        turns, size = np.linspace(0.0, 2 * np.pi, TURN), len(compliance)
+        circles = np.zeros((size if size > 2 else 1, TURN, size))
+        for first, circle in enumerate(circles):
+            circle[:, first], circle[:, (first + 1) % size] = np.cos(turns), np.sin(turns)
+        return float(fitting[-1]), list(self.found.tip + fitting[-1] * circles @ compliance.T)
+
+    def reached(self) -> Array:
+        """Points that the tip reaches under the load with any tensions up to HIGHEST, without friction, (N, d) [mm]."""
+        mechanism = self.mechanism.replace(friction=None) if self.mechanism.has_friction else self.mechanism
+        tensions = HIGHEST * qmc.Sobol(mechanism.n_tendons, scramble=False).random_base2(REACHED)
+        found = solve_tensions_batch(mechanism, tensions, self.loads)
+        return np.asarray(found.tip[np.asarray(found.ok)])
+
+    @property
+    def python(self) -> str:
+        """A program that solves the same; with friction, from a state without a past."""
+        call = "solve_tensions" if self.inputs.drive == TENSIONS else "solve_lengths"
+        given = self.inputs.tensions if self.inputs.drive == TENSIONS else self.lengths
+        loads = f", [WorldForce({self.inputs.link}, {_numbers(self.inputs.force)})]" if self.loads else ""
+        source = f"{self.name}()" if self._is_preset else f'load_mechanism("{self.file_name}")'
+        names = [*(["WorldForce"] if loads else []), *([self.name] if self._is_preset else []), call]
+        lines = [f"from rollingjoint import {', '.join(names)}"]
+        lines += [] if self._is_preset else ["from rollingjoint.io.mechanism_file import load_mechanism"]
+        lines += ["", f"mechanism = {source}"]
+        if self.mechanism.has_friction:
+            lines += [f"begun = {call}(mechanism, {_numbers(given)})"]
+        history = ", history=begun" if self.mechanism.has_friction else ""
+        lines += [f"found = {call}(mechanism, {_numbers(given)}{loads}{history})"]
+        return "\n".join([*lines, "print(found.status.message, found.tip)", ""])
+
+    @property
+    def file_name(self) -> str:
+        """What the mechanism is saved as."""
+        return f"{self.name}.yaml"
+
+    @property
+    def yaml(self) -> str:
+        """The mechanism as a file."""
+        return dump_mechanism(self.mechanism)
+
+    def workshop_files(self, kind: str) -> bytes:
+        """An archive of the parts as "stl" or "dxf".
+
+        Raises:
+            MechanismError: a part that cannot be made. InvalidInput: a package that is missing.
+        """
+        from rollingjoint.cad import export
+
+        with tempfile.TemporaryDirectory() as folder:
+            files = export(self.mechanism, Path(folder) / "parts", [kind])
+            return _archive(files)
+
+    @cached_property
+    def _surfaces(self) -> list[tuple[int, str]]:
+        """Link and side of every contact surface, in the order of Inputs.curvatures."""
+        joints = range(self.nominal.n_joints if self.flat else 0)
+        return [place for joint in joints for place in ((joint, "child"), (joint + 1, "parent"))]
+
+    @property
+    def surface_names(self) -> list[str]:
+        """What the factors of curvature belong to."""
+        return [f"Link {link}, {'top' if side == 'child' else 'bottom'}" for link, side in self._surfaces]
+
+    @property
+    def _is_preset(self) -> bool:
+        neutral = self._neutral()
+        same = (self.inputs.friction, self.inputs.curvatures) == (neutral.friction, neutral.curvatures)
+        return same and self.name in PRESETS
+
+    def _held(self, drive: str | None) -> dict[str, Any]:
+        """The inputs that hold the mechanism where it is if it is driven otherwise from now on."""
+        if drive is None or drive == self.inputs.drive or not self.found.ok:
+            return {}
+        if drive == TENSIONS:
+            return {"tensions": tuple(self.found.tensions.tolist())}
+        commanded = self.found.lengths - self.found.tensions / self.mechanism.stiffnesses
+        return {"pulls": tuple((self.nominal.neutral_lengths - commanded).tolist())}
+
+    def _neutral(self) -> Inputs:
+        m, size = self.nominal.n_tendons, 2 if self.flat else 3
+        factors = (1.0,) * len(self._surfaces)
+        return Inputs(TENSIONS, (3.0,) * m, (0.0,) * m, self.nominal.n_links - 1, (0.0,) * size, self._rubs(), factors)
+
+    def _rubs(self) -> float:
+        return float(self.nominal.friction.mu) if self.nominal.friction is not None else 0.0
+
+    def _built(self, inputs: Inputs) -> Any:
+        """The nominal mechanism with the friction and the curvatures of inputs."""
+        changes: dict[str, Any] = {}
+        if inputs.friction != self._rubs():
+            changes["friction"] = CapstanFriction(inputs.friction) if inputs.friction > 0.0 else None
+        if any(factor != 1.0 for factor in inputs.curvatures):
+            links = list(self.nominal.links)
+            for (link, side), factor in zip(self._surfaces, inputs.curvatures, strict=True):
+                links[link] = replace(links[link], **{side: _curved(getattr(links[link], side), factor)})
+            changes["links"] = tuple(links)
+        return self.nominal.replace(**changes) if changes else self.nominal
+
+    def _begun(self) -> Any:
+        """An equilibrium without a past."""
+        return solve_tensions(self.mechanism, self.inputs.tensions, self.loads)
+
+
+def _curved(surface: Surface, factor: float) -> Surface:
+    profile = surface.profile
+    return replace(surface, profile=Profile(profile.breaks, factor * profile.coefficients))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return f"({', '.join(f'{value:.12g}' for value in values)})"
+
+
+def _archive(files: Sequence[Path]) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in files:
+            archive.write(file, file.name)
+    return packed.getvalue()

@@ -1,0 +1,266 @@
+"""The room Explore: a mechanism under tendons, loads, friction and curvatures that a person sets."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from agents.viewer.body import Body
+from agents.viewer.camera import look, mechanism_view
+from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
+from agents.viewer.rooms.messages import Messages
+from agents.viewer.solids import Array, front, in_space, strands
+from agents.viewer.stage import FAINT, add_grid
+from rj_gym.rendering.canvas import FAINT as GREY
+from rj_gym.rendering.canvas import LINK, LOAD, Color
+from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.presets import PRESETS
+
+CONTACT: Color = (0, 114, 178)
+ELLIPSE: Color = (120, 90, 160)
+REACH: Color = (150, 190, 150)
+RANGE = (0.0, HIGHEST)
+PER_NEWTON = 0.3  # lengths of the mechanism that an arrow of the force is long for 1 N
+PER_CONTACT = 0.015  # and that of a contact force
+FILES = {"Python": "py", "YAML": "yaml", "STL": "stl", "DXF": "dxf"}
+
+
+class Explore:
+    """A mechanism in a browser.
+
+    Args:
+        client: the browser. mechanisms: names of presets and mechanism files; the first is shown at once.
+    """
+
+    name: ClassVar[str] = "Explore"
+
+    def __init__(self, client: Any, mechanisms: Sequence[str] = tuple(PRESETS)) -> None:
+        self.client, self.gui, self.mechanisms = client, client.gui, tuple(mechanisms)
+        self.explorer = Explorer(load_mechanism(self.mechanisms[0]), self.mechanisms[0])
+        self._lock = threading.RLock()
+        self._bodies: dict[bool, Body] = {}  # by whether it is the equilibrium, or the last one
+        self._parts: list[Any] = []  # of the panel and the scene, of this mechanism
+        self._quiet = False  # while widgets follow, not lead
+
+    def build(self) -> None:
+        """Add what a person sets to the panel."""
+        gui = self.gui
+        self.which = gui.add_dropdown("Mechanism", self.mechanisms)
+        self.headline = gui.add_markdown("")
+        self.messages = Messages(gui)
+        self.drive = gui.add_button_group("Input", INPUTS)
+        self.tendons = gui.add_folder("Tendons")
+        self.load = gui.add_folder("Force")
+        self.friction = gui.add_slider("Friction", 0.0, 0.3, 0.01, 0.0, hint="coefficient in all holes")
+        self.curvatures = gui.add_folder("Curvatures", expand_by_default=False)
+        self.shown = {what: gui.add_checkbox(what, what == "Contact forces") for what in ("Contact forces", "Reach")}
+        self.ellipse = gui.add_checkbox("Compliance of the tip", True)
+        with gui.add_folder("Numbers", expand_by_default=False):
+            self.numbers = gui.add_markdown("")
+        with gui.add_folder("Write down", expand_by_default=False):
+            self.code = gui.add_markdown("")
+            self.saving = gui.add_button_group("Save as", tuple(FILES))
+        self._bind()
+
+    def open(self) -> None:
+        """Show the mechanism."""
+        self.begin()
+
+    def stop(self) -> None:
+        """Nothing goes on running here."""
+
+    def close(self) -> None:
+        """Empty the scene."""
+        with self._lock:
+            self._clear()
+
+    def begin(self) -> None:
+        """Show the chosen mechanism from the start."""
+        with self._lock, self.messages.told():
+            self._clear()
+            name = self.which.value
+            self.explorer = Explorer(load_mechanism(name), name)
+            look(self.client, mechanism_view(self.explorer.mechanism))
+            self._fill()
+            self.show()
+
+    def change(self, **changes: Any) -> None:
+        """Set inputs; what is wrong is told, and the widgets stay as they are."""
+        if self._quiet:
+            return
+        with self._lock, self.messages.told():
+            before = self.explorer.mechanism
+            self.explorer.change(**changes)
+            if self.explorer.mechanism is not before:
+                self._embody()
+            self.show()
+
+    def show(self) -> None:
+        """Show the equilibrium, or in grey the last one where there is none."""
+        explorer, found = self.explorer, self.explorer.usable
+        self.headline.content = explorer.headline
+        self.numbers.content = f"```text\n{explorer.table}\n```"
+        self.code.content = f"```python\n{explorer.python}```"
+        with self.client.atomic():
+            for usable, body in self._bodies.items():
+                body.visible = usable is bool(explorer.found.ok) and found is not None
+            if found is not None:
+                lines = strands(explorer.mechanism, found.poses, found.tensions)
+                self._bodies[bool(explorer.found.ok)].show(found.poses, lines, RANGE)
+            self._arrows()
+            self._ellipses()
+
+    def reach(self) -> None:
+        """Show what the tip reaches, or no longer."""
+        with self._lock, self.messages.told():
+            points = self.explorer.reached() if self.shown["Reach"].value else np.zeros((0, 3))
+            places = in_space(points, -self._height)
+            size = 0.004 * self.explorer.mechanism.length
+            self.client.scene.add_point_cloud("/explore/reach", places, REACH, point_size=size, point_shape="circle")
+
+    def drag(self, place: Array) -> None:
+        """Set the force to where the end of its arrow was dragged."""
+        begin = self._origin
+        size = len(self.explorer.inputs.force)
+        force = (np.asarray(place)[:size] - begin[:size]) / (PER_NEWTON * self.explorer.mechanism.length)
+        with self._lock:
+            self._quiet = True
+            for number, value in zip(self.forces, force, strict=True):
+                number.value = round(float(value), 3)
+            self._quiet = False
+        self.change(force=tuple(float(value) for value in force))
+
+    @property
+    def _height(self) -> float:
+        """Where lines are drawn, in front of the links of a planar chain [mm]."""
+        return front(self.explorer.mechanism) if self.explorer.flat else 0.0
+
+    @property
+    def _origin(self) -> Array:
+        """Where the force acts, (3,) [mm]."""
+        poses = self.explorer.usable.poses if self.explorer.usable is not None else self.explorer.found.poses
+        pose = poses[self.explorer.inputs.link]
+        return in_space(pose[:2] if self.explorer.flat else pose[:3, 3], self._height)
+
+    def _fill(self) -> None:
+        """Make the widgets and bodies of this mechanism."""
+        self._parts.append(add_grid(self.client.scene, "/explore/grid", self.explorer.mechanism))
+        self._embody()
+        self._pull()
+        explorer, size = self.explorer, len(self.explorer.inputs.force)
+        with self.load:
+            last = explorer.mechanism.n_links - 1
+            self.link = self.gui.add_slider("On link", 0, last, 1, explorer.inputs.link)
+            self.forces = [
+                self.gui.add_number(f"{axis} [N]", 0.0, min=-5.0, max=5.0, step=0.01) for axis in "xyz"[:size]
+            ]
+        with self.curvatures:
+            surfaces = [self.gui.add_slider(name, 0.5, 1.5, 0.01, 1.0) for name in explorer.surface_names]
+        self.curvatures.visible = bool(surfaces)
+        self.link.on_update(lambda _: self.change(link=int(self.link.value)))
+        for number in self.forces:
+            number.on_update(lambda _: self.change(force=tuple(float(each.value) for each in self.forces)))
+        for surface in surfaces:
+            surface.on_update(lambda _: self.change(curvatures=tuple(float(each.value) for each in surfaces)))
+        self._quiet, self.friction.value = True, explorer.inputs.friction
+        self._quiet = False
+        self.handle = self.client.scene.add_transform_controls(
+            "/force", scale=0.18 * explorer.mechanism.length, disable_rotations=True,
+            active_axes=(True, True, not explorer.flat), depth_test=False, position=self._origin,
+        )  # fmt: skip
+        self.handle.on_update(lambda _: self.drag(self.handle.position))
+        self._parts += [self.link, *self.forces, *surfaces, self.handle]
+
+    def _pull(self) -> None:
+        """Make the sliders of the tendons: tensions, or how far each is pulled in."""
+        for slider in getattr(self, "pulls", []):
+            slider.remove()
+        inputs, length = self.explorer.inputs, self.explorer.mechanism.length
+        pulls = inputs.drive != TENSIONS
+        values, most = (inputs.pulls, round(MOST_PULL * length)) if pulls else (inputs.tensions, HIGHEST)
+        name, least = ("Pull {} [mm]", -most) if pulls else ("Tension {} [N]", 0.0)
+        with self.tendons:
+            self.pulls = [
+                self.gui.add_slider(name.format(j), least, most, 0.01, round(float(np.clip(value, least, most)), 2))
+                for j, value in enumerate(values)
+            ]
+        for slider in self.pulls:
+            slider.on_update(lambda _: self.change(**{"pulls" if pulls else "tensions": self._pulled()}))
+
+    def _pulled(self) -> tuple[float, ...]:
+        return tuple(float(slider.value) for slider in self.pulls)
+
+    def _drive(self, drive: str) -> None:
+        """Drive by tensions or lengths from now on, from where the mechanism is."""
+        if drive != self.explorer.inputs.drive:
+            self.change(drive=drive)
+            with self._lock:
+                self._pull()
+
+    def _embody(self) -> None:
+        for body in self._bodies.values():
+            body.remove()
+        scene, mechanism = self.client.scene, self.explorer.mechanism
+        self._bodies = {True: Body(scene, "/mechanism", mechanism, LINK)}
+        self._bodies[False] = Body(scene, "/before", mechanism, GREY, FAINT)
+
+    def _arrows(self) -> None:
+        """The force, with a handle at its end, and the contact forces."""
+        explorer, length = self.explorer, self.explorer.mechanism.length
+        force = in_space(np.array(explorer.inputs.force), 0.0)
+        begin, by = self._origin, PER_NEWTON * length * force
+        if not self._quiet:
+            self.handle.position = begin + by
+        arrows = [(np.stack([begin, begin + by]), LOAD)] if np.any(force) else []
+        if self.shown["Contact forces"].value:
+            for at, contact in explorer.contact_arrows:
+                start = in_space(at, self._height)
+                arrows.append((np.stack([start, start + PER_CONTACT * length * in_space(contact)]), CONTACT))
+        points = np.array([points for points, _ in arrows]).reshape(-1, 2, 3)
+        colours = np.array([colour for _, colour in arrows], np.uint8).reshape(-1, 3)
+        unit = 0.01 * length
+        sizes = {"shaft_radius": 0.5 * unit, "head_radius": 1.4 * unit, "head_length": 3.5 * unit}
+        self.client.scene.add_arrows("/explore/forces", points, colours, **sizes)
+
+    def _ellipses(self) -> None:
+        """Where a force in any direction would move the tip."""
+        force, ellipses = self.explorer.ellipses() if self.ellipse.value else (0.0, [])
+        self.ellipse.hint = f"where {force:g} N in any direction moves the tip" if ellipses else ""
+        corners = [in_space(ellipse, self._height) for ellipse in ellipses]
+        pieces = [np.stack([each[:-1], each[1:]], axis=1) for each in corners]
+        points = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
+        self.client.scene.add_line_segments(
+            "/explore/ellipse", points, ELLIPSE, thickness=2.0, thickness_units="screen"
+        )
+
+    def _save(self, kind: str) -> None:
+        with self._lock, self.messages.told():
+            name, end = self.explorer.name, FILES[kind]
+            if kind in ("STL", "DXF"):
+                self.client.send_file_download(f"{name}_{end}.zip", self.explorer.workshop_files(end))
+            else:
+                text = self.explorer.python if kind == "Python" else self.explorer.yaml
+                self.client.send_file_download(f"{name}.{end}", text.encode())
+
+    def _bind(self) -> None:
+        self.which.on_update(lambda _: self.begin())
+        self.drive.on_click(lambda _: self._drive(self.drive.value))
+        self.friction.on_update(lambda _: self.change(friction=float(self.friction.value)))
+        self.shown["Contact forces"].on_update(lambda _: self._shown())
+        self.ellipse.on_update(lambda _: self._shown())
+        self.shown["Reach"].on_update(lambda _: self.reach())
+        self.saving.on_click(lambda _: self._save(self.saving.value))
+
+    def _shown(self) -> None:
+        with self._lock:
+            self.show()
+
+    def _clear(self) -> None:
+        parts = [*self._bodies.values(), *self._parts, *getattr(self, "pulls", [])]
+        for part in parts:
+            part.remove()
+        self._bodies, self._parts, self.pulls = {}, [], []
+        self.client.scene.add_frame("/explore", show_axes=False).remove()
