@@ -22,6 +22,8 @@ Modules:
     adapt: python -m agents.adapt --controller NAME: controllers adapted to robots that nobody modelled.
     adaptation: what a robot is after a few minutes on the bench, and controllers that know it.
     robots: python -m agents.robots: controllers on robots that nobody modelled.
+    view: python -m agents.view: episodes and designs in a browser.
+    viewer: its rooms.
 
 Nothing is imported here: torch and Stable-Baselines3 are loaded by the modules that need them.
 """

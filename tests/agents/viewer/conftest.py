@@ -90,10 +90,12 @@ def guests(browser, viewer):
     """Makes guests; none of them may have had an error on the console."""
     found = []
 
-    def come(to=viewer, **size):
+    def come(room="Control", to=viewer, **size):
         guest = Guest(browser, to, **size)
         found.append(guest)
         until(lambda: guest.room is not None and guest.is_open())
+        if guest.room.name != room:
+            guest.enter(room)
         return guest
 
     yield come

@@ -1,7 +1,10 @@
 """Parts of the viewer that need no browser: shapes, keys, axes, time, pages' text, the command."""
 
+import re
+import shlex
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,6 +115,24 @@ def test_plots_have_round_ticks_inside_their_axes():
         assert ((axis.place(axis.ticks) >= 10.0 - 1e-9) & (axis.place(axis.ticks) <= 60.0 + 1e-9)).all()
         assert axis.place(np.array(values)).min() > 10.0 and axis.has(10.0) and not axis.has(60.1)
         assert axis.value(axis.place(values[0])) == pytest.approx(values[0])
+
+
+def commands():
+    """The commands of the documentation that end by themselves."""
+    page = Path("docs/view.md").read_text("utf-8")
+    return re.findall(r"^python -m agents\.view (.* --record .*)$", page, re.MULTILINE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", commands())
+def test_a_command_of_the_documentation_writes_a_page(line, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("viser", reason="the extra view is not installed")
+    from agents.view import main
+
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(line)) == 0
+    (page,) = tmp_path.iterdir()
+    assert f"{page.stat().st_size / 1e6:.1f} MB" in capsys.readouterr().out and page.stat().st_size < 1_500_000
 
 
 def test_a_legend_names_every_controller_and_its_errors():

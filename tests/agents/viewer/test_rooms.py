@@ -59,8 +59,7 @@ def test_an_arm_without_a_pose_is_steered_by_its_tendons(guests):
 
 
 def test_a_replay_plays_and_others_come_over_it(guests):
-    guest = guests()
-    guest.enter("Replay")
+    guest = guests("Replay")
     replay, before = guest.room, guest.pixels()
     guest.page.get_by_text("Over it").click()
     guest.page.get_by_label("open loop").click()
@@ -75,8 +74,7 @@ def test_a_replay_plays_and_others_come_over_it(guests):
 
 
 def test_best_and_worst_are_found_and_a_seed_can_be_typed(guests):
-    guest = guests()
-    guest.enter("Replay")
+    guest = guests("Replay")
     replay, errors = guest.room, {}
     for rank in ("best", "worst"):
         chosen(guest, "Which one", rank)
@@ -93,8 +91,7 @@ def test_a_file_of_episodes_is_opened_and_another_one_is_refused_in_one_line(gue
         tmp_path / "mine.json", [filmed("mine", worlds()["RollingJoint-v0"], Repeated(np.full((1, 2), 0.1)), 3)]
     )
     (tmp_path / "other.json").write_text("{}")
-    guest = guests()
-    guest.enter("Replay")
+    guest = guests("Replay")
     guest.page.set_input_files("input[type=file]", tmp_path / "other.json")
     until(lambda: "rj view wrote" in guest.room.messages.line.content)
     guest.page.set_input_files("input[type=file]", tmp_path / "mine.json")
@@ -123,8 +120,7 @@ def with_designs(tmp_path_factory):
 
 
 def test_a_click_on_a_point_shows_the_design_and_the_slider_bends_it(guests, with_designs):
-    guest = guests(with_designs)
-    guest.enter("Designs")
+    guest = guests("Designs", with_designs)
     room, before = guest.room, guest.pixels()
     first = room.chosen["first"].row
     x, y = next(place for place in places(guest) if place[0] != first)[1]
