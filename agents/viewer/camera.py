@@ -10,7 +10,6 @@ import numpy as np
 from agents.viewer.solids import Array
 from rj_gym.rendering.tracking import TrackingScene
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.spatial.chain import HingeChain
 
 FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so
 
@@ -29,7 +28,7 @@ class View:
         return 20.0 * float(np.linalg.norm(self.away))
 
 
-def mechanism_view(mechanism: RollingChain | HingeChain) -> View:
+def mechanism_view(mechanism: Any) -> View:
     """A chain that stands in the plane x, y, or an arm that hangs along z, left of the panel."""
     length = float(mechanism.length)
     if isinstance(mechanism, RollingChain):
@@ -42,7 +41,7 @@ def episode_view(scene: TrackingScene) -> View:
     return mechanism_view(scene.mechanism)
 
 
-def centred_view(mechanism: RollingChain | HingeChain) -> View:
+def centred_view(mechanism: Any) -> View:
     """The same from farther away and in the middle, for a page without a panel and for narrow screens."""
     view = mechanism_view(mechanism)
     return View(view.at * (0.0, 1.0, 1.0), 1.45 * view.away, view.up)

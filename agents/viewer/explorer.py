@@ -76,7 +76,11 @@ class Explorer:
         return cls(PRESETS[name](), name)
 
     def change(self, **changes: Any) -> None:
-        """Set inputs and find the equilibrium; raises MechanismError, and nothing changes, if there is no such chain."""
+        """Set inputs and find the equilibrium.
+
+        Raises:
+            MechanismError: there is no such chain; nothing has changed.
+        """
         inputs = replace(self.inputs, **(self._held(changes.get("drive")) | changes))
         if (inputs.friction, inputs.curvatures) != (self.inputs.friction, self.inputs.curvatures):
             self.mechanism = self._built(inputs)
@@ -98,7 +102,8 @@ class Explorer:
     @property
     def loads(self) -> list[WorldForce]:
         """The force, if there is one."""
-        return [WorldForce(self.inputs.link, self.inputs.force)] if any(self.inputs.force) else []
+        force: Any = self.inputs.force
+        return [WorldForce(self.inputs.link, force)] if any(force) else []
 
     @property
     def lengths(self) -> Array:

@@ -25,7 +25,7 @@ REACH: Color = (150, 190, 150)
 RANGE = (0.0, HIGHEST)
 PER_NEWTON = 0.3  # lengths of the mechanism that an arrow of the force is long for 1 N
 PER_CONTACT = 0.015  # and that of a contact force
-FILES = {"Python": "py", "YAML": "yaml", "STL": "stl", "DXF": "dxf"}
+FILES = {"Python": "py", "YAML": "yaml", "STL": "stl.zip", "DXF": "dxf.zip"}
 
 
 class Explore:
@@ -238,12 +238,13 @@ class Explore:
 
     def _save(self, kind: str) -> None:
         with self._lock, self.messages.told():
-            name, end = self.explorer.name, FILES[kind]
-            if kind in ("STL", "DXF"):
-                self.client.send_file_download(f"{name}_{end}.zip", self.explorer.workshop_files(end))
-            else:
-                text = self.explorer.python if kind == "Python" else self.explorer.yaml
-                self.client.send_file_download(f"{name}.{end}", text.encode())
+            name, content = f"{self.explorer.name}.{FILES[kind]}", self._content(kind)
+            self.client.send_file_download(name, content, save_immediately=True)
+
+    def _content(self, kind: str) -> bytes:
+        if kind in ("Python", "YAML"):
+            return (self.explorer.python if kind == "Python" else self.explorer.yaml).encode()
+        return self.explorer.workshop_files(kind.lower())
 
     def _bind(self) -> None:
         self.which.on_update(lambda _: self.begin())

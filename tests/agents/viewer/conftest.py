@@ -6,6 +6,8 @@ import time
 
 import pytest
 
+from rollingjoint import five_link
+
 FLAGS = """
 --headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
 --disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
@@ -32,9 +34,10 @@ def viewer():
     """A running viewer with all rooms and nothing but what is shipped."""
     pytest.importorskip("viser", reason="the extra view is not installed")
     from agents.view import rooms
+    from agents.viewer.camera import mechanism_view
     from agents.viewer.server import Viewer
 
-    running = Viewer(rooms(), port=0)
+    running = Viewer(rooms(), port=0, view=mechanism_view(five_link()))
     yield running
     running.stop()
 
