@@ -7,10 +7,10 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 LOWEST := .venv-lowest
 WITH ?= --torch-backend cpu
-EXTRAS := train,search,cluster,cad,onnx,data,dev
+EXTRAS := train,search,cluster,cad,onnx,data,view,docs,dev
 TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
 
-.PHONY: help setup demo test test-slow test-lowest wheels fuzz fuzz-long speed campaign results lint clean
+.PHONY: help setup demo test test-slow test-lowest wheels fuzz fuzz-long speed campaign results docs lint clean
 .DEFAULT_GOAL := help
 
 help:
@@ -23,6 +23,7 @@ help:
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
 	@echo "make campaign  train every run of docs/results.md into runs/results (about an hour; again: goes on)"
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
+	@echo "make docs      build the documentation site: site/index.html, which opens from disk"
 	@echo "make lint      style, types and import layers"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
@@ -94,6 +95,13 @@ results: setup
 	@echo "==> Scoring them and rewriting docs/results.md"
 	@$(BIN)/python -m agents.results runs/results
 
+docs: setup
+	@echo "==> Writing the pages"
+	@$(BIN)/python docs/_pages
+	@echo "==> Building the site"
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+	@echo "==> Open site/index.html"
+
 lint: setup
 	@echo "==> Style"
 	@$(BIN)/ruff check .
@@ -105,5 +113,5 @@ lint: setup
 
 clean:
 	@echo "==> Removing the environment, caches and builds"
-	@rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
+	@rm -rf $(VENV) $(LOWEST) build dist site *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -15,6 +15,7 @@ __all__ = ["PRESETS", "five_link", "flexible_arm", "preset", "small_arm", "two_s
 PRESETS: dict[str, Callable[[], AnyMechanism]] = {
     name: build for family in FAMILIES for name, build in family.presets.items()
 }
+"""What makes each of them, by its name."""
 
 
 def preset(name: str) -> AnyMechanism:

@@ -22,8 +22,11 @@ from rollingjoint.presets import five_link
 from rollingjoint.tables import text_table
 
 SEED = 20_250_715
-TEST_BED, DEVELOPMENT = range(50), range(1_000, 1_050)
-"""Numbers of the robots that controllers are judged on, and of others on which anything may be tried."""
+TEST_BED = range(50)
+"""Numbers of the robots that controllers are judged on."""
+
+DEVELOPMENT = range(1_000, 1_050)
+"""Numbers of other robots, on which anything may be tried."""
 
 PLAY_MM = (3.0, 4.5)  # Instrument-v0: 0.5 to 3
 SHEATH_FRICTION = (0.6, 0.8)  # Instrument-v0: 0 to 0.6

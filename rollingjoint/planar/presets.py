@@ -53,7 +53,7 @@ def uniform(
         n: number of links, the base included, at least 2.
         height: distance between the surfaces of a link at s = 0 [mm].
         radius: radius of every convex arc [mm].
-        half_width: surfaces run over s in [-half_width, half_width] [mm].
+        half_width: surfaces run over s from -half_width to half_width [mm].
         tendon_offset: holes at the surface points s = ±tendon_offset [mm].
         stiffness: of each tendon [N/mm].
     """
@@ -82,7 +82,7 @@ def two_segment(
         n_distal: moving links of the second segment; its tendons run through the first and end at the tip.
         height: distance between the surfaces of a link [mm].
         radius: radius of every convex arc [mm].
-        half_width: surfaces run over s in [-half_width, half_width] [mm].
+        half_width: surfaces run over s from -half_width to half_width [mm].
         stiffness: of each tendon [N/mm].
     """
     n_proximal = as_integer("n_proximal", n_proximal, 1, allowed="1 or more moving links")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
+"""Colours that people with colour blindness tell apart, in the order of use."""
 LINK_COLOR, LOAD_COLOR, CONTACT_COLOR, LIMIT_COLOR = "#7A8699", "#D55E00", "#222222", "#B2182B"
 
 

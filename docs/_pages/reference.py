@@ -1,0 +1,53 @@
+"""One page of reference for every module that users import from, written by mkdocstrings.
+
+Its public names are those in `__all__`; where there is none, functions and classes that it defines, without underscore.
+"""
+
+from __future__ import annotations
+
+import inspect
+from types import ModuleType
+
+MODULES = (
+    "rollingjoint",
+    "rollingjoint.statics.sensitivity",
+    "rollingjoint.differentiable",
+    "rollingjoint.design",
+    "rollingjoint.identify",
+    "rollingjoint.plotting",
+    "rollingjoint.io.mechanism_file",
+    "rollingjoint.cad",
+    "rollingjoint.mujoco",
+    "rj_gym",
+    "rj_gym.sb3",
+    "rj_gym.vector_checker",
+    "agents.shipped",
+    "agents.evaluate",
+    "agents.evaluation.controller",
+    "agents.baselines",
+    "agents.dataset",
+    "agents.results",
+    "agents.robots",
+)
+
+HIDDEN = {"agents.robots.robot": "agents.robots.robot.robot"}  # where functions are whose name is a module's, too
+WITH_HEADING = "\n::: {}\n    options: {{show_root_heading: true, show_root_toc_entry: true}}\n"
+
+
+def public_names(module: ModuleType) -> list[str]:
+    """What users may import from a module."""
+    if hasattr(module, "__all__"):
+        return sorted(module.__all__)
+    defined = {name for name, value in vars(module).items() if inspect.getmodule(value) is module}
+    return sorted(name for name in defined if not name.startswith("_"))
+
+
+def pages() -> dict[str, str]:
+    """A page for every module, which mkdocstrings fills, by its path on the site."""
+    return {f"reference/{module}.md": page(module) for module in MODULES}
+
+
+def page(module: str) -> str:
+    """The page of a module."""
+    hidden = [where for name, where in HIDDEN.items() if name.rpartition(".")[0] == module]
+    return f"# {module}\n\n::: {module}\n" + "".join(map(WITH_HEADING.format, hidden))
