@@ -54,7 +54,7 @@ ON_ONE_WORKER = {
         "unseen": ("search/test_unseen",),
     }.items()
     for module in modules
-}
+} | {"tests/test_site.py": "site"}  # built in one folder
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -50,4 +50,5 @@ def pages() -> dict[str, str]:
 def page(module: str) -> str:
     """The page of a module."""
     hidden = [where for name, where in HIDDEN.items() if name.rpartition(".")[0] == module]
-    return f"# {module}\n\n::: {module}\n" + "".join(map(WITH_HEADING.format, hidden))
+    installed = f"\nInstalled: `rj_{module}`.\n" if module.startswith("agents.") else ""
+    return f"# {module}\n{installed}\n::: {module}\n" + "".join(map(WITH_HEADING.format, hidden))
