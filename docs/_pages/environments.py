@@ -202,7 +202,8 @@ def arguments(kind: type) -> dict[str, str]:
         sections = griffe.Docstring(inspect.cleandoc(base.__doc__ or "")).parse("google", warnings=False)
         for section in sections:
             if isinstance(section, griffe.DocstringSectionParameters):
-                found = {each.name: " ".join(each.description.split()) for each in section.value} | found
+                said = {name: each.description for each in section.value for name in each.name.split(", ")}
+                found = {name: " ".join(text.split()) for name, text in said.items()} | found
     return found
 
 

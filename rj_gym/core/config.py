@@ -147,8 +147,8 @@ class TaskConfig(Settings):
         observe_tensions: whether the observation contains the tendon tensions.
         observe_load: whether the observation contains the external force and the link where it acts.
         load, target, reward, randomization: nested settings, each also a dictionary.
-        friction: likewise; None leaves the mechanism its own friction, if it has any.
-        sensing, actuation: likewise: what is measured, and how motors move tendons.
+        friction: a FrictionConfig or a dictionary; None leaves the mechanism its own friction, if it has any.
+        sensing, actuation: nested settings, too: what is measured, and how motors move tendons.
         observe_history: past readings in the observation: those 1 to k steps ago for a number k, or a list of lags.
         privileged: where the true state can be read, hidden parts included: "off", "info" (as info["privileged"]), or
             "observation" (a Dict with it under "privileged", for critics).
