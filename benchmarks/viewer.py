@@ -1,7 +1,7 @@
 """How fast the picture follows a slider of the room Explore: python benchmarks/viewer.py [--moves 200].
 
-The time from a slider's value at the server to the last message of the new picture, and pictures per second that a browser
-(Chromium, without a GPU where there is none) draws while sliders move at 60 values per second.
+The time from a slider's value at the server to the last message of the new picture, and how many pictures per second a
+browser draws (Chromium, on the processor where there is no GPU) while a slider takes 60 values per second.
 """
 
 from __future__ import annotations

@@ -29,4 +29,4 @@ def _counted_members(self: Any, builder: Any, kind: Any, value: Any) -> Any:
     return _every_member(self, builder, kind, value) if _counted[kind] else []
 
 
-NRTContext.get_meminfos = _counted_members
+NRTContext.get_meminfos = _counted_members  # type: ignore[method-assign]
