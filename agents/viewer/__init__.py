@@ -5,6 +5,7 @@ Modules:
     serving: servers of viser that print nothing.
     rooms: what a browser sees and does.
     record: pages that play without a server.
+    explorer: a mechanism and what a person sets of it.
     drive: a controller in an episode, and all that is seen of it.
     entrants: who can drive in which environment.
     play: a person and others in the same episode.
