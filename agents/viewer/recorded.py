@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.results.environment import plain
-from agents.runs.checks import integer, prefixed
+from agents.runs.checks import integer, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from agents.runs.files import write_bytes
 from agents.viewer.drive import Film, Repeated, filmed
@@ -74,7 +74,7 @@ class Record:
             _environment(text("environment.id", environment["id"]), environment["settings"]),
             integer(0)("seed", content["seed"]),
             _actions(content["actions"]),
-            content["error_mm"],
+            optional(number(0.0))("error_mm", content["error_mm"]),
         )
 
 

@@ -108,6 +108,7 @@ def content():
         ({"actions": []}, "one row per step"),
         ({"actions": [[1.0], [1.0, 2.0]]}, "one row per step"),
         ({"seed": -1}, "seed"),
+        ({"error_mm": "small"}, "error_mm"),
         ({"environment": {"id": "CartPole-v1", "settings": {}}}, "some.json"),
         ({"environment": {"id": "rj_gym/RollingJoint-v0", "settings": {"mechanism": 3}}}, "some.json"),
     ],
