@@ -97,6 +97,8 @@ class Explore:
             if self.explorer.mechanism is not before:
                 self._embody()
             self.show()
+            if self.shown["Reach"].value and changes.keys() - {"tensions", "pulls", "drive"}:
+                self.reach()
 
     def show(self) -> None:
         """Show the equilibrium, or in grey the last one where there is none."""
