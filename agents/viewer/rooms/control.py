@@ -127,13 +127,19 @@ class Control:
         """What a key does."""
         if key in HOTKEYS:
             self._do(HOTKEYS[key])
-        elif self.match is not None and self.way.value == "point":
+        else:
+            with self._lock:
+                self._steer_by(key)
+
+    def _steer_by(self, key: str) -> None:
+        if self.match is None:
+            return
+        if self.match.seat.way == "point":
             self._point(self.aim.position[: self.match.task.dimension] + nudge(self.match.task, key))
-        elif self.match is not None:
-            change = pulls(self.match.task, key)
-            for slider, more in zip(self.sliders, change.tolist(), strict=True):
-                slider.value = float(np.clip(slider.value + more, -1.0, 1.0))
-            self._pull()
+            return
+        for slider, more in zip(self.sliders, pulls(self.match.task, key).tolist(), strict=True):
+            slider.value = float(np.clip(slider.value + more, -1.0, 1.0))
+        self._pull()
 
     def _do(self, what: str) -> None:
         if what == NEXT:

@@ -28,7 +28,7 @@ def test_a_person_steers_by_keys_and_sees_it(guests):
     until(lambda: control.match.films[0].steps == 3)
     assert np.abs(control.match.films[0].actions).max() > 0.1
     assert control.match.person.point == pytest.approx(tip + np.array([-6.0, 2.0]), abs=0.1)
-    assert "Step 3 of 50." in guest.page.inner_text("body")
+    guest.page.get_by_text("Step 3 of 50.").wait_for()
     assert guest.pixels() != before
     assert [film.name for film in control.match.films] == ["you", "policy fixed_target"]
 
@@ -41,8 +41,7 @@ def test_an_episode_runs_by_itself_until_it_ends_and_tells_the_hidden_load(guest
     guest.press("Space")
     until(lambda: guest.room.match.over)
     until(lambda: not guest.room.clock.running)
-    guest.page.wait_for_timeout(500)
-    assert "Load: " in guest.page.inner_text("body")
+    guest.page.get_by_text("Load: ").wait_for()
 
 
 def test_an_arm_without_a_pose_is_steered_by_its_tendons(guests):
