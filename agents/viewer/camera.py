@@ -52,10 +52,8 @@ def look(client: Any, view: View) -> None:
     seen = [*client.camera.position, *client.camera.look_at]
     if np.allclose(seen, [*(view.at + view.away), *view.at], atol=1e-3 * view.far):
         return
-    if not np.allclose(client.camera.up_direction, view.up, atol=1e-3):  # it would undo what follows
-        client.scene.set_up_direction(view.up)
-        client.camera.up_direction = view.up
     with client.atomic():
+        client.camera.up_direction = view.up  # the scene's own would bring back the server's first view
         client.camera.position = view.at + view.away
         client.camera.look_at = view.at
         client.camera.fov = FIELD
