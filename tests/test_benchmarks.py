@@ -76,6 +76,7 @@ def test_the_quick_page_has_every_row_peer_and_picture(run_python, tmp_path):
         assert (tmp_path / "images" / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_one_section_is_printed_alone(capsys):
     import speed
 
@@ -138,6 +139,7 @@ def test_the_mujoco_chain_comes_to_rest_and_bends_with_its_tendons(walk):
     assert left < -5.0 and chain.tip[0] == pytest.approx(-left, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_peer_that_is_not_installed_says_so(walk, monkeypatch):
     from speed_rows import solver
     from speed_rows.row import timed_row
@@ -197,6 +199,7 @@ def test_targets_of_the_arm_can_be_held_and_random_actions_end_nothing():
     assert arm_task.failures(arm_task.FlexibleArmVectorEnv(20, autoreset_mode="Disabled")) == 0
 
 
+@pytest.mark.slow
 def test_every_opponent_of_a_world_is_timed(capsys):
     import opponents
 

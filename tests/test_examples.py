@@ -21,7 +21,14 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+LONG = {"fidelity", "friction_loops", "published_iterations"}
+
+
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(path, marks=[pytest.mark.slow] if path.stem in LONG else []) for path in EXAMPLES],
+    ids=[path.stem for path in EXAMPLES],
+)
 def test_example_runs_without_errors_or_warnings(example, workplace, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [str(example), *OPTIONS.get(example.stem, [])])
     runpy.run_path(str(example), run_name="__main__")  # a new process would import for as long as most examples run

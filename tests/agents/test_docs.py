@@ -5,6 +5,8 @@ import shlex
 import sys
 from pathlib import Path
 
+import pytest
+
 from agents import evaluate, train
 
 TEXT = Path("docs/training.md").read_text(encoding="utf-8")
@@ -37,6 +39,7 @@ def run(command: str) -> int:
     return train.main([*arguments, *(word for override in few for word in ("--set", override))])
 
 
+@pytest.mark.slow
 def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch, no_pictures):
     for name in ("configs", "docs"):
         (tmp_path / name).symlink_to(Path(name).resolve())

@@ -146,6 +146,7 @@ def test_a_worker_that_dies_is_a_failure(monkeypatch):
     assert "exit code -11" in done["failures"][0]["what"] and "round 5" in done["failures"][0]["what"]
 
 
+@pytest.mark.slow
 def test_a_few_seconds_of_the_attack(report, monkeypatch):
     monkeypatch.setattr(solves, "ROWS", 256)
     counts = {one: 6 for one in inputs.COUNTS if one is not inputs._run_folder}  # which trains

@@ -177,6 +177,7 @@ def _pair(child: Profile, parent: Profile) -> RollingChain:
     return RollingChain([link, link], [Tendon([((5.0, 0.0), (5.0, 0.0))])])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [(-5000.0, 5000.0), (-999.0, 999.0), (-15.0, 15.0)])
 def test_the_largest_surfaces_are_tabulated_in_seconds_or_refused(limits):
     u = -1999.0 / (limits[1] - limits[0])

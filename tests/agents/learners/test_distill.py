@@ -130,6 +130,7 @@ def test_numpy_gives_the_actions_of_the_student_over_whole_episodes() -> None:
     check_that_numpy_acts_as_torch(TrainConfig.from_dict(settings(2)))
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_ends_with_the_same_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     values = settings(6, evaluation={"every": 3 * LANES * STEPS, "episodes": 4}, checkpoint_every=2 * LANES * STEPS)
     check_that_a_stopped_run_ends_with_the_same_weights(values, tmp_path, monkeypatch)

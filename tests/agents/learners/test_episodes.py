@@ -62,6 +62,7 @@ def _loss(env: Any, weights: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
     return played.errors[-4:].mean()
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_the_environment(world: Any) -> None:
     """Of the loss by every kind of parameter, against central differences of whole episodes."""
     rng, m = np.random.default_rng(0), world.single_action_space.shape[0]

@@ -44,6 +44,7 @@ class Noisy(ShippedPolicy):
         return action + np.random.default_rng(0).uniform(-1e-6, 1e-6, action.shape).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_last_bits_move_a_score_by_less_than_a_tenth_of_its_tolerance_with_memory_a_half(path):
     policy = load_policy(path)

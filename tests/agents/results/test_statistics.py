@@ -101,6 +101,7 @@ def test_equal_errors_count_half_and_a_perfect_opponent_has_no_ratio():
     assert all(np.isnan(found.ratio))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("runs", "spread", "low", "high"), [(3, 0.3, 0.68, 0.82), (10, 0.3, 0.86, 0.95), (10, 0.03, 0.92, 0.99)]
 )

@@ -82,6 +82,7 @@ def meanwhile(act):
         thread.join()
 
 
+@pytest.mark.slow
 def test_a_run_whose_process_is_killed_goes_on_in_another_and_ends_as_if_alone(tmp_path, monkeypatch, capfd):
     path, out = campaign_file(tmp_path, near=[1, 2]), tmp_path / "out"
 

@@ -293,6 +293,7 @@ def test_learners_with_memory_privileged_critic_and_residual_are_tuned(tmp_path,
     assert load_config(tmp_path / "study" / "best.yaml").algorithm == "recurrent_ppo"
 
 
+@pytest.mark.slow
 def test_a_study_in_a_database_is_worked_on_by_two_processes(config, tmp_path, monkeypatch, no_pictures):
     monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
     url = f"sqlite:///{tmp_path}/trials.db"

@@ -87,6 +87,7 @@ def printed(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_kernels_of_other_packages_are_compiled_anew_when_their_source_changes_or_that_of_one_that_they_call(
     printed, tmp_path
 ):
@@ -96,6 +97,7 @@ def test_kernels_of_other_packages_are_compiled_anew_when_their_source_changes_o
     assert list((tmp_path / "cache").rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_a_kernel_is_compiled_anew_when_a_layout_changes_and_when_a_class_that_it_was_kept_with_is_gone(printed):
     fields = ["scale: float", "values: Annotated[Floats, 'B']"]
     for order, name in ((fields, "One"), (fields[::-1], "Other")):

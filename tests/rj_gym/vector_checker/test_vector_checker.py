@@ -100,6 +100,7 @@ def test_observations_that_are_no_boxes_are_checked_too(env_id):
     assert {(outcome.check, outcome.mode) for outcome in report.failed} == POPS_THE_MASK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "mode"), [("CartPole-v1", NEXT_STEP), ("Pendulum-v1", SAME_STEP), ("MountainCar-v0", DISABLED)]
 )

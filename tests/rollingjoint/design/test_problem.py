@@ -79,6 +79,7 @@ def test_numbers_that_are_no_design_fail_in_finite_numbers():
     assert (gradient[7:10] == 0).all()
 
 
+@pytest.mark.slow
 def test_rows_do_not_know_each_other(monkeypatch):
     monkeypatch.setattr(problem_module, "_CHUNK", 5)
     problem = everything()

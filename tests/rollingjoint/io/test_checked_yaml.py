@@ -83,6 +83,7 @@ def test_a_file_that_is_too_large_is_named_and_not_read(tmp_path):
     assert str(found.value) == f"size of {path} = 50000000: expected at most 1,000,000 bytes of YAML text."
 
 
+@pytest.mark.slow
 def test_the_largest_file_with_the_most_values_takes_seconds():
     text = "[" + "1, " * (MOST_VALUES - 2) + "1" + " " * (LARGEST_FILE - 3 * MOST_VALUES) + "]"
     begin = time.process_time()

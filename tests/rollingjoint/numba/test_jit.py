@@ -46,6 +46,7 @@ def test_kernels_are_kept_on_disk(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in Path(folder).glob("*.nbc")} == kept
 
 
+@pytest.mark.slow
 def test_damaged_files_and_read_only_places_cost_time_and_nothing_else(tmp_path):
     folder = Path(run(tmp_path)[1])
     for path in folder.iterdir():
@@ -150,6 +151,7 @@ class _Evil:
         return Path.write_text, (self.marker, "code of another user")
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 def test_a_planted_file_is_not_run(tmp_path):
     chosen = tmp_path / "cache"

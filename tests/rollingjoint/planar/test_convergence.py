@@ -48,6 +48,7 @@ def check(seed: int, n_mechanisms: int) -> None:
     assert failed <= 0.05 * followers  # under a large follower force and little tension there may be no equilibrium
 
 
+@pytest.mark.slow
 def test_random_mechanisms_converge_or_say_why_not():
     check(seed=100, n_mechanisms=60)
 

@@ -116,6 +116,7 @@ KINDS = {
 ROLLING = {"rolling": (CapstanFriction(0.1, rolling=0.1), no_loads)}  # its Jacobian leaves out a small term
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction, loads", KINDS.values(), ids=KINDS)
 def test_the_jacobian_is_the_derivative_of_the_residual(friction, loads):
     rng = np.random.default_rng(3)
@@ -129,6 +130,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(friction, loads):
     assert 0.1 < np.mean(sticking) < 0.9 and asymmetry > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction, loads", (KINDS | ROLLING).values(), ids=KINDS | ROLLING)
 def test_the_residual_is_the_gradient_of_the_potential_of_a_line_search(friction, loads):
     rng = np.random.default_rng(4)
@@ -138,6 +140,7 @@ def test_the_residual_is_the_gradient_of_the_potential_of_a_line_search(friction
         assert residual == pytest.approx(gradient, rel=0, abs=1e-6 * (1.0 + np.abs(residual).max()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [16, 60, 200])
 @pytest.mark.parametrize("coefficients", [{}, {"constant": 0.01, "compliance": 0.02}], ids=["plain", "stretch"])
 def test_the_sweep_makes_the_dense_step(n, coefficients):

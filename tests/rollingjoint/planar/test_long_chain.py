@@ -32,6 +32,7 @@ generator_columns = standalone(load_kernels.generator_columns)
 factor, substitute = standalone(long_chain.factor), standalone(long_chain.substitute)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("springs", [[], [TorsionSpring(-1, 20.0, 0.1), TorsionSpring(-1, 9.0, 0.2, 1)]])
 def test_the_sweep_solves_what_the_dense_matrix_says(springs):
     rng = np.random.default_rng(0)
