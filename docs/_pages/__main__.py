@@ -5,6 +5,7 @@ Modules:
     reference: a page for every module that users import from.
     repository: the pages in docs/ and files that they link to, with links that hold on the site.
     notebooks: notebooks as pages.
+    replays: episodes of the shipped policies.
     formulas: LaTeX as MathML.
 """
 
@@ -12,11 +13,12 @@ import shutil
 
 import environments
 import reference
+import replays
 import repository
 from formulas import with_formulas
 
 SOURCES = repository.ROOT / "build" / "docs"  # docs_dir of mkdocs.yml
-FOLDERS = ("assets", "images", "replays")  # of docs/, copied as they are
+FOLDERS = ("assets", "images")  # of docs/, copied as they are
 
 
 def main() -> None:
@@ -24,6 +26,8 @@ def main() -> None:
     shutil.rmtree(SOURCES, ignore_errors=True)
     for folder in FOLDERS:
         shutil.copytree(repository.ROOT / "docs" / folder, SOURCES / folder)
+    if replays.can_be_recorded():
+        replays.record(environments.replayed(), SOURCES / "replays")
     for name, content in (repository.pages() | environments.pages() | reference.pages()).items():
         path = SOURCES / name
         path.parent.mkdir(parents=True, exist_ok=True)

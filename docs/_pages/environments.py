@@ -11,6 +11,7 @@ from typing import Any
 
 import griffe
 import gymnasium
+import replays
 
 import rj_gym
 from rj_gym.core.registry import TABLE, Registration
@@ -30,7 +31,6 @@ TASKS = {  # of the results page, by the stem of the classes
     "CurvatureDesign": (),
 }
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
-REPLAYS = Path(__file__).parents[1] / "replays"
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}
 TITLE = "# {name}\n\n`{env_id}`"
 
@@ -133,16 +133,21 @@ def pictures(row: Registration) -> str:
     return f"![{caption(row)}](../images/{moving(row)})\n\n<small>{caption(row)}</small>"
 
 
+def replayed() -> list[str]:
+    """The tasks of which an episode is shown in space: the first of every environment that has one."""
+    return list(dict.fromkeys(tasks[0] for tasks in TASKS.values() if tasks))
+
+
 def replay(row: Registration) -> str:
-    """A recorded episode to look at from all sides, where docs/replays has one."""
-    name = f"{row.env_id.split('/')[1]}.html"
-    if not (REPLAYS / name).exists():
+    """An episode to look at from all sides, where it can be recorded."""
+    if not TASKS[row.stem] or not replays.can_be_recorded():
         return ""
-    film = TASKS[row.stem][0]
+    task = TASKS[row.stem][0]
+    page, words = f"../replays/{task}.html", " ".join(replays.words(task, Path(f"{task}.html")))
     return (
-        f'<iframe class="replay" src="../replays/{name}" title="An episode in space" loading="lazy"></iframe>\n\n'
-        f"<small>An episode of the shipped policy; drag to turn it, or [open it alone](../replays/{name}). "
-        f"`rj view --episodes {film} --record {name}` made this page.</small>"
+        f'<iframe class="replay" src="{page}" title="An episode in space" loading="lazy"></iframe>\n\n'
+        f"<small>An episode of the shipped policy; drag to turn it, or [open it alone]({page}). "
+        f"`rj view {words}` made this page.</small>"
     )
 
 
