@@ -96,7 +96,7 @@ class Visit:
             self.room = self.rooms[name](self.client)
             with self._panel:
                 self.room.build()
-            self.room.open()
+            self.room.fill()
 
     def close(self) -> None:
         """Vanish."""

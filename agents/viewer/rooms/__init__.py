@@ -21,7 +21,7 @@ class Room(Protocol):
     def build(self) -> None:
         """Add the room's widgets to the panel, in the container that is open."""
 
-    def open(self) -> None:
+    def fill(self) -> None:
         """Fill the scene; the room may run clocks from now on."""
 
     def stop(self) -> None:

@@ -65,7 +65,7 @@ class Control:
         self._offer()
         self._bind()
 
-    def open(self) -> None:
+    def fill(self) -> None:
         """Begin an episode; keys steer from now on."""
         self._commands = [self._command(key) for key in (*KEYS, *HOTKEYS)]
         self.begin()

@@ -78,7 +78,7 @@ class DesignsRoom:
         """The search that is shown."""
         return self.searches[self.search.value]
 
-    def open(self) -> None:
+    def fill(self) -> None:
         """Show the best design beside the reference."""
         if self.searches:
             self.begin()

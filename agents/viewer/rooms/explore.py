@@ -65,7 +65,7 @@ class Explore:
             self.saving = gui.add_button_group("Save as", tuple(FILES))
         self._bind()
 
-    def open(self) -> None:
+    def fill(self) -> None:
         """Show the mechanism."""
         self.begin()
 

@@ -59,7 +59,7 @@ class Replay:
         self._offer()
         self._bind()
 
-    def open(self) -> None:
+    def fill(self) -> None:
         """Show the chosen episode."""
         self.choose()
 
