@@ -12,7 +12,9 @@ import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import TendonLaw, empty_arrays
+from rollingjoint.kernels.shared.formulas import formula
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
@@ -132,7 +134,7 @@ def new_state(n_joints, n_tendons):
     )
 
 
-@part(inline=True)
+@formula(formulas.design, Chain)
 def design(chain, which):
     """One design of a stack."""
     return Chain(

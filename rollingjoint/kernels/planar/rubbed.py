@@ -14,8 +14,9 @@ from rollingjoint.kernels.planar.loads import N_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.planar.solve import solve_step
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import friction_of, history_of, valid_friction
-from rollingjoint.kernels.shared.lane import evaluate_at, valid
-from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, begin_history, remember, rubbed_stiffness
+from rollingjoint.kernels.shared.lane import valid
+from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, remember
+from rollingjoint.kernels.shared.rubbed_lanes import begin_each, stiffness_each
 
 
 @kernel(nogil=True)
@@ -63,18 +64,7 @@ def begin_histories(chain, designs, law, tensions, angles, history):
     """Fill the histories of lanes that have never slipped, at joint angles (B, J) under tensions (B, m)."""
     sizes = MemorySizes(angles.shape[1], tensions.shape[1])
     memory, state = np.zeros(size_of(Memory, sizes)), new_state(sizes.J, sizes.m)
-    _begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
-
-
-@part
-def _begin_each(chain, designs, law, tensions, angles, history, state, space, sizes, no_loads):
-    chain, law, history, state = borrow(chain), borrow(law), borrow(history), borrow(state)
-    designs, tensions, angles = borrow(designs), borrow(tensions), borrow(angles)
-    memory = carve_tuple(borrow(space), 0, Memory, sizes)
-    for lane in range(angles.shape[0]):
-        one = design(chain, designs[lane])
-        evaluate_at(one, tensions[lane], tensions[lane], no_loads, angles[lane], state)
-        begin_history(one, friction_of(law, lane), state, memory, history_of(history, lane))
+    begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
 
 
 @kernel
@@ -82,16 +72,4 @@ def rubbed_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, h
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), at the angles after a step that left this history."""
     sizes = MemorySizes(history.angles.shape[1], tensions.shape[1])
     memory, state = np.zeros(size_of(Memory, sizes)), new_state(sizes.J, sizes.m)
-    _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, memory, sizes)
-
-
-@part
-def _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, space, sizes):
-    chain, law, history, state = borrow(chain), borrow(law), borrow(history), borrow(state)
-    designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
-    angles, A, torques = borrow(angles), borrow(A), borrow(torques)
-    memory = carve_tuple(borrow(space), 0, Memory, sizes)
-    for lane in range(tensions.shape[0]):
-        one, past = design(chain, designs[lane]), history_of(history, lane)
-        evaluate_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
-        rubbed_stiffness(one, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
+    stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, memory, sizes)

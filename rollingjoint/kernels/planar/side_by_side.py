@@ -168,6 +168,38 @@ def _newton_step(L, per_pivot, residual, free, step):
 
 
 @part(inline=True)
+def keep(search, accepted, energy, magnitude, worst, held):
+    """Begin another line search where a trial is accepted, else halve the part; returns (part to be tried, passes)."""
+    tried, passes = where(accepted, 1.0, 0.5 * search[PART]), search[PASSES] + 1.0
+    search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
+    search[ENERGY] = where(accepted, energy, search[ENERGY])
+    search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
+    search[WORST] = where(accepted, worst, search[WORST])
+    search[HELD] = where(accepted, held, search[HELD])
+    search[PART], search[PASSES] = tried, passes
+    return tried, passes
+
+
+@part(inline=True)
+def move(block, accepted, tried, moving):
+    """Go a part of the Newton step from where the line search began, between the limits, in the lanes that move."""
+    limits, angle, residual, solution = block.limits, block.state.angle, block.state.residual, block.vectors[0]
+    step, base_angle, base_residual = block.vectors[1], block.vectors[3], block.vectors[4]
+    longest = 0.0 * angle[0]
+    for i in range(angle.size):
+        longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
+    shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
+    for i in range(angle.size):
+        direction = where(accepted, solution[i] * shortened, step[i])
+        origin = where(accepted, angle[i], base_angle[i])
+        step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
+        trial = origin + tried * direction
+        trial = where(trial > limits[i, 0], trial, limits[i, 0])
+        trial = where(trial < limits[i, 1], trial, limits[i, 1])
+        angle[i] = where(moving, trial, angle[i])
+
+
+@part(inline=True)
 def _fill_responses(block):
     """Fill d angle / d command, where the stiffness has just been factored."""
     gap, elastic, responses = block.state.gap, block.state.elastic, block.responses
@@ -180,8 +212,8 @@ def _fill_responses(block):
 @formula(block_formulas.advance, Block)
 def advance(block, chain, designs):
     """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
-    limits, search, angle, residual = block.limits, block.search, block.state.angle, block.state.residual
-    solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
+    search, angle, residual = block.search, block.state.angle, block.state.residual
+    solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
     energy, magnitude, scale = evaluate_lanes(chain, designs, block)
     worst, held = hold_ends(block)
@@ -199,30 +231,10 @@ def advance(block, chain, designs):
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
     smallest, largest = _factor_stiffness(chain.tendon_joints, block.loads, block.state, free, block.L, per_pivot)
     stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
-    search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
-    search[ENERGY] = where(accepted, energy, search[ENERGY])
-    search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
-    search[WORST] = where(accepted, worst, search[WORST])
-    search[HELD] = where(accepted, held, search[HELD])
-    tried = where(accepted, 1.0, 0.5 * search[PART])
-    search[PART] = tried
-    passes = search[PASSES] + 1.0
-    search[PASSES] = passes
-
+    tried, passes = keep(search, accepted, energy, magnitude, worst, held)
     goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
     _newton_step(block.L, per_pivot, residual, free, solution)
-    longest = zero
-    for i in range(angle.size):
-        longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
-    shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
-    for i in range(angle.size):
-        direction = where(accepted, solution[i] * shortened, step[i])
-        origin = where(accepted, angle[i], base_angle[i])
-        step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
-        trial = origin + tried * direction
-        trial = where(trial > limits[i, 0], trial, limits[i, 0])
-        trial = where(trial < limits[i, 1], trial, limits[i, 1])
-        angle[i] = where(running & ~at_rest, trial, angle[i])
+    move(block, accepted, tried, running & ~at_rest)
     left = where(goes_on, RUNNING, LEFT)
     search[PHASE] = where(running, where(at_rest, where(stable, ARRIVED, LEFT), left), search[PHASE])
     return any_lane(running & (at_rest | ~goes_on))

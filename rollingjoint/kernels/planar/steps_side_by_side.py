@@ -23,11 +23,8 @@ from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays
 from rollingjoint.kernels.planar.block import (
     ARRIVED,
     ENERGY,
-    HELD,
     LEFT,
     MAGNITUDE,
-    PART,
-    PASSES,
     PHASE,
     RUNNING,
     STEPS,
@@ -40,7 +37,7 @@ from rollingjoint.kernels.planar.block import (
 )
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import fill_dead_stiffness, n_rows
-from rollingjoint.kernels.planar.side_by_side import evaluate_lanes, hold_ends, solve_rows
+from rollingjoint.kernels.planar.side_by_side import evaluate_lanes, hold_ends, keep, move, solve_rows
 from rollingjoint.kernels.planar.turns import evaluate_turns
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
@@ -60,7 +57,6 @@ from rollingjoint.kernels.shared.friction import (
 )
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import (
-    MAX_STEP,
     NEGLIGIBLE,
     RELATIVE_GOAL,
     RESIDUAL_FLOOR,
@@ -224,8 +220,8 @@ def _substitute(A, per_pivot, residual, free, step):
 def advance(rubbed, chain, designs):
     """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
     block, now, coefficients, tendon_joints = rubbed.block, rubbed.now, rubbed.law.tendons, chain.tendon_joints
-    limits, search, angle, residual = block.limits, block.search, block.state.angle, block.state.residual
-    solution, step, per_pivot = block.vectors[0], block.vectors[1], block.vectors[2]
+    search, angle, residual = block.search, block.state.angle, block.state.residual
+    solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
     potential, magnitude, scale = evaluate_lanes(chain, designs, block)
     _add_friction(tendon_joints, rubbed)
@@ -257,31 +253,13 @@ def advance(rubbed, chain, designs):
     if any_lane(at_rest):
         firm = at_rest & (_smallest_pivot(block.L, rubbed.symmetric) > SMALLEST_PIVOT * largest)
     _factor(block.L, largest, per_pivot)
-    search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
-    search[ENERGY] = where(accepted, potential + present, search[ENERGY])
-    search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
-    search[WORST] = where(accepted, worst, search[WORST])
-    search[HELD] = where(accepted, held, search[HELD])
-    tried = where(accepted, 1.0, 0.5 * search[PART])
-    search[PART] = tried
-    passes = search[PASSES] + 1.0
-    search[PASSES] = passes
-
+    tried, passes = keep(search, accepted, potential + present, magnitude, worst, held)
     _substitute(block.L, per_pivot, residual, free, solution)
-    longest, downhill = zero, zero
+    downhill = zero
     for i in range(angle.size):
-        longest = where(abs(solution[i]) > longest, abs(solution[i]), longest)
         downhill = downhill - residual[i] * solution[i]
     goes_on = running & ((downhill > 0.0) | ~accepted) & (tried >= _SHORTEST) & (passes < _MAX_PASSES)
-    shortened = where(longest > MAX_STEP, MAX_STEP / longest, 1.0)
-    for i in range(angle.size):
-        direction = where(accepted, solution[i] * shortened, step[i])
-        origin = where(accepted, angle[i], base_angle[i])
-        step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
-        trial = origin + tried * direction
-        trial = where(trial > limits[i, 0], trial, limits[i, 0])
-        trial = where(trial < limits[i, 1], trial, limits[i, 1])
-        angle[i] = where(running & ~at_rest, trial, angle[i])
+    move(block, accepted, tried, running & ~at_rest)
     left = where(goes_on, RUNNING, LEFT)
     arrived = where(firm & (largest >= NEGLIGIBLE), ARRIVED, LEFT)
     search[PHASE] = where(running, where(at_rest, arrived, left), search[PHASE])

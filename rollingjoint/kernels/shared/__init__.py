@@ -13,6 +13,7 @@ Modules:
     newton: Newton's method with a line search.
     relaxation: the overdamped motion, where Newton's method does not converge.
     rubbed_chain: a chain with friction, and its steps.
+    rubbed_lanes: histories and stiffness of many chains with friction.
     settle: one equilibrium from one start, with fallbacks.
     tendons: tensions and their energy from the lengths.
     tolerances: the numbers by which iterations stop.

@@ -14,6 +14,11 @@ from numba.extending import overload
 from rollingjoint._numba.jit import PART_OPTIONS, part
 
 
+def design(chain: Any, which: Any) -> Any:
+    """One mechanism of a stack."""
+    raise TypeError("design is compiled into kernels")
+
+
 def evaluate(chain: Any, law: Any, loads: Any, state: Any) -> Any:
     """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale)."""
     raise TypeError("evaluate is compiled into kernels")

@@ -9,7 +9,9 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
+from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.formulas import formula
 
 EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
@@ -37,7 +39,7 @@ K, KX, KXX, N_HELD = 0, 1, 4, 10
 
 
 class Hinges(NamedTuple):
-    """Chains of J hinges and m tendons: D designs of one topology; `hinge_design` takes one out, without the D.
+    """Chains of J hinges and m tendons: D designs of one topology; `design` takes one out, without the D.
 
     Link 0 is the base; hinge i carries link i + 1 and lies at the origin of link i, whose z axis points to the tip.
     """
@@ -123,8 +125,8 @@ def new_hinge_state(n_joints, n_tendons):
     )
 
 
-@part(inline=True)
-def hinge_design(chain, which):
+@formula(formulas.design, Hinges)
+def design(chain, which):
     """One design of a stack, without reference counts."""
     chain = borrow(chain)
     return Hinges(

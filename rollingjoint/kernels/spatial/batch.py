@@ -13,7 +13,7 @@ from rollingjoint.kernels.spatial.arrays import (
     N_COLUMNS,
     PX,
     SPRING,
-    hinge_design,
+    design,
     new_hinge_state,
 )
 from rollingjoint.kernels.spatial.solve import solve_hinges
@@ -65,7 +65,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, first, last, state
     laws, loads, starts, state = borrow(laws), borrow(loads), borrow(starts), borrow(state)
     results = borrow(results)
     for lane in range(first, last):
-        one = hinge_design(chain, designs[lane])
+        one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         if valid(law, loads[lane], starts[lane], STIFFNESSES):
             for i in range(rest.size):
@@ -81,5 +81,5 @@ def hinge_stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
     state = new_hinge_state(angles.shape[1], tensions.shape[1])
     for lane in range(angles.shape[0]):
-        one = hinge_design(chain, designs[lane])
+        one = design(chain, designs[lane])
         stiffness_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state, H[lane])

@@ -9,9 +9,10 @@ from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import friction_of, history_of, valid_friction
-from rollingjoint.kernels.shared.lane import evaluate_at, valid
-from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, begin_history, remember, rubbed_stiffness
-from rollingjoint.kernels.spatial.arrays import N_COLUMNS, hinge_design, new_hinge_state
+from rollingjoint.kernels.shared.lane import valid
+from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, remember
+from rollingjoint.kernels.shared.rubbed_lanes import begin_each, stiffness_each
+from rollingjoint.kernels.spatial.arrays import N_COLUMNS, design, new_hinge_state
 from rollingjoint.kernels.spatial.batch import STIFFNESSES, solve_invalid, store
 from rollingjoint.kernels.spatial.solve import step_hinges
 
@@ -30,7 +31,7 @@ def _step_each(chain, designs, laws, loads, starts, results, friction, first, la
     results, friction = borrow(results), borrow(friction)
     memory = carve_tuple(borrow(space), 0, Memory, sizes)
     for lane in range(first, last):
-        one = hinge_design(chain, designs[lane])
+        one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         coefficients, before = friction_of(friction.law, lane), history_of(friction.before, lane)
         known = valid(law, loads[lane], starts[lane], STIFFNESSES) and valid_friction(coefficients, before)
@@ -52,18 +53,7 @@ def begin_hinge_histories(chain, designs, law, tensions, angles, history):
     """Fill the histories of lanes that have never slipped, at joint angles (B, J) under tensions (B, m)."""
     sizes = MemorySizes(angles.shape[1], tensions.shape[1])
     memory, state = np.zeros(size_of(Memory, sizes)), new_hinge_state(sizes.J, sizes.m)
-    _begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
-
-
-@part
-def _begin_each(chain, designs, law, tensions, angles, history, state, space, sizes, no_loads):
-    law, history, state = borrow(law), borrow(history), borrow(state)
-    designs, tensions, angles = borrow(designs), borrow(tensions), borrow(angles)
-    memory = carve_tuple(borrow(space), 0, Memory, sizes)
-    for lane in range(angles.shape[0]):
-        one = hinge_design(chain, designs[lane])
-        evaluate_at(one, tensions[lane], tensions[lane], no_loads, angles[lane], state)
-        begin_history(one, friction_of(law, lane), state, memory, history_of(history, lane))
+    begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
 
 
 @kernel
@@ -71,16 +61,4 @@ def rubbed_hinge_stiffness_of(chain, designs, law, tensions, elastic, loads, ang
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), at the angles after a step that left this history."""
     sizes = MemorySizes(history.angles.shape[1], tensions.shape[1])
     memory, state = np.zeros(size_of(Memory, sizes)), new_hinge_state(sizes.J, sizes.m)
-    _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, memory, sizes)
-
-
-@part
-def _stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, space, sizes):
-    law, history, state = borrow(law), borrow(history), borrow(state)
-    designs, tensions, elastic, loads = borrow(designs), borrow(tensions), borrow(elastic), borrow(loads)
-    angles, A, torques = borrow(angles), borrow(A), borrow(torques)
-    memory = carve_tuple(borrow(space), 0, Memory, sizes)
-    for lane in range(tensions.shape[0]):
-        one, past = hinge_design(chain, designs[lane]), history_of(history, lane)
-        evaluate_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state)
-        rubbed_stiffness(one, friction_of(law, lane), loads[lane], state, memory, past, A[lane], torques[lane])
+    stiffness_each(chain, designs, law, tensions, elastic, loads, angles, history, A, torques, state, memory, sizes)
