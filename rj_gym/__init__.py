@@ -13,6 +13,7 @@ Modules:
     planar: the planar tracking task.
     rendering: what the drawings of all tasks share.
     sb3: the native vector environments for Stable-Baselines3.
+    torch_env: the planar tracking tasks as torch tensors on a device.
     vector_checker: a checker of Gymnasium vector environments.
 """
 

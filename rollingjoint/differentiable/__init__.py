@@ -9,11 +9,14 @@ Modules:
     friction: friction of the tendons, and what one step leaves to the next.
     geometry: where surfaces touch, where holes are.
     loads: loads, their energy, moments and stiffness.
+    looking: looks of the host at numbers on a device.
     newton: equilibria of a batch by Newton's method in torch.
+    side_by_side: equilibria of many chains in a fixed number of passes, without gradients: for simulation on a device.
     slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
     statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
+    tabulated: chains as the compiled solver's tables on a device.
 """
 
 from rollingjoint.errors import naming_extras
@@ -22,6 +25,7 @@ with naming_extras():
     from rollingjoint.differentiable.design import DifferentiableChain
     from rollingjoint.differentiable.equilibria import Equilibria
     from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
+    from rollingjoint.differentiable.side_by_side import Settled, SideBySide
     from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
     from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
 
@@ -30,6 +34,8 @@ __all__ = [
     "DifferentiableFriction",
     "Equilibria",
     "FrictionStates",
+    "Settled",
+    "SideBySide",
     "linear_pieces",
     "solve_lengths",
     "solve_tensions",

@@ -8,7 +8,7 @@ Between the passes nothing is read back from the device, so that a CUDA graph ca
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -36,7 +36,6 @@ PASSES = 8
 
 _AT_END = 1e-13  # rad
 _FEW = 64  # on the CPU a solve ends when one row in so many is still running: alone they are solved faster elsewhere
-_DOUBT = 0.01  # of the residual goal: nearer to it, rounding would decide whether a row is at rest
 
 
 class Settled(NamedTuple):
@@ -62,6 +61,8 @@ class SideBySide:
     Raises:
         InvalidInput: chains of more than 15 joints, or with springs of their own.
     """
+
+    most_joints: ClassVar[int] = MOST_JOINTS
 
     def __init__(
         self, arrays: Chain, designs: NDArray[np.int64], device: torch.device | str = "cpu", passes: int = PASSES
@@ -156,11 +157,11 @@ class _Search:
         factor = _Factor.of(found.stiffness, at_end)
         stable = factor.stable(at_end)
         goal = (RELATIVE_GOAL * found.scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
-        at_rest, doubtful = accepted & (worst <= goal), accepted & ((worst - goal).abs() <= _DOUBT * goal)
+        at_rest = accepted & (worst <= goal)
         free = (~at_end).to(r.dtype)
 
         part = torch.where(accepted, 1.0, 0.5 * self.part)
-        running = self.running & ~at_rest & ~doubtful & (stable | ~accepted) & (part >= SHORTEST)
+        running = self.running & ~at_rest & (stable | ~accepted) & (part >= SHORTEST)
         whole = factor.solve((-r * free)[..., None])[..., 0]
         whole = whole * (MAX_STEP / whole.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
         taken = accepted[:, None]
@@ -168,7 +169,7 @@ class _Search:
         trial = torch.minimum(torch.maximum(origin + part[:, None] * step, low), high)
         search = _Search(
             running,
-            self.arrived | at_rest & stable & ~doubtful,
+            self.arrived | at_rest & stable,
             torch.where(accepted, at_end.any(-1), self.held),
             torch.where(running[:, None], trial, angles),
             origin,

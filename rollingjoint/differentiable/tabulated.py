@@ -1,7 +1,7 @@
-"""Chains as the compiled solver's tables on a device, evaluated at joint angles: its numbers to rounding, no gradients.
+"""Chains as the compiled solver's tables on a device, evaluated at joint angles: its numbers to rounding.
 
-The plane is the complex plane: x + iy. Symbols as in docs/theory.md. Everything has one leading axis, the rows (B, ...),
-and nothing here reads a number back from the device.
+The plane is the complex plane: x + iy. Symbols as in docs/theory.md. Everything has one leading axis, rows (B, ...),
+without gradients, and nothing here reads a number back from the device.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class DeadLoads(NamedTuple):
     @classmethod
     def of(cls, table: Tensor, n_joints: int) -> DeadLoads:
         """The loads of tables (B, rows, columns), columns load.LOAD_COLUMNS."""
-        pairs = [torch.complex(table[..., _COLUMN[f"{c}x"]], table[..., _COLUMN[f"{c}y"]]) for c in "pf"]
+        points, forces = (torch.complex(table[..., _COLUMN[f"{c}x"]], table[..., _COLUMN[f"{c}y"]]) for c in "pf")
         links = table[..., _COLUMN["link"]].long()
         beyond = (links[..., None] > torch.arange(n_joints, device=table.device)).to(table.dtype)
         plain = (table[..., _OTHER_KINDS[0]] == 0.0) & (table[..., _OTHER_KINDS[1]] == 0.0)
         for column in _OTHER_KINDS[2:]:
             plain = plain & (table[..., column] == 0.0)
         usual = (plain & (table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
-        return cls(links, *pairs, table[..., _COLUMN["moment"]], beyond, usual)
+        return cls(links, points, forces, table[..., _COLUMN["moment"]], beyond, usual)
 
 
 class ElasticLaw(NamedTuple):
@@ -103,8 +103,13 @@ class TabulatedChain:
         chosen = slice(None) if len(arrays.joints) == 1 else designs
         joints, buckets, holes, channels = (getattr(arrays, name)[chosen] for name in _OF_DESIGNS)
         crosses = np.arange(joints.shape[1])[:, None] < arrays.tendon_joints
+        low_high, first_cells, cells = (
+            torch.tensor(values, device=device) for values in (joints, buckets, arrays.cells)
+        )
         return cls(
-            *(torch.tensor(values, device=device) for values in (joints, buckets, arrays.cells)),
+            low_high,
+            first_cells,
+            cells,
             torch.tensor(np.moveaxis(arrays.coefficients, 1, 0), device=device).contiguous(),
             _complex_pairs(holes, device),
             torch.tensor(channels, device=device),

@@ -1,0 +1,53 @@
+"""The host's side of lanes on a device: episodes begin here, and lanes that the device leaves are solved here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rollingjoint.mechanism import stack
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+SOLVED = ("joint_angles", "responses", "poses", "tensions", "lengths", "status")
+"""What a step reads of a solve, by the names of the compiled solver's results."""
+
+
+class HostEpisodes(PlanarEpisodeBuffer):
+    """The native episode buffer, in which lanes begin their episodes; where they go on is known on the device alone."""
+
+    @property
+    def load_tables(self) -> Array:
+        """The loads of all lanes, (B, 1, columns), with links and without forces that are up to date."""
+        return self._loads
+
+    @property
+    def varies(self) -> bool:
+        """Whether every lane has tables of its own."""
+        return len(self.tables[0].joints) == self.capacity > 1
+
+    @property
+    def tables(self) -> tuple[Any, Rows]:
+        """The tables of the mechanisms as a stack of designs, and which of these each lane has, (B,)."""
+        return stack(self.mechanisms), self._rows
+
+    def solve_lanes(self, rows: Rows, commands: Array, forces: Array, starts: Array) -> dict[str, NDArray[Any]]:
+        """Equilibria of some lanes as the native environment finds them, SOLVED by name, (len(rows), ...).
+
+        Args:
+            rows: the lanes, (R,).
+            commands: of the tendons, (R, m) [mm].
+            forces: (R, 2) [N].
+            starts: joint angles to start from, (R, J) [rad].
+        """
+        self._laws.command[rows] = commands
+        self._laws.low[rows], self._laws.high[rows] = self.task.config.tension_range
+        self._loads[rows, 0, self._FORCE] = forces
+        self._starts[rows] = starts
+        for row in rows.tolist():
+            self._solve(row, row + 1)
+        return {name: getattr(self._results, name)[rows] for name in SOLVED}

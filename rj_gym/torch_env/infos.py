@@ -1,0 +1,72 @@
+"""Infos as tensors, in Gymnasium's vector form: names as in rj_gym/core/info.py, a status as the number of a Status."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rj_gym.core.columns import EFFORT, ERROR, FAILURE, FORCE, LINK, SMOOTHNESS, STATUS, TARGET, TENSIONS, TIP, TRACKING
+
+_TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
+
+
+def state_info(readings: Tensor) -> dict[str, Any]:
+    """What info says in every step, tensors (B, ...): parts of the readings, which nothing may change any more."""
+    m = (readings.shape[1] - TENSIONS) // 2
+    return {
+        "error_mm": readings[:, ERROR],
+        "status": readings[:, STATUS].long(),
+        "tip": readings[:, TIP : TIP + 2],
+        "target": readings[:, TARGET : TARGET + 2],
+        "load": {"link": readings[:, LINK].long(), "force": readings[:, FORCE : FORCE + 2]},
+        "tensions": readings[:, TENSIONS : TENSIONS + m],
+        "command": readings[:, TENSIONS + m : TENSIONS + 2 * m],
+    }
+
+
+def reward_info(readings: Tensor) -> dict[str, Tensor]:
+    """The terms of the reward, (B,) each."""
+    return {name: readings[:, column] for name, column in _TERMS.items()}
+
+
+def on_device(info: Mapping[str, Any], device: torch.device) -> dict[str, Any]:
+    """The arrays of numbers of an info as tensors; those of names are left out."""
+    return {
+        key: on_device(value, device) if isinstance(value, dict) else torch.tensor(value, device=device)
+        for key, value in info.items()
+        if isinstance(value, dict) or value.dtype != np.dtype(object)
+    }
+
+
+def masked_info(info: Mapping[str, Any], mask: Tensor) -> dict[str, Any]:
+    """A batch's info in Gymnasium's vector form: `_key` says which lanes have `key`; the others hold zero."""
+    masked: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            masked[key] = masked_info(value, mask)
+        else:
+            masked[key] = torch.where(mask[(..., *(None,) * (value.ndim - 1))], value, torch.zeros_like(value))
+        masked[f"_{key}"] = mask
+    return masked
+
+
+def whole_info(info: Mapping[str, Any], mask: Tensor) -> dict[str, Any]:
+    """masked_info where every lane has everything, as the mask says."""
+    whole: dict[str, Any] = {}
+    for key, value in info.items():
+        whole[key] = whole_info(value, mask) if isinstance(value, dict) else value
+        whole[f"_{key}"] = mask
+    return whole
+
+
+def unmasked_info(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Infos without their `_key` masks."""
+    return {
+        key: unmasked_info(value) if isinstance(value, dict) else value
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }

@@ -1,0 +1,59 @@
+"""Running episodes of B lanes as tensors on a device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from rj_gym.torch_env.host import HostEpisodes
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/planar/kernels.py."""
+
+    angles: Tensor
+    responses: Tensor
+    poses: Tensor
+    actions: Tensor
+    readings: Tensor
+    targets: Tensor
+    forces: Tensor
+    stiffnesses: Tensor
+    actuator_offsets: Tensor
+    noise: Tensor
+    loads: Tensor
+
+    @classmethod
+    def of(cls, host: HostEpisodes, device: torch.device) -> Lanes:
+        """All lanes as they are on the host."""
+        return cls(*(torch.tensor(array, device=device) for array in _arrays(host).values()))
+
+    def begun(self, rows: NDArray[np.int64], host: HostEpisodes) -> Lanes:
+        """The lanes, these of which have just begun on the host."""
+        device = self.angles.device
+        if len(rows) == len(self.angles):
+            return Lanes.of(host, device)
+        at = torch.as_tensor(rows, device=device)
+        return Lanes(*(_with_rows(getattr(self, name), at, rows, array) for name, array in _arrays(host).items()))
+
+
+def _with_rows(tensor: Tensor, at: Tensor, rows: NDArray[np.int64], array: NDArray[np.float64]) -> Tensor:
+    """A copy with some rows of an array in place of its own; the array where its series have become longer."""
+    if tensor.shape[1:] != array.shape[1:]:
+        return torch.tensor(array, device=tensor.device)
+    if not array.size:
+        return tensor
+    return tensor.index_copy(0, at, torch.tensor(array[rows], device=tensor.device))
+
+
+def _arrays(host: HostEpisodes) -> dict[str, Any]:
+    """The arrays of the host, in the order of the fields."""
+    names = [field.name for field in fields(Lanes)]
+    places = {name: host.state for name in host.state._fields} | {name: host.course for name in host.course._fields}
+    return {name: host.load_tables if name == "loads" else getattr(places[name], name) for name in names}

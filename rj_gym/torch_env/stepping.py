@@ -1,0 +1,131 @@
+"""The formulas of a step in torch, for all lanes: those of rj_gym/planar/kernels.py and rj_gym/core/kernels.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rj_gym.core.columns import (
+    EFFORT,
+    ERROR,
+    FAILURE,
+    FORCE,
+    REWARD,
+    SMOOTHNESS,
+    STATUS,
+    STEP,
+    TARGET,
+    TENSIONS,
+    TIP,
+    TRACKING,
+)
+from rj_gym.planar.kernels import FX, FY, PREDICTABLE, Rules
+from rj_gym.torch_env.lanes import Lanes
+from rollingjoint.differentiable import Settled
+from rollingjoint.solution import Status
+
+
+class Prepared(NamedTuple):
+    """What goes into the solve of a step."""
+
+    actions: Tensor  # the last ones, within [-1, 1], and those before, (B, 2, m)
+    commands: Tensor  # (B, m) mm
+    starts: Tensor  # (B, J) rad
+    loads: Tensor  # (B, 1, columns)
+    readings: Tensor  # with steps and forces of this step
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What comes out of the solve of a step; names, shapes and units of rj_gym/planar/kernels.py."""
+
+    joint_angles: Tensor
+    responses: Tensor
+    poses: Tensor
+    tensions: Tensor
+    lengths: Tensor
+    status: Tensor
+
+    @classmethod
+    def of(cls, settled: Settled) -> Solved:
+        """The equilibria that a device has found."""
+        status = torch.where(settled.held, int(Status.AT_LIMIT), int(Status.CONVERGED))
+        found = settled.joint_angles, settled.responses, settled.poses, settled.tensions, settled.lengths
+        return cls(*found, status)
+
+
+def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
+    """Begin a step with actions (B, m): tendons are pulled, the load moves on, starts lie on the last tangent."""
+    readings, m = lanes.readings.clone(), actions.shape[-1]
+    readings[:, STEP] += 1.0
+    taken = actions.clamp(-1.0, 1.0)
+    held = readings[:, TENSIONS + m : TENSIONS + 2 * m]
+    commands = held - rules.action_scale * taken + lanes.actuator_offsets
+    turns = (lanes.responses * (commands - (held + lanes.actuator_offsets))[:, None]).sum(-1)
+    near = turns.abs().amax(-1, keepdim=True) < PREDICTABLE
+    forces = now(lanes.forces, readings)
+    loads = lanes.loads.clone()
+    loads[:, 0, FX : FY + 1] = readings[:, FORCE : FORCE + 2] = forces
+    starts = torch.where(near, lanes.angles + turns, lanes.angles)
+    return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), commands, starts, loads, readings)
+
+
+def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> Lanes:
+    """The lanes after the solve. A lane without a usable equilibrium keeps its pose, tensions and commands."""
+    readings, m = prepared.readings, solved.tensions.shape[-1]
+    readings[:, STATUS] = solved.status.to(readings.dtype)
+    usable = solved.status <= int(Status.AT_LIMIT)
+    unstretched = solved.lengths - solved.tensions / lanes.stiffnesses - lanes.actuator_offsets
+    tendons = torch.cat([solved.tensions, unstretched], -1)
+    readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(usable, tendons, readings[:, TENSIONS : TENSIONS + 2 * m])
+    after = replace(
+        lanes,
+        angles=_taken(usable, solved.joint_angles, lanes.angles),
+        responses=_taken(usable, solved.responses, lanes.responses),
+        poses=_taken(usable, solved.poses, lanes.poses),
+        actions=prepared.actions,
+        readings=readings,
+    )
+    _measure_error(after)
+    _fill_rewards(rules, after, usable)
+    return after
+
+
+def _measure_error(lanes: Lanes) -> None:
+    """Tips, targets and the distances between them."""
+    readings = lanes.readings
+    readings[:, TIP : TIP + 2] = lanes.poses[:, -1, :2]
+    readings[:, TARGET : TARGET + 2] = now(lanes.targets, readings)
+    away = readings[:, TIP : TIP + 2] - readings[:, TARGET : TARGET + 2]
+    readings[:, ERROR] = away.square().sum(-1).sqrt()
+
+
+def _fill_rewards(rules: Rules, lanes: Lanes, usable: Tensor) -> None:
+    """The terms of the reward, and their sum."""
+    readings, m = lanes.readings, lanes.actions.shape[-1]
+    error, tensions = readings[:, ERROR], readings[:, TENSIONS : TENSIONS + m]
+    tracking = -error / rules.error_scale
+    if rules.precision > 0.0:
+        tracking = tracking - rules.precision * error / (error + 1.0)
+    effort = (tensions / rules.highest_tension).square().sum(-1) * (-rules.effort / m)
+    smoothness = (lanes.actions[:, 0] - lanes.actions[:, 1]).square().sum(-1) * (-rules.smoothness / m)
+    failure = torch.where(usable, 0.0, -rules.failure_penalty).to(readings.dtype)
+    columns = {TRACKING: tracking, EFFORT: effort, SMOOTHNESS: smoothness, FAILURE: failure}
+    for column, values in columns.items():
+        readings[:, column] = values
+    readings[:, REWARD] = tracking + effort + smoothness + failure
+
+
+def now(series: Tensor, readings: Tensor) -> Tensor:
+    """The entries of series (B, 1 or T + 1, ...) at the steps where lanes are, (B, ...)."""
+    if series.shape[1] == 1:
+        return series[:, 0]
+    step = readings[:, STEP].long().clamp(max=series.shape[1] - 1)
+    return series[torch.arange(len(series), device=series.device), step]
+
+
+def _taken(where: Tensor, new: Tensor, old: Tensor) -> Tensor:
+    return torch.where(where[(..., *(None,) * (new.ndim - 1))], new, old)
