@@ -15,6 +15,6 @@ Modules:
 from rollingjoint.errors import naming_extras
 
 with naming_extras():
-    from rj_gym.torch_env.env import TorchTrackingEnv, make_torch_env
+    from rj_gym.torch_env.env import TorchTrackingEnv
 
-__all__ = ["TorchTrackingEnv", "make_torch_env"]
+__all__ = ["TorchTrackingEnv"]

@@ -235,15 +235,16 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     def _restart(self, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Same-step autoreset: ended lanes restart; their last observations and infos go to final_obs, final_info."""
-        ended = self._tensor(self._over)
+        ended, some_go_on = self._tensor(self._over), not self._over.all()
         sampled = self._begin(np.flatnonzero(self._over))
         self._over = np.zeros(self.num_envs, bool)
         lanes = self._running()
         base = tensor_infos.state_info(lanes.readings.clone())
         last = tensor_infos.unmasked_info(infos)
         restarted = tensor_infos.whole_info(base, torch.ones_like(ended))
-        stepped = {key: value for key, value in last.items() if key not in base}
-        restarted |= tensor_infos.masked_info(stepped, ~ended)
+        if some_go_on:
+            stepped = {key: value for key, value in last.items() if key not in base}
+            restarted |= tensor_infos.masked_info(stepped, ~ended)
         restarted |= tensor_infos.masked_info(
             {"sampled": sampled, "final_info": last, "final_obs": observations}, ended
         )
@@ -287,17 +288,6 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
         return torch.tensor(array, device=self.device)
-
-
-def make_torch_env(
-    env_id: str, num_envs: int = 1, device: torch.device | str = "cpu", **arguments: Any
-) -> TorchTrackingEnv:
-    """`num_envs` lanes of a registered planar tracking task as torch tensors on a device; the rest as TorchTrackingEnv.
-
-    Raises:
-        InvalidInput, ConfigError: arguments that the environment refuses.
-    """
-    return TorchTrackingEnv(env_id, num_envs, device, **arguments)
 
 
 def _on_host(options: Mapping[str, Any]) -> dict[str, Any]:

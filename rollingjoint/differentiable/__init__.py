@@ -25,6 +25,7 @@ with naming_extras():
     from rollingjoint.differentiable.design import DifferentiableChain
     from rollingjoint.differentiable.equilibria import Equilibria
     from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
+    from rollingjoint.differentiable.looking import as_on_a_device
     from rollingjoint.differentiable.side_by_side import Settled, SideBySide
     from rollingjoint.differentiable.solve import solve_lengths, solve_tensions
     from rollingjoint.differentiable.surface import linear_pieces, spline_pieces
@@ -36,6 +37,7 @@ __all__ = [
     "FrictionStates",
     "Settled",
     "SideBySide",
+    "as_on_a_device",
     "linear_pieces",
     "solve_lengths",
     "solve_tensions",

@@ -1,0 +1,317 @@
+"""The environments of tensors are the native ones: the same episodes, numbers to 1e-9, ends and refusals."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+import rj_gym  # noqa: F401 - registers the environments
+from rollingjoint import InvalidInput, Status, five_link
+from rollingjoint.friction import CapstanFriction
+
+torch = pytest.importorskip("torch")
+
+from rj_gym.torch_env import TorchTrackingEnv  # noqa: E402 - needs torch
+from rollingjoint.differentiable import as_on_a_device  # noqa: E402
+from tests.host_reads import no_host_reads  # noqa: E402
+from tests.rj_gym.watched_solver import watch_solver  # noqa: E402
+
+PLAIN, GOAL = "rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"
+EQUAL = 1e-9  # mm, N, mm of commands
+MISMATCH = {"stiffness_spread": 0.2, "actuator_offset_mm": 0.5}
+WORLDS = {
+    "fixed target": (PLAIN, {}),
+    "goals": (GOAL, {}),
+    "sparse goals": (GOAL, {"reward": {"goal": "sparse", "goal_tolerance_mm": 20.0}}),
+    "moving target, stepping load": (PLAIN, {"target": {"process": "path"}, "load": {"process": "step"}}),
+    "drifting load, observed": (PLAIN, {"load": {"process": "ou", "link": "tip"}, "observe_load": True}),
+    "noise, other tendons": (PLAIN, {"randomization": {"position_noise_mm": 0.3, "angle_noise_rad": 0.01} | MISMATCH}),
+    "other surfaces": (PLAIN, {"randomization": {"link_tolerance_mm": 0.2, "link_tolerance_rad": 0.02}}),
+    "ends of surfaces": (PLAIN, {"load": {"magnitude": (5.0, 12.0)}, "action_scale_mm": 4.0}),
+    "loaded targets, few readings": (PLAIN, {"target": {"loaded": True}, "observe_tensions": False}),
+    "other rewards": (PLAIN, {"reward": {"precision": 0.5, "effort": 0.3}, "start": "random"}),
+    "four tendons": (PLAIN, {"mechanism": "two_segment"}),
+}
+QUICK = ("fixed target", "goals", "other surfaces")
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def pair(env_id=PLAIN, lanes=6, **settings):
+    """The environment of tensors, and the native one."""
+    native = gymnasium.make_vec(env_id, lanes, "vector_entry_point", **settings)
+    return TorchTrackingEnv(env_id, lanes, **settings), native
+
+
+def assert_equal(ours, native, where=""):
+    """Nested results: the same entries, shapes and types; floats of 64 bits to EQUAL, others to rounding."""
+    if isinstance(native, dict):
+        names = {key for key in native if key.removeprefix("_") != "mechanism"}
+        assert set(ours) == names, where
+        for key in names:
+            assert_equal(ours[key], native[key], f"{where}/{key}")
+        return
+    if where.endswith("/status"):
+        native = np.array([Status[name] if name else 0 for name in native], np.int64)
+    if where.endswith("/final_obs"):
+        return  # test_last_observations_are_those_of_the_native_environment
+    numbers = ours.numpy()
+    assert (numbers.shape, numbers.dtype) == (np.shape(native), native.dtype), where
+    limit = 2e-6 if native.dtype == np.float32 else EQUAL
+    np.testing.assert_allclose(numbers, native, rtol=limit, atol=limit, err_msg=where)
+
+
+def played(ours, native, seed, steps, largest=1.2):
+    """Both through the same episodes; every result has to be the same. Returns all statuses."""
+    rng, statuses = np.random.default_rng(seed), []
+    for one, other in zip(ours.reset(seed=seed), native.reset(seed=seed), strict=True):
+        assert_equal(one, other, "reset")
+    for step in range(steps):
+        actions = rng.uniform(-largest, largest, native.action_space.shape).astype(np.float32)
+        result = ours.step(torch.tensor(actions))
+        for one, other in zip(result, native.step(actions), strict=True):
+            assert_equal(one, other, f"step {step}")
+        statuses += result[4]["status"].tolist()
+    return statuses
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("world", QUICK)
+def test_episodes_are_those_of_the_native_environment(world, mode):
+    env_id, settings = WORLDS[world]
+    played(*pair(env_id, episode_steps=3, autoreset_mode=mode, **settings), seed=3, steps=8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("world", WORLDS)
+def test_long_episodes_are_those_of_the_native_environment(world, mode):
+    env_id, settings = WORLDS[world]
+    ours, native = pair(env_id, lanes=48, episode_steps=12, autoreset_mode=mode, **settings)
+    for seed in (0, 11):
+        statuses = played(ours, native, seed, steps=30)
+    assert ours.host_solves < 30 * 2 * 48
+    if world == "ends of surfaces":
+        assert {Status.AT_LIMIT, Status.CONVERGED} <= set(statuses)
+
+
+@pytest.mark.slow
+def test_lanes_that_the_device_leaves_to_the_host_are_those_of_the_native_environment():
+    ours, native = pair(lanes=32, action_scale_mm=8.0, load={"magnitude": (3.0, 8.0)}, episode_steps=10)
+    played(ours, native, 5, 20)
+    assert ours.host_solves > 32
+
+
+def test_last_observations_are_those_of_the_native_environment():
+    ours, native = pair(GOAL, lanes=3, episode_steps=2, autoreset_mode="SameStep")
+    ours.reset(seed=0), native.reset(seed=0)
+    for _ in range(2):
+        one, other = ours.step(torch.full((3, 2), 0.3))[4], native.step(np.full((3, 2), 0.3))[4]
+    assert one["_final_obs"].tolist() == other["_final_obs"].tolist() == [True] * 3
+    for lane, last in enumerate(other["final_obs"]):
+        for key, values in last.items():
+            np.testing.assert_allclose(one["final_obs"][key][lane].numpy(), values, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_failed_solve_ends_its_lane_as_in_the_native_environment(mode):
+    ours, native = pair(lanes=3, autoreset_mode=mode, reward={"failure_penalty": 7.0})
+    ours.reset(seed=0), native.reset(seed=0)
+    buffer, host, solve = native.unwrapped._buffer, ours._host, ours._solver.solve
+    watch_solver(buffer, after=lambda: buffer._results.status.put(1, Status.NOT_CONVERGED))
+    solve_alone = host._solve
+    host._solve = lambda *rows: (solve_alone(*rows), host._results.status.put(1, Status.NOT_CONVERGED))
+    others = torch.tensor([True, False, True])
+    ours._solver.solve = lambda *inputs: (found := solve(*inputs))._replace(arrived=found.arrived & others)
+    ended = []
+    for step in range(4):
+        actions = np.full((3, 2), 0.1 * step, np.float32)
+        result = ours.step(torch.tensor(actions))
+        for one, other in zip(result, native.step(actions), strict=True):
+            assert_equal(one, other, f"step {step}")
+        ended.append(result[2].tolist())
+    assert ended[0] == [False, True, False]
+    assert [row[1] for row in ended] == ([True] * 4 if mode == "SameStep" else [True, False, True, False])
+
+
+def test_episodes_of_one_step_begin_anew_at_every_other_one():
+    played(*pair(lanes=3, episode_steps=1), seed=0, steps=5)
+    played(*pair(lanes=3, episode_steps=1, autoreset_mode="SameStep"), seed=0, steps=5)
+
+
+def test_masked_resets_are_those_of_the_native_environment():
+    ours, native = pair(lanes=4, episode_steps=3, autoreset_mode="Disabled")
+    played(ours, native, seed=2, steps=2)
+    mask = np.array([True, False, True, False])
+    options = {"target": np.array([5.0, 90.0]), "load": {"link": -1, "force": np.array([0.2, 0.1])}}
+    for one, other in zip(
+        ours.reset(seed=9, options={"reset_mask": torch.tensor(mask), **options}),
+        native.reset(seed=9, options={"reset_mask": mask, **options}),
+        strict=True,
+    ):
+        assert_equal(one, other, "masked")
+    for one, other in zip(ours.step(torch.ones(4, 2)), native.step(np.ones((4, 2), np.float32)), strict=True):
+        assert_equal(one, other, "after it")
+    assert ours._steps.tolist() == [1, 3, 1, 3]
+    with pytest.raises(ResetNeeded, match=r"Lanes \[1, 3\] have ended"):
+        ours.step(torch.zeros(4, 2))
+
+
+def test_a_series_of_targets_and_another_mechanism_can_be_held():
+    ours, native = pair(lanes=3, episode_steps=3)
+    ours.reset(seed=0), native.reset(seed=0)
+    path = np.linspace([0.0, 95.0], [20.0, 90.0], 4)
+    stiffer = five_link().replace(tendons=tuple(_stiffer(tendon) for tendon in five_link().tendons))
+    for options in ({"target": path}, {"mechanism": stiffer}, {}):
+        for one, other in zip(
+            ours.reset(options=options | {"reset_mask": np.array([True, True, False])}),
+            native.reset(options=options | {"reset_mask": np.array([True, True, False])}),
+            strict=True,
+        ):
+            assert_equal(one, other, str(options))
+        for one, other in zip(ours.step(torch.ones(3, 2)), native.step(np.ones((3, 2))), strict=True):
+            assert_equal(one, other, str(options))
+
+
+def _stiffer(tendon):
+    from dataclasses import replace
+
+    return replace(tendon, stiffness=2.0 * tendon.stiffness)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_actions_that_are_not_finite_are_refused_and_change_nothing(bad):
+    ours, native = pair(lanes=2)
+    played(ours, native, seed=0, steps=1)
+    with pytest.raises(InvalidInput, match=r"actions = .*expected finite numbers in \[-1, 1\] of shape \(2, 2\)"):
+        ours.step(torch.tensor([[0.0, bad], [0.0, 0.0]]))
+    for one, other in zip(ours.step(torch.zeros(2, 2)), native.step(np.zeros((2, 2))), strict=True):
+        assert_equal(one, other, "afterwards")
+
+
+@pytest.mark.parametrize("actions", [torch.zeros(2), torch.zeros(3, 2), "up"])
+def test_actions_of_another_shape_are_refused(actions):
+    env = TorchTrackingEnv(PLAIN, 2)
+    env.reset(seed=0)
+    with pytest.raises(InvalidInput, match="finite numbers"):
+        env.step(actions)
+
+
+def test_a_step_needs_a_reset():
+    with pytest.raises(ResetNeeded):
+        TorchTrackingEnv().step(torch.zeros(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"friction": {"mu": 0.1}},
+            "friction = .*: expected None, and a mechanism without friction. gymnasium.make_vec",
+        ),
+        ({"mechanism": five_link().replace(friction=CapstanFriction(0.1))}, "friction = .*gymnasium.make_vec"),
+        ({"sensing": {"delay": 2}}, r"sensing = .*: expected SensingConfig\(.*gymnasium.make_vec"),
+        ({"actuation": {"play_mm": 1.0}}, r"actuation = .*: expected ActuationConfig\(.*gymnasium.make_vec"),
+        ({"observe_history": 2}, "observe_history = 2: expected 0. gymnasium.make_vec"),
+        ({"privileged": "info"}, "privileged = 'info': expected 'off'. gymnasium.make_vec"),
+        (
+            {"env_id": "rj_gym/FlexibleArm-v0"},
+            "env_id = .*: expected one of rj_gym/RollingJoint-v0.*gymnasium.make_vec",
+        ),
+        ({"env_id": "rj_gym/Instrument-v0"}, "sensing = .*gymnasium.make_vec"),
+        ({"device": "mps"}, 'device = \'mps\': expected a torch device, "cpu" or "cuda". Numbers have 64 bits.'),
+        ({"device": "moon"}, "device = 'moon': expected a torch device"),
+        ({"device": "cuda:99"}, "device = 'cuda:99': expected .*CUDA devices found: "),
+        ({"num_envs": 0}, "num_envs = 0"),
+        ({"autoreset_mode": "Sometimes"}, "autoreset_mode = 'Sometimes'"),
+    ],
+)
+def test_what_is_not_supported_is_refused_in_one_line(settings, message):
+    with pytest.raises(InvalidInput, match=message) as error:
+        TorchTrackingEnv(**settings)
+    assert "\n" not in str(error.value)
+
+
+def test_a_mechanism_with_springs_is_refused_when_it_is_made_and_when_it_is_held():
+    from rollingjoint import Spring
+
+    springy = five_link().replace(springs=(Spring(1, 0.02, (30.0, 50.0)),))
+    with pytest.raises(InvalidInput, match=r"springs of mechanism = .*: expected none"):
+        TorchTrackingEnv(mechanism=springy)
+    env = TorchTrackingEnv()
+    with pytest.raises(InvalidInput, match=r"springs of options\['mechanism'\] = .*: expected none"):
+        env.reset(seed=0, options={"mechanism": springy})
+
+
+def test_a_step_reads_nothing_back_but_its_report():
+    env = TorchTrackingEnv(PLAIN, 8, load={"magnitude": (0.0, 0.1)}, action_scale_mm=0.2)
+    env.reset(seed=0)
+    with as_on_a_device(), no_host_reads():
+        for _ in range(3):
+            env.step(torch.full((8, 2), 0.3))
+    assert env.host_solves == 0
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_step_on_a_cuda_device_waits_once():
+    env = TorchTrackingEnv(PLAIN, 8, "cuda", load={"magnitude": (0.0, 0.1)}, action_scale_mm=0.2)
+    env.reset(seed=0)
+    actions = torch.full((8, 2), 0.3, device="cuda")
+    env.step(actions)
+    with pytest.warns(UserWarning, match="synchronizing") as waits:
+        torch.cuda.set_sync_debug_mode("warn")
+        env.step(actions)
+        torch.cuda.set_sync_debug_mode("default")
+    assert len(waits) == 1
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_numbers_on_a_cuda_device_are_those_of_the_native_environment():
+    ours, native = pair(lanes=16, episode_steps=5)
+    ours = TorchTrackingEnv(PLAIN, 16, "cuda", episode_steps=5)
+    ours.reset(seed=0), native.reset(seed=0)
+    for _ in range(12):
+        one, other = ours.step(torch.full((16, 2), 0.5, device="cuda")), native.step(np.full((16, 2), 0.5))
+        assert one[0].is_cuda
+        np.testing.assert_allclose(one[4]["tip"].cpu().numpy(), other[4]["tip"], rtol=0, atol=EQUAL)
+        np.testing.assert_allclose(one[1].cpu().numpy(), other[1], rtol=0, atol=EQUAL)
+
+
+def test_gymnasium_converts_its_tensors():
+    pytest.importorskip("array_api_compat")
+    wrappers = pytest.importorskip("gymnasium.wrappers.vector")
+    import array_api_compat.numpy
+    import array_api_compat.torch
+
+    ours, native = pair(lanes=3, episode_steps=2)
+    env = wrappers.ArrayConversion(ours, array_api_compat.torch, array_api_compat.numpy)
+    observations, infos = env.reset(seed=4)
+    assert isinstance(observations, np.ndarray) and isinstance(infos["sampled"]["targets"], np.ndarray)
+    np.testing.assert_allclose(observations, native.reset(seed=4)[0], rtol=0, atol=2e-6)
+    for _ in range(4):
+        one, other = env.step(np.full((3, 2), 0.4, np.float32)), native.step(np.full((3, 2), 0.4, np.float32))
+        np.testing.assert_allclose(one[1], other[1], rtol=0, atol=EQUAL)
+        assert one[3].tolist() == other[3].tolist() and isinstance(one[4]["error_mm"], np.ndarray)
+
+
+def test_what_a_caller_does_to_results_changes_no_episode():
+    ours, native = pair(lanes=2)
+    played(ours, native, seed=0, steps=1)
+    for values in ours.step(torch.zeros(2, 2))[4].values():
+        if isinstance(values, torch.Tensor) and values.is_floating_point():
+            values.fill_(99.0)
+    native.step(np.zeros((2, 2)))
+    for one, other in zip(ours.step(torch.zeros(2, 2)), native.step(np.zeros((2, 2))), strict=True):
+        assert_equal(one, other, "afterwards")
+
+
+def test_without_torch_the_extra_is_named(run_python):
+    hidden = "import sys; sys.modules['torch'] = None\n"
+    program = "try:\n    import rj_gym.torch_env\nexcept ModuleNotFoundError as error:\n    print(error)"
+    assert run_python("-c", hidden + program) == 'torch is not installed: run pip install "rollingjoint[design]"\n'
