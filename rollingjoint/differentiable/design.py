@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.friction import COEFFICIENTS, DifferentiableFriction, as_friction, without_rolling
-from rollingjoint.differentiable.surface import Surfaces, turning_bound, turning_coefficients
+from rollingjoint.differentiable.looking import may_look, seen
+from rollingjoint.differentiable.surface import MOST_UNSEEN_TURN, Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
@@ -179,12 +180,12 @@ class DifferentiableChain:
 
     def where(self, valid: Tensor) -> DifferentiableChain:
         """The designs where `valid`, (batch); elsewhere a plain mechanism, constant, that can always be solved."""
-        if bool(valid.all()):
+        if seen(valid.all(), False):
             return self
         plain = {name: torch.zeros_like(getattr(self, name)) for name in PARAMETERS}
-        plain["breaks"][...] = torch.linspace(-1.0, 1.0, self.breaks.shape[-1]).to(self.breaks)
+        plain["breaks"][...] = torch.linspace(-1.0, 1.0, self.breaks.shape[-1], device=self.device).to(torch.float64)
         plain["coefficients"][..., 1, :, 0] = -0.05
-        plain["starts"][..., 1] = torch.tensor([-10.0, 10.0]).to(self.starts)
+        plain["starts"][..., 0, 1], plain["starts"][..., 1, 1] = -10.0, 10.0
         plain["stiffnesses"][...] = 1.0
         chosen = {}
         for name, axes in PARAMETERS.items():
@@ -214,7 +215,7 @@ class DifferentiableChain:
         for name, axes in PARAMETERS.items():
             good = good & (getattr(self, name).abs() <= LARGEST_INPUT).flatten(-len(axes)).all(-1)
         lengths = self.breaks.diff(dim=-1)
-        calm = turning_bound(turning_coefficients(self.coefficients), lengths) <= _MOST_TURN
+        calm = turning_bound(turning_coefficients(self.coefficients), lengths) <= _most_turn()
         ordered = (lengths >= 0).all(-1) & (lengths[..., 0] > 0)
         around = (self.breaks[..., 0] <= 0) & (self.breaks[..., -1] >= 0)
         stiff = (self.stiffnesses > 0).all(-1)
@@ -255,11 +256,16 @@ class DifferentiableChain:
         return dataclasses.replace(self, **changed, friction=friction)
 
 
+def _most_turn() -> float:
+    """By how much a piece may turn [rad]: less where the host does not look how many nodes its quadrature needs."""
+    return _MOST_TURN if may_look() else MOST_UNSEEN_TURN
+
+
 def _rolling(design: DifferentiableChain) -> Tensor:
     """Whether the relative curvature of every joint is below 0 where it is sampled."""
-    inside = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES).to(design.breaks)
+    inside = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES, device=design.device).to(torch.float64)
     below, above = design.breaks[..., :-1, 1, :], design.breaks[..., 1:, 0, :]
-    if bool((below == above).all()):
+    if seen((below == above).all(), False):
         return _rolling_alike(design, below.diff(dim=-1), inside)
     joints = design.surfaces().joints()
     low, high = joints.common_range()
@@ -274,7 +280,7 @@ def _rolling(design: DifferentiableChain) -> Tensor:
 
 def _rolling_alike(design: DifferentiableChain, lengths: Tensor, inside: Tensor) -> Tensor:
     """`_rolling` for joints whose two surfaces have the same pieces, of these lengths (..., J, p)."""
-    degrees = torch.arange(design.coefficients.shape[-1]).to(inside)
+    degrees = torch.arange(design.coefficients.shape[-1], device=design.device).to(inside)
     relative = design.coefficients[..., :-1, 1, :, :] - design.coefficients[..., 1:, 0, :, :]
     samples = (relative * lengths[..., None] ** degrees) @ (inside ** degrees[:, None])
     return ((samples < 0) | (lengths[..., None] == 0)).flatten(-3).all(-1)

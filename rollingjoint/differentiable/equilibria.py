@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates
+from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.slip import FIRM
 from rollingjoint.differentiable.statics import ChainState
@@ -117,7 +118,7 @@ class Equilibria:
         found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
             lambda tensor, _: self._shown(tensor)
         )
-        if before is None or bool(self.ok.all()):
+        if before is None or seen(self.ok.all(), False):
             return found
         stands = self.status <= Status.INDETERMINATE
         kept = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
@@ -179,7 +180,7 @@ class Equilibria:
 
     def _shown(self, values: Tensor) -> Tensor:
         """The values, constant and finite in rows that have failed."""
-        if bool(self.ok.all()):
+        if seen(self.ok.all(), False):
             return values
         ok = self.ok[(..., *(None,) * (values.ndim - self.ok.ndim))]
         return torch.where(ok, values, torch.nan_to_num(values.detach()))

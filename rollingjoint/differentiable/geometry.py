@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.design import DifferentiableChain
+from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.surface import Place, Surfaces, as_complex
 
 
@@ -109,7 +110,7 @@ class Geometry:
         for _ in range(most):
             contact = self.contact(s)
             error = contact.angles - phi  # falls as s grows
-            if bool((error.abs() <= 2e-15 * (1.0 + phi.abs())).all()):
+            if seen((error.abs() <= 2e-15 * (1.0 + phi.abs())).all(), False):
                 break
             low, high = torch.where(error > 0, s, low), torch.where(error > 0, high, s)
             newton = s - error / contact.kappa
@@ -120,7 +121,7 @@ class Geometry:
 def _holes(design: DifferentiableChain, surfaces: Surfaces) -> Tensor:
     """Every hole in its link's frame, complex (..., m, n, 2) [mm]."""
     points = as_complex(design.holes)
-    if not bool(design.on_surface.any()):
+    if not seen(design.on_surface.any(), True):
         return points
     arcs = torch.where(design.on_surface, design.hole_arcs, 0.0)
     return torch.where(design.on_surface, surfaces.several().at(arcs).point(), points)

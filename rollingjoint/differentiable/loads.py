@@ -11,6 +11,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.differentiable.looking import seen
 from rollingjoint.load import LOAD_COLUMNS
 
 _COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}
@@ -61,8 +62,9 @@ class Loads:
 
     def _acts(self, *names: str) -> bool:
         """Whether a column is not zero, or may be differentiated by."""
-        columns = self.table[..., [_COLUMN[name] for name in names]]
-        return bool((columns.detach() != 0).any()) or columns.requires_grad
+        if self.table.requires_grad:
+            return True
+        return any(seen((self._number(name) != 0).any(), True) for name in names)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Looks of the host at numbers on a device, each of which waits for all that the device has still to do.
 
 Where a look only saves work, it is taken on the CPU alone, where it costs nothing: results are the same without it.
+Where the host has to decide, it looks unless a fixed number of steps was asked for.
 """
 
 from __future__ import annotations
@@ -12,20 +13,42 @@ from contextvars import ContextVar
 from torch import Tensor
 
 _AS_ON_A_DEVICE = ContextVar("as_on_a_device", default=False)
+_BLIND = ContextVar("blind", default=False)
 
 
 def seen(flag: Tensor, otherwise: bool) -> bool:
     """A flag on the CPU; on another device `otherwise`, the value with which everything is computed."""
-    if flag.device.type != "cpu" or _AS_ON_A_DEVICE.get():
+    if flag.device.type != "cpu" or _AS_ON_A_DEVICE.get() or _BLIND.get():
         return otherwise
     return bool(flag)
+
+
+def may_look() -> bool:
+    """Whether the host may wait for the device to decide something."""
+    return not _BLIND.get()
 
 
 @contextmanager
 def as_on_a_device() -> Iterator[None]:
     """A context in which no look that only saves work is taken, on the CPU either: what a device would compute."""
-    token = _AS_ON_A_DEVICE.set(True)
+    with _turned_on(_AS_ON_A_DEVICE):
+        yield
+
+
+@contextmanager
+def without_looking(blind: bool = True) -> Iterator[None]:
+    """A context in which the host looks at nothing; with False one that changes nothing."""
+    if not blind:
+        yield
+        return
+    with _turned_on(_BLIND):
+        yield
+
+
+@contextmanager
+def _turned_on(variable: ContextVar[bool]) -> Iterator[None]:
+    token = variable.set(True)
     try:
         yield
     finally:
-        _AS_ON_A_DEVICE.reset(token)
+        variable.reset(token)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.slip import frozen_work
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.kernels.shared.tolerances import (
@@ -32,8 +33,10 @@ _ARMIJO = 1e-4
 _WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
 
 
-def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Stable equilibria from contacts s, (..., J) [mm].
+def minimise(
+    geometry: Geometry, law: Law, loads: Loads, s: Tensor, steps: int | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Stable equilibria from contacts s, (..., J) [mm]: with `steps` so many Newton steps of all rows, no more or less.
 
     Returns:
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
@@ -43,7 +46,8 @@ def minimise(geometry: Geometry, law: Law, loads: Loads, s: Tensor) -> tuple[Ten
     s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
     current = problem.at(s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
-    current, stuck = _descended(problem, current, torch.ones_like(current.energy), follow, _MOST_STEPS)
+    begin = problem, current, torch.ones_like(current.energy), follow
+    current, stuck = _descended(*begin, _MOST_STEPS) if steps is None else _stepped(*begin, steps)
     held = problem.bounds.held(current.phi, current.residual)
     arrived = (current.worst(held) <= current.goal) & ~stuck
     return current.s, held, arrived & _definite(current.H, held)
@@ -56,9 +60,8 @@ def _descended(
 
     When few rows of many are left, they go on alone, which does not change their results.
     """
-    law, bounds = problem.law, problem.bounds
     for taken in range(most):
-        held = bounds.held(current.phi, current.residual)
+        held = problem.bounds.held(current.phi, current.residual)
         arrived = current.worst(held) <= current.goal
         active = ~(arrived | stuck)
         left = int(active.sum())
@@ -69,14 +72,33 @@ def _descended(
                 problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
             )
             return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        step = _step(current, bounds, held, law.history is None)
-        phi = bounds.clip(current.phi + alpha[..., None] * step)
-        trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
-        better = active & trial.improves(current, held, law)
-        current = current.replaced(trial, better)
-        alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
-        stuck = stuck | (alpha < _SMALLEST_STEP)
+        current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
     return current, stuck
+
+
+def _stepped(
+    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, steps: int
+) -> tuple[_Iterate, Tensor]:
+    """`_descended` in which every row takes part in every step, so that nobody has to look which rows are left."""
+    for _ in range(steps):
+        held = problem.bounds.held(current.phi, current.residual)
+        active = ~((current.worst(held) <= current.goal) | stuck)
+        current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
+    return current, stuck
+
+
+def _tried(
+    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, held: Tensor, active: Tensor
+) -> tuple[_Iterate, Tensor, Tensor]:
+    """The active rows after one step, or where they were if it makes nothing better; alpha and stuck after it."""
+    law, bounds = problem.law, problem.bounds
+    step = _step(current, bounds, held, law.history is None)
+    phi = bounds.clip(current.phi + alpha[..., None] * step)
+    trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
+    better = active & trial.improves(current, held, law)
+    current = current.replaced(trial, better)
+    alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
+    return current, alpha, stuck | (alpha < _SMALLEST_STEP)
 
 
 class _Iterate(NamedTuple):
@@ -110,7 +132,7 @@ class _Iterate(NamedTuple):
 
     def replaced(self, other: _Iterate, where: Tensor) -> _Iterate:
         """These rows, those of `other` in the places of a mask, (...)."""
-        if bool(where.all()):
+        if seen(where.all(), False):
             return other
         pairs = zip(self, other, strict=True)
         return _Iterate(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
@@ -197,13 +219,15 @@ def _step(current: _Iterate, bounds: _Bounds, held: Tensor, symmetric: bool) -> 
     """Newton's step of the free joints, (..., J) [rad]; a joint at an end that it pushes outwards is held, too."""
     step = _newton(current.H, current.residual, held, symmetric)
     outwards = held | bounds.held(current.phi, -step)
-    if bool((outwards != held).any()):
+    if seen((outwards != held).any(), True):
         step = _newton(current.H, current.residual, outwards, symmetric)
     return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
 
 
 def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tensor:
     """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes.
+
+    Where nobody looks which rows these are, theirs is a step down the gradient, no longer than the stiffness admits.
 
     Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not.
     """
@@ -215,6 +239,8 @@ def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tenso
     else:
         step = torch.linalg.solve_ex(free, right[..., None])[0][..., 0]
     bad = failed > 0
+    if not may_look():
+        return torch.where(bad[..., None], right / even.abs().sum(-1).amax(-1, keepdim=True).clamp(min=1e-300), step)
     if bool(bad.any()):
         values, vectors = torch.linalg.eigh(torch.nan_to_num(even[bad]))
         values = torch.maximum(values.abs(), 1e-6 * values.abs().amax(-1, keepdim=True).clamp(min=1e-300))

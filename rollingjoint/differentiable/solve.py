@@ -16,17 +16,19 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
+from rollingjoint.checks import as_integer
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates, as_friction
 from rollingjoint.differentiable.geometry import Geometry
 from rollingjoint.differentiable.loads import Loads
+from rollingjoint.differentiable.looking import may_look, seen, without_looking
 from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.kernels.planar.loads import STIFFNESSES
+from rollingjoint.kernels.planar.loads import LINK_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 from rollingjoint.solution import Status
@@ -34,6 +36,7 @@ from rollingjoint.solution import Status
 History = Equilibria | FrictionStates | FrictionState | None
 """The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""
 
+_LINKS = [LOAD_COLUMNS.index(name) for name in LINK_COLUMNS]
 _CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
 
 
@@ -45,6 +48,7 @@ def solve_tensions(
     solver: str = "torch",
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
+    steps: int | None = None,
 ) -> Equilibria:
     """Equilibria under given tensions.
 
@@ -59,13 +63,18 @@ def solve_tensions(
         friction: of the tendons; default that of the design. It acts where there is a history.
         history: the equilibria before this step, or their `friction_state`; gradients flow through it. Without it the
             result is the pose without friction, in which nothing has ever slipped.
+        steps: of Newton's method, exactly so many of all rows, in which the host never waits for the device; None: as
+            many as each row needs. A row that has not arrived by then is NOT_CONVERGED, where without `steps` it would
+            go to the compiled solver; a piece of a surface that turns by more than 11 rad is INVALID_INPUT, and so is
+            a wrong link in a load table.
     Returns:
         Equilibria; look at `ok`. A design that cannot be built, like numbers that are not finite, is INVALID_INPUT.
     Raises:
         InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
     """
     tau = _numbers(design, "tensions", tensions, design.n_tendons)
-    return _solve(design, Law.constant(tau), loads, starts, solver, friction, history)
+    with without_looking(_fixed(steps, solver)):
+        return _solve(design, Law.constant(tau), loads, starts, solver, friction, history, steps)
 
 
 def solve_lengths(
@@ -77,11 +86,12 @@ def solve_lengths(
     tension_limits: tuple[Tensor | float, Tensor | float] = (0.0, torch.inf),
     friction: DifferentiableFriction | CapstanFriction | None = None,
     history: History = None,
+    steps: int | None = None,
 ) -> Equilibria:
     """Equilibria under given lengths, elastic tendons.
 
     Args:
-        design, loads, starts, solver, friction, history: as for `solve_tensions`.
+        design, loads, starts, solver, friction, history, steps: as for `solve_tensions`.
         lengths: (..., m) unstretched lengths [mm].
         tension_limits: minimum and maximum tendon tension, numbers or (..., m) [N].
     Returns:
@@ -96,7 +106,18 @@ def solve_lengths(
         for t in limits
     )
     law = Law(command, design.stiffnesses, low, high)
-    return _solve(design, law, loads, starts, solver, friction, history)
+    with without_looking(_fixed(steps, solver)):
+        return _solve(design, law, loads, starts, solver, friction, history, steps)
+
+
+def _fixed(steps: int | None, solver: str) -> bool:
+    """Whether a number of steps is given; raises InvalidInput for one that cannot be used."""
+    if steps is None:
+        return False
+    if solver != "torch":
+        raise InvalidInput("solver", solver, '"torch", where steps are given')
+    as_integer("steps", steps, 1, 1000)
+    return True
 
 
 def _solve(
@@ -107,6 +128,7 @@ def _solve(
     solver: str,
     friction: DifferentiableFriction | CapstanFriction | None,
     history: History,
+    steps: int | None,
 ) -> Equilibria:
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
@@ -125,13 +147,13 @@ def _solve(
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
     wide = design.over(len(batch))
     rolls = wide.valid()
-    good = rolls & _usable(law, table) & (True if begin is None else torch.isfinite(begin).all(-1))
+    good = rolls & _usable(law, table, design.n_links) & (True if begin is None else torch.isfinite(begin).all(-1))
     good = good.expand(batch)
     law, table = _where(good, law, table)
     wide = wide.where(rolls)
     geometry = Geometry.of(wide)
     with torch.no_grad():
-        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver)
+        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver, steps)
     return _tied(geometry, law, _acting(wide, table), s, held, status)
 
 
@@ -143,6 +165,7 @@ def _search(
     starts: Tensor | None,
     good: Tensor,
     solver: str,
+    steps: int | None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Contacts at the equilibria, which joints are held at the ends of their surfaces, and how each row ended."""
     begin = torch.zeros(*good.shape, design.n_links - 1, dtype=torch.float64, device=design.device)
@@ -153,14 +176,16 @@ def _search(
     left = good
     if solver == "torch":
         acting = _acting(design, loads)
-        s, held, arrived = minimise(geometry, law, acting, begin)
+        s, held, arrived = minimise(geometry, law, acting, begin, steps)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
         crossed = ChainState(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
         found = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
         status = torch.where(good & arrived & ~crossed, found, status)
         left = good & ~arrived
-    if bool(left.any()):
+    if not may_look():
+        status = torch.where(left, int(Status.NOT_CONVERGED), status)
+    elif bool(left.any()):
         phi, stops, ends = solve_compiled(design, law, loads, geometry.contact(begin).angles, left)
         s = torch.where(left[..., None], geometry.contacts(phi, begin), s)
         held, status = torch.where(left[..., None], stops, held), torch.where(left, ends, status)
@@ -217,12 +242,16 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
     return solution[..., 0]
 
 
-def _usable(law: Law, table: Tensor) -> Tensor:
-    """Whether the inputs of a row can be solved with: finite, in their ranges, no pushing tendon or spring."""
+def _usable(law: Law, table: Tensor, n_links: int) -> Tensor:
+    """Whether the inputs of a row can be solved with: finite, in range, on links that exist, no pushing spring."""
     command, stiffness, low, high = (row.detach() for row in law.rows)
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
-    known, pushing = table.detach().abs() <= LARGEST_INPUT, table[..., list(STIFFNESSES)] < 0
+    known = table.detach().abs() <= LARGEST_INPUT
+    pushing = torch.stack([table[..., column] < 0 for column in STIFFNESSES], -1)
+    links = table.detach()[..., _LINKS[0]], table.detach()[..., _LINKS[1]]
+    for link in links:
+        limits = limits & ((link >= 0) & (link < n_links) & (link % 1 == 0)).all(-1)
     good = numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
     for part in (law.friction, law.history):
         good = good if part is None else good & part.usable()
@@ -231,7 +260,7 @@ def _usable(law: Law, table: Tensor) -> Tensor:
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
     """Law and loads; in rows that are not good, constants that can be solved with."""
-    if bool(good.all()):
+    if seen(good.all(), False):
         return law, table
     return law.where(good), torch.where(good[..., None, None], table, 0.0)
 
@@ -243,7 +272,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     table = with_all_columns(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
     if table is None:
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
-    links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links)
+    links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links) if may_look() else None
     if links is not None:
         raise InvalidInput("links of the load table", links, f"integers from 0 to {design.n_links - 1}")
     return torch.as_tensor(table).to(design.device, torch.float64)

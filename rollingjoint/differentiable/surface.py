@@ -8,11 +8,15 @@ Source: docs/theory.md, section 1.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from rollingjoint.differentiable.looking import may_look
+
+MOST_UNSEEN_TURN = 11.0  # rad; what a piece may turn by where the host does not look how far it does
 
 # Columns of a piece: where it begins, the point there; coefficients of the tangent angle from _TANGENT on
 _FIRST, _X, _Y, _TANGENT = range(4)
@@ -42,7 +46,7 @@ class Place:
 
     def curvature(self) -> Tensor:
         """Curvature, at a jump the value to its right [1/mm]."""
-        degrees = torch.arange(1, self.piece.shape[-1] - _TANGENT).to(self.piece)
+        degrees = _degrees(1, self.piece.shape[-1] - _TANGENT, self.piece)
         return _horner(self.piece[..., _TANGENT + 1 :] * degrees, self.step)
 
     def point(self) -> Tensor:
@@ -185,7 +189,7 @@ def turning_bound(coefficients: Tensor, lengths: Tensor) -> Tensor:
 
 def turning_coefficients(coefficients: Tensor) -> Tensor:
     """Ascending coefficients of ∫u from the beginning of a piece, (..., p, k + 1)."""
-    degrees = torch.arange(1, coefficients.shape[-1] + 1).to(coefficients)
+    degrees = _degrees(1, coefficients.shape[-1] + 1, coefficients)
     return torch.cat([torch.zeros_like(coefficients[..., :1]), coefficients / degrees], -1)
 
 
@@ -196,9 +200,19 @@ def _begun(gains: Tensor) -> Tensor:
 
 def _quadrature(turning: Tensor, lengths: Tensor) -> tuple[Tensor, Tensor]:
     """Nodes and weights over [0, 1]: an error below 1e-13 of a piece (measured with random polynomials to degree 4)."""
-    bound = float(turning_bound(turning, lengths).max())
-    nodes, weights = np.polynomial.legendre.leggauss(4 * int(np.ceil((12.0 + 1.05 * bound) / 4)))
-    return torch.as_tensor(0.5 + 0.5 * nodes).to(lengths), torch.as_tensor(0.5 * weights).to(lengths)
+    bound = float(turning_bound(turning, lengths).max()) if may_look() else MOST_UNSEEN_TURN
+    return _gauss(4 * int(np.ceil((12.0 + 1.05 * bound) / 4)), lengths.device)
+
+
+@lru_cache(maxsize=64)
+def _gauss(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Nodes and weights of Gauss-Legendre quadrature over [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return torch.tensor(0.5 + 0.5 * nodes, device=device), torch.tensor(0.5 * weights, device=device)
+
+
+def _degrees(first: int, stop: int, like: Tensor) -> Tensor:
+    return torch.arange(first, stop, dtype=like.dtype, device=like.device)
 
 
 def _chord(tangent: Tensor, step: Tensor, nodes: Tensor, weights: Tensor) -> Tensor:

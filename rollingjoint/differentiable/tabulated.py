@@ -172,11 +172,12 @@ class TabulatedChain:
         bucket = ((angles - low) * per_radian).nan_to_num(0.0).clamp(0.0, BUCKETS - 1.0).long()[..., None]
         buckets = self.buckets.expand(len(angles), -1, -1)
         first, last = buckets.gather(-1, bucket)[..., 0], buckets.gather(-1, bucket + 1)[..., 0]
-        cell = first
-        for further in range(1, self.most + 1):
-            candidate = torch.minimum(first + further, last)
-            cell = torch.where(angles >= self.cells[candidate, 0], candidate, cell)
-        flat = cell.flatten()
+        for _ in range(self.most.bit_length()):  # halves the cells of the bucket that are still possible
+            middle = (first + last + 1) // 2
+            beyond = angles >= self.cells[middle, 0]
+            first, last = torch.where(beyond, middle, first), torch.where(beyond, last, middle - 1)
+            last = torch.maximum(first, last)
+        flat = first.flatten()
         place = self.cells.index_select(0, flat)
         u = ((angles.flatten() - place[:, 2]) * place[:, 3])[:, None]
         values = self.coefficients[-1].index_select(0, flat)
