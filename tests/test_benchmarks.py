@@ -236,6 +236,29 @@ def test_a_chunk_takes_time_with_and_without_gradients():
     assert name == "bending_shapes" and int(alone) > 0 < int(gradients)
 
 
+def test_environments_of_tensors_are_measured_on_a_device_that_is_named(capsys):
+    import torch_env
+
+    torch_env.main(["--device", "cpu", "--lanes", "4", "8", "--repeats", "2"])
+    text = capsys.readouterr().out
+    assert text.startswith("Device: CPU, ") and "steps/s, native (CPU)" in text
+    rows = [
+        [float(cell.replace(",", "")) for cell in line.split("|")[1:-1]]
+        for line in text.splitlines()
+        if "| 4 |" in line or "| 8 |" in line
+    ]
+    assert [row[0] for row in rows] == [4, 8, 4, 8]
+    assert all(rate > 0.0 for row in rows for rate in row[1:4]) and all(0.0 <= row[4] <= 100.0 for row in rows[:2])
+
+
+def test_larger_numbers_of_lanes_are_left_out_where_one_takes_too_long(capsys):
+    import torch_env
+
+    torch_env.main(["--device", "cpu", "--lanes", "2", "3", "--repeats", "1", "--limit", "0"])
+    text = capsys.readouterr().out
+    assert text.count("2 took longer than 0 s: larger ones are left out") == 2 and "| 3 |" not in text
+
+
 def test_the_driver_hands_every_unit_to_sleeping_workers():
     import scaling
 

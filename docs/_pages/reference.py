@@ -20,6 +20,7 @@ MODULES = (
     "rollingjoint.mujoco",
     "rj_gym",
     "rj_gym.sb3",
+    "rj_gym.torch_env",
     "rj_gym.vector_checker",
     "agents.shipped",
     "agents.evaluate",
