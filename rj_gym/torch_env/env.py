@@ -95,6 +95,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         self._lanes: Lanes | None = None
         self._tables: tuple[Any, Rows] | None = None
         self._solver: Any = None
+        self._nowhere = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         self._over: Mask = np.ones(self.num_envs, bool)
         self._steps = np.zeros(self.num_envs, np.int64)
 
@@ -150,7 +151,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         failed = self._advance(self._accepted(actions))
         sampled = self._begin(fresh) if len(fresh) else None
         failed[fresh] = False
-        lanes, begun = self._running(), self._tensor(self._over)
+        lanes, begun = self._running(), self._tensor(self._over) if len(fresh) else self._nowhere
         readings = lanes.readings.clone()
         terminated = (readings[:, STATUS] > self.task.last_status) & ~begun
         truncated = readings[:, STEP] >= self.config.episode_steps

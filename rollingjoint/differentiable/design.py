@@ -184,9 +184,10 @@ class DifferentiableChain:
             return self
         plain = {name: torch.zeros_like(getattr(self, name)) for name in PARAMETERS}
         plain["breaks"][...] = torch.linspace(-1.0, 1.0, self.breaks.shape[-1], device=self.device).to(torch.float64)
-        plain["coefficients"][..., 1, :, 0] = -0.05
-        plain["starts"][..., 0, 1], plain["starts"][..., 1, 1] = -10.0, 10.0
-        plain["stiffnesses"][...] = 1.0
+        plain["coefficients"][..., 1, :, 0].fill_(-0.05)
+        plain["starts"][..., 0, 1].fill_(-10.0)
+        plain["starts"][..., 1, 1].fill_(10.0)
+        plain["stiffnesses"].fill_(1.0)
         chosen = {}
         for name, axes in PARAMETERS.items():
             mask = valid[(..., *(None,) * len(axes))]

@@ -100,7 +100,7 @@ def solve_lengths(
         InvalidInput: wrong shapes, an unknown solver, a load on a link that does not exist.
     """
     command = _numbers(design, "lengths", lengths, design.n_tendons)
-    limits = [torch.as_tensor(limit, dtype=torch.float64, device=design.device) for limit in tension_limits]
+    limits = [_on_device(design, limit) for limit in tension_limits]
     low, high = (
         _numbers(design, "tension_limits", t.expand(design.n_tendons) if t.ndim == 0 else t, design.n_tendons)
         for t in limits
@@ -294,6 +294,13 @@ def _history(design: DifferentiableChain, friction: DifferentiableFriction | Non
             expected = f"(..., {str(shapes[name])[1:-1].rstrip(',')}), as of this mechanism"
             raise InvalidInput(f"shape of the history's {name}", tuple(tensor.shape), expected)
     return FrictionStates(**tensors)
+
+
+def _on_device(design: DifferentiableChain, limit: Tensor | float) -> Tensor:
+    """A limit beside the design; a number is filled in there, which is no copy from the host."""
+    if isinstance(limit, int | float):
+        return torch.full((), limit, dtype=torch.float64, device=design.device)
+    return torch.as_tensor(limit, dtype=torch.float64, device=design.device)
 
 
 def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:
