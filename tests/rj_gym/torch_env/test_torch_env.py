@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
-import rj_gym  # noqa: F401 - registers the environments
+import rj_gym
 from rollingjoint import InvalidInput, Status, five_link
 from rollingjoint.friction import CapstanFriction
 
@@ -298,6 +298,23 @@ def test_gymnasium_converts_its_tensors():
         one, other = env.step(np.full((3, 2), 0.4, np.float32)), native.step(np.full((3, 2), 0.4, np.float32))
         np.testing.assert_allclose(one[1], other[1], rtol=0, atol=EQUAL)
         assert one[3].tolist() == other[3].tolist() and isinstance(one[4]["error_mm"], np.ndarray)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_with_converted_arrays_it_keeps_the_contract_of_vector_environments(mode):
+    pytest.importorskip("array_api_compat")
+    wrappers = pytest.importorskip("gymnasium.wrappers.vector")
+    import array_api_compat.numpy
+    import array_api_compat.torch
+
+    def converted():
+        env = TorchTrackingEnv(PLAIN, 3, episode_steps=4, autoreset_mode=mode)
+        return wrappers.ArrayConversion(env, array_api_compat.torch, array_api_compat.numpy)
+
+    one_tensor = {"hands_over_final_obs_and_final_info": "final_obs is one tensor, no array of objects"}
+    skip = one_tensor if mode == "SameStep" else {}
+    rj_gym.check_vector_env(converted, max_episode_steps=4, n_steps=30, skip=skip)
 
 
 def test_what_a_caller_does_to_results_changes_no_episode():

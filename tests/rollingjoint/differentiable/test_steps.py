@@ -152,9 +152,10 @@ def test_steps_that_cannot_be_used_are_refused(how):
 def test_a_solve_with_steps_does_not_synchronise_a_cuda_device():
     solve, inputs, table = problem("lengths")
     design = DifferentiableChain.from_mechanism(rj.five_link(), device="cuda")
-    solve(design, inputs.cuda(), table.cuda(), steps=3)
+    inputs, table = inputs.cuda(), table.cuda()
+    solve(design, inputs, table, steps=3)
     torch.cuda.set_sync_debug_mode("error")
     try:
-        solve(design, inputs.cuda(), table.cuda(), steps=3)
+        solve(design, inputs, table, steps=3)
     finally:
         torch.cuda.set_sync_debug_mode("default")
