@@ -112,7 +112,7 @@ def _fill_rewards(rules: Rules, lanes: Lanes, usable: Tensor) -> None:
         tracking = tracking - rules.precision * error / (error + 1.0)
     effort = (tensions / rules.highest_tension).square().sum(-1) * (-rules.effort / m)
     smoothness = (lanes.actions[:, 0] - lanes.actions[:, 1]).square().sum(-1) * (-rules.smoothness / m)
-    failure = torch.where(usable, 0.0, -rules.failure_penalty).to(readings.dtype)
+    failure = torch.where(usable, torch.zeros_like(error), -rules.failure_penalty)
     columns = {TRACKING: tracking, EFFORT: effort, SMOOTHNESS: smoothness, FAILURE: failure}
     for column, values in columns.items():
         readings[:, column] = values
