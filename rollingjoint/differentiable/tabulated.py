@@ -41,9 +41,7 @@ class DeadLoads(NamedTuple):
         points, forces = (torch.complex(table[..., _COLUMN[f"{c}x"]], table[..., _COLUMN[f"{c}y"]]) for c in "pf")
         links = table[..., _COLUMN["link"]].long()
         beyond = (links[..., None] > torch.arange(n_joints, device=table.device)).to(table.dtype)
-        plain = (table[..., _OTHER_KINDS[0]] == 0.0) & (table[..., _OTHER_KINDS[1]] == 0.0)
-        for column in _OTHER_KINDS[2:]:
-            plain = plain & (table[..., column] == 0.0)
+        plain = torch.stack([table[..., column] == 0.0 for column in _OTHER_KINDS]).all(0)
         usual = (plain & (table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
         return cls(links, points, forces, table[..., _COLUMN["moment"]], beyond, usual)
 
