@@ -42,6 +42,7 @@ from rollingjoint.spatial.chain import Bead, HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.statics import sensitivity
 from rollingjoint.statics.loop import Loop, trace_loop
+from rollingjoint.statics.problem import Problem, prepare
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.statics.trace import trace
 from rollingjoint.tendon import BeadTendon, OnSurface, Tendon
@@ -66,6 +67,7 @@ __all__ = [
     "Loop",
     "MechanismError",
     "OnSurface",
+    "Problem",
     "Profile",
     "RollingChain",
     "RollingJointError",
@@ -78,6 +80,7 @@ __all__ = [
     "WorldForce",
     "five_link",
     "flexible_arm",
+    "prepare",
     "preset",
     "sensitivity",
     "set_threads",

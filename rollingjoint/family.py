@@ -59,6 +59,14 @@ class BatchModule(Protocol):
     def pack(self, mechanism: Any, tables: Array, results: Any, friction: FrictionStep | None = None, /) -> Any:
         """The equilibria in the outputs; mechanism: one, or one per row."""
 
+    @property
+    def pack_outputs(self) -> Callable[..., Any]:
+        """One equilibrium of (mechanism, table, outputs, *numbers), the numbers in the order of its results."""
+
+    @property
+    def PinnedRange(self) -> Callable[[Any], Callable[[int, int], None]]:  # noqa: N802
+        """`solve_range` on arrays that stay where they are."""
+
 
 class FileModule(Protocol):
     """`file.py` of a family: the content of its mechanism files."""

@@ -20,6 +20,13 @@ S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
 _T = TypeVar("_T")
 
 
+class Spares(dict[int, list[Any]]):
+    """Memory that is kept for the next use; copies and pickles of it are empty, since kernels know where it lies."""
+
+    def __reduce__(self) -> tuple[type[Spares], tuple[()]]:
+        return Spares, ()
+
+
 class Mechanism(ABC, Generic[S]):
     """A chain of joints with one angle each, base first, pulled by tendons; each family is a frozen dataclass on top.
 
@@ -82,6 +89,11 @@ class Mechanism(ABC, Generic[S]):
     def rolling_coefficients(self) -> Array:
         """Arm [mm] of the rolling resistance, and the turn over which it builds up [rad]."""
         return read_only(np.array([(self.friction or NO_FRICTION).rolling, ROLLING_PRESLIDING]))
+
+    @cached_property
+    def spares(self) -> Spares:
+        """Memory that solves leave for the next ones, by the number of load rows."""
+        return Spares()
 
     @property
     def _frictions(self) -> list[CapstanFriction]:

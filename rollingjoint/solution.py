@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +50,9 @@ _MESSAGES = {
     "try another start or smaller loads",
     Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
 }
+
+STATUSES = tuple(Status)
+"""Every status at the place of its number: a look-up takes a tenth of Status(number)."""
 
 _AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
 _FAR = 1e15  # eigenvalue assigned to joints that are held
@@ -153,6 +156,14 @@ def friction_step(arrays: FrictionArrays) -> FrictionStep:
     return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
 
 
+class Outputs(NamedTuple):
+    """The arrays of one equilibrium as read-only floats: joint angles first, and what lies where in all of them."""
+
+    joint_angles: Array
+    floats: Array
+    record: np.dtype[Any]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ABC):
     """One equilibrium, or many with a leading axis B on every array, all read-only; each family adds to it.
@@ -183,6 +194,15 @@ class Solution(ABC):
     status: Status | NDArray[np.int64]
     friction: FrictionStep | None = field(default=None, kw_only=True)
 
+    _PARTS: ClassVar[dict[str, tuple[str, slice]]] = {
+        "poses": ("poses", slice(None)),
+        "tensions": ("tensions", slice(None)),
+        "lengths": ("lengths", slice(None)),
+        "tendon_rates": ("rates", slice(None)),
+        "tendon_stiffness": ("elastic", slice(None)),
+    }
+    """Where the arrays are in Outputs: a field and its columns; families add to it."""
+
     def __post_init__(self) -> None:
         """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
         one = self.mechanism[0] if isinstance(self.mechanism, tuple) else self.mechanism
@@ -202,8 +222,25 @@ class Solution(ABC):
     def filled(cls, **values: Any) -> Self:
         """The equilibrium of these fields, which kernels have filled: nothing is checked or copied."""
         made = object.__new__(cls)
-        vars(made).update(values)
+        object.__setattr__(made, "__dict__", values)  # as it is: copying it takes a microsecond
         return made
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Array:
+            """An array that nobody has asked for yet: a solve is done when its outputs are, in a third less time."""
+            outputs = self.__dict__.get("_outputs")
+            if outputs is None or name not in self._PARTS:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+            part, columns = self._PARTS[name]
+            array = np.ndarray((), outputs.record, outputs.floats)[part][..., columns]
+            return self.__dict__.setdefault(name, array)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything as arrays of its own."""
+        state = {name: getattr(self, name) for name in self._PARTS} | vars(self)
+        state.pop("_outputs", None)
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickled arrays are writable."""

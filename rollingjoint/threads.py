@@ -59,6 +59,11 @@ def run_in_threads(work: _Work, n_rows: int, n_joints: int, abandon: bool = Fals
         _run_together(_Call(work), n_rows, count, rows)
 
 
+def runs_at_once(n_joints: int) -> bool:
+    """Whether run_in_threads does one row of such a chain on the thread of its caller, without anything around it."""
+    return n_joints <= _SHORT_CHAIN
+
+
 def _run_together(call: _Call, n_rows: int, count: int, rows: int) -> None:
     """Run the call on this thread and count - 1 others, in pieces that begin with so many rows."""
     *others, (first, last) = _ranges(n_rows, count)

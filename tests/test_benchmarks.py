@@ -11,6 +11,7 @@ BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 EVERY_ROW = [
     "warm solve, compiled, one by one",
     "warm solve, compiled, side by side",
+    "warm solve, prepared",
     "warm solve, public",
     "256 lanes, 1 thread",
     "256 lanes of 64 mechanisms",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rollingjoint import solve_lengths
+from rollingjoint import prepare, solve_lengths
 from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 from speed_rows.mujoco_chain import MujocoChain
 from speed_rows.row import Row, Target, timed_row
@@ -21,7 +21,7 @@ TEXT = """Five links, two tendons. Tendon lengths and a dead force at the tip ch
 0.05 N per step (`random_walk` in `benchmarks/speed_rows/walk.py`); every solve starts at the equilibrium before and
 ends with a residual below 1e-8 N·mm. *Compiled* is the solve alone on arrays prepared before: *one by one* is a
 call from Python for every step, *side by side* is one call for all of them. *Public* is `solve_lengths`, with its
-checks and its `Equilibrium`.
+checks and its `Equilibrium`; *prepared* is `prepare` once, for the load of the first step, and its `solve` for all.
 
 The peers: `scipy.optimize.root` on the paper's 6 (n - 1) equations (`scipy_equilibrium.py`; plain NumPy, numerical
 Jacobian); the paper's algorithms (`rollingjoint.planar.published`), plain NumPy too; and a MuJoCo model of the
@@ -48,6 +48,8 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
         "published tension algorithm": over_steps(lambda step: _tension_recursion(walk, step), count),
         "published displacement algorithm": over_steps(lambda step: _length_descent(walk, step), count),
     }
+    prepared = race({"": Contestant(lambda: prepared_walk(walk), len(walk))}, sizes.repeats)
+    yield timed_row("warm solve, prepared", "µs", prepared, Target(5.0), note="under one load")
     timings = race(
         {"public": Contestant(lambda: public_walk(walk), len(walk)), "MuJoCo until rest": _mujoco(walk), **slow},
         sizes.repeats,
@@ -62,6 +64,13 @@ def public_walk(walk: Walk) -> None:
         equilibrium = solve_lengths(
             walk.mechanism, walk.commands[step], walk.loads(step), start=equilibrium, tension_limits=TENSION_LIMITS
         )
+
+
+def prepared_walk(walk: Walk) -> None:
+    """Every step of the walk by a prepared problem, under the load of the first."""
+    problem, equilibrium = prepare(walk.mechanism, walk.loads(0), tension_limits=TENSION_LIMITS), None
+    for command in walk.commands:
+        equilibrium = problem.solve(command, start=equilibrium)
 
 
 def over_steps(solve: Callable[[int], object], count: int) -> Contestant:

@@ -26,7 +26,7 @@ from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step
+from rollingjoint.solution import STATUSES, FrictionStep, Outputs, Status, friction_laws, friction_step
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
@@ -39,6 +39,7 @@ __all__ = [
     "begin_range",
     "new_results",
     "pack",
+    "pack_outputs",
     "solve_one",
     "solve_range",
     "step_range",
@@ -99,6 +100,22 @@ def pack(
         contact_tangents=contacts[..., 2:],
         contact_forces=forces,
         friction=friction,
+    )
+
+
+def pack_outputs(
+    mechanism: RollingChain, table: Array, outputs: Outputs, residual: float, iterations: int, status: int
+) -> Equilibrium:
+    """One equilibrium whose arrays are made from its outputs, fields as of Results, when they are asked for."""
+    return Equilibrium.filled(
+        mechanism=mechanism,
+        loads=table,
+        joint_angles=outputs.joint_angles,
+        residual=residual,
+        iterations=iterations,
+        status=STATUSES[status],
+        friction=None,
+        _outputs=outputs,
     )
 
 

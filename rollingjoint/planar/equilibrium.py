@@ -35,6 +35,12 @@ class Equilibrium(Solution):
     contact_tangents: Array
     contact_forces: Array
 
+    _PARTS = Solution._PARTS | {
+        "contact_points": ("contacts", slice(0, 2)),
+        "contact_tangents": ("contacts", slice(2, 4)),
+        "contact_forces": ("contact_forces", slice(None)),
+    }
+
     @property
     def chain(self) -> RollingChain:
         """The mechanism of all rows.

@@ -22,7 +22,7 @@ from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
-from rollingjoint.solution import FrictionStep, Status, friction_laws, friction_step, strictly_within
+from rollingjoint.solution import STATUSES, FrictionStep, Outputs, Status, friction_laws, friction_step, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.threads import run_in_threads
@@ -36,6 +36,7 @@ __all__ = [
     "free_joints",
     "new_results",
     "pack",
+    "pack_outputs",
     "solve_one",
     "solve_range",
     "step_range",
@@ -95,6 +96,23 @@ def pack(
         tendon_torques=torques,
         escapes=escapes,
         friction=friction,
+    )
+
+
+def pack_outputs(
+    mechanism: HingeChain, table: Array, outputs: Outputs, residual: float, iterations: int, status: int, escapes: int
+) -> HingeEquilibrium:
+    """One equilibrium whose arrays are made from its outputs, fields as of HingeResults, when they are asked for."""
+    return HingeEquilibrium.filled(
+        mechanism=mechanism,
+        loads=table,
+        joint_angles=outputs.joint_angles,
+        residual=residual,
+        iterations=iterations,
+        status=STATUSES[status],
+        escapes=escapes,
+        friction=None,
+        _outputs=outputs,
     )
 
 

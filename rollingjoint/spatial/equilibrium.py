@@ -32,6 +32,8 @@ class HingeEquilibrium(Solution):
     tendon_torques: Array
     escapes: int | NDArray[np.int64]
 
+    _PARTS = Solution._PARTS | {"tendon_torques": ("torques", slice(None))}
+
     @property
     def tip(self) -> Array:
         """Origin of the last link: the middle of the last distal face, (3,) [mm]."""

@@ -8,16 +8,18 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats, as_vector
+from rollingjoint.checks import as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
-from rollingjoint.mechanism import AnyMechanism, Mechanism
+from rollingjoint.mechanism import AnyMechanism, Mechanism, read_only
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.history import History, Start, checked_history, start_of
 from rollingjoint.statics.least_squares import solve_least_squares
+from rollingjoint.statics.limits import tension_limits_of
+from rollingjoint.statics.slot import spare_slot
 
 Array = NDArray[np.float64]
 S = TypeVar("S")  # Equilibrium of a RollingChain, HingeEquilibrium of a HingeChain
@@ -85,10 +87,10 @@ def solve_lengths(
     """
     family = family_of(mechanism)
     command = as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
-    low, high = _tension_limits_of(tension_limits, mechanism.n_tendons)
+    low, high = tension_limits_of(tension_limits, mechanism.n_tendons)
     table = family.load_table(loads, mechanism.n_links)
     if method == "elastic":
-        law = TendonLaw(command, mechanism.stiffnesses.copy(), low, high)
+        law = TendonLaw(command, mechanism.stiffnesses, low, high)
         return _solve_one(family, mechanism, law, table, start, history)
     if method not in family.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
@@ -147,7 +149,7 @@ def solve_lengths_batch(
         InvalidInput: wrong shapes or types, mechanisms with different numbers of links, tendons or crossed joints.
     """
     batch = Batch.of(mechanism, "lengths", lengths)
-    limits = _tension_limits_of(tension_limits, batch.inputs.shape[1])
+    limits = tension_limits_of(tension_limits, batch.inputs.shape[1])
     low, high = map(batch.repeated, limits)
     stiffnesses = batch.per_row([chain.stiffnesses for chain in batch.chains])
     return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
@@ -157,9 +159,15 @@ def _solve_one(
     family: Family, mechanism: AnyMechanism, law: TendonLaw, table: Array, start: Start, history: History
 ) -> Any:
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
-    phi = _start_of(mechanism, start_of(start, history))
+    angles = start_of(start, history)
     if history is None or not mechanism.has_friction:
-        return family.batch.solve_one(mechanism, law, table, phi)
+        slot, spares = spare_slot(family, mechanism, len(table))
+        slot.enter(law, table, _start_of(mechanism, angles))
+        found = slot.solve(mechanism, read_only(table))
+        spares.append(slot)
+        return found
+    law = law._replace(stiffness=law.stiffness.copy())  # for arrays that are read-only kernels are compiled again
+    phi = _start_of(mechanism, angles)
     return family.batch.solve_one(mechanism, law, table, phi, checked_history(mechanism, history, None))
 
 
@@ -168,18 +176,3 @@ def _start_of(mechanism: AnyMechanism, angles: ArrayLike | None) -> Array:
     if angles is None:
         return mechanism.neutral_angles.copy()
     return as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
-
-
-def _tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
-    """Minimum and maximum tension of every tendon, (2, m)."""
-    allowed = f"(lowest, highest), numbers or {n_tendons} values each"
-    both = np.empty((2, n_tendons))
-    try:
-        for side, values in zip(both, limits, strict=True):
-            array = as_floats("tension_limits", values, allowed)
-            if array.shape not in ((), (n_tendons,)):
-                raise InvalidInput("tension_limits", limits, allowed)
-            side[:] = array
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("tension_limits", limits, allowed) from None
-    return both

@@ -1,0 +1,148 @@
+"""Prepared problems: a mechanism and its loads checked once, for many solves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.checks import as_choice, as_vector
+from rollingjoint.errors import InvalidInput
+from rollingjoint.family import Family
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.load import Load
+from rollingjoint.mechanism import Mechanism, read_only
+from rollingjoint.solution import Solution
+from rollingjoint.statics.batch import prescribed
+from rollingjoint.statics.families import family_of
+from rollingjoint.statics.history import History, Start, checked_history, start_of
+from rollingjoint.statics.limits import tension_limits_of
+from rollingjoint.statics.slot import Slot
+
+Array = NDArray[np.float64]
+S = TypeVar("S")
+
+GIVEN = ("lengths", "tensions")
+_FLOATS = np.dtype(np.float64)
+
+
+class Problem(Generic[S]):
+    """A mechanism under fixed loads; `solve` finds its equilibria, and `prepare` makes it.
+
+    Any number of threads may solve one problem at once. Pickles hold what it was prepared from.
+
+    Attributes:
+        mechanism: the RollingChain or HingeChain. given: "lengths" or "tensions".
+        loads: load table, (rows, columns), read-only. tension_limits: minimum and maximum, (2, m) [N].
+    """
+
+    def __init__(
+        self, family: Family, mechanism: Mechanism[S], given: str, loads: Array, tension_limits: Array
+    ) -> None:
+        self.mechanism, self.given = mechanism, given
+        self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
+        self._family, self._neutral, self._rubs = family, mechanism.neutral_angles, mechanism.has_friction
+        self._inputs, self._start = (mechanism.n_tendons,), (mechanism.n_joints,)
+        self._spares: list[Slot] = []
+
+    def solve(self, values: ArrayLike, start: Start = None, history: History = None) -> S:
+        """The equilibrium that solve_lengths or solve_tensions finds, to the last bit.
+
+        Args:
+            values: tendon lengths [mm] or tensions [N], (m,), whichever is given.
+            start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
+            history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Default
+                start: its joint angles.
+        Returns:
+            Equilibrium or HingeEquilibrium; look at its status.
+        Raises:
+            InvalidInput: wrong shapes or types.
+        """
+        command = self._checked(values)
+        angles = self._start_of(start, history)
+        if history is not None and self._rubs:
+            return self._step(command, angles, history)
+        spares = self._spares
+        try:
+            slot = spares.pop()  # in one step, whichever threads come together
+        except IndexError:
+            slot = self._new_slot()
+        if self.given == "lengths":
+            slot.law.command[:] = command
+        else:
+            slot.law.low[:] = slot.law.high[:] = command
+        slot.start[:] = angles
+        found: S = slot.solve(self.mechanism, self.loads)
+        spares.append(slot)  # not after an interrupt: a thread that was abandoned may still be writing into it
+        return found
+
+    def __repr__(self) -> str:
+        return f"<Problem of {self.mechanism.name!r}: {self.given} given, {len(self.loads)} rows of loads>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What it was prepared from: addresses mean nothing to another process."""
+        return _restored, (self.mechanism, self.given, self.loads, self.tension_limits)
+
+    def _checked(self, values: ArrayLike) -> Array:
+        if type(values) is np.ndarray and values.dtype is _FLOATS and values.shape == self._inputs:
+            return values
+        return as_vector(self.given, values, self._inputs[0], "one per tendon")
+
+    def _start_of(self, start: Start, history: History) -> Array:
+        angles = start.joint_angles if isinstance(start, Solution) else start_of(start, history)
+        if angles is None:
+            return self._neutral
+        if type(angles) is np.ndarray and angles.dtype is _FLOATS and angles.shape == self._start:
+            return angles
+        return as_vector("start", angles, self._start[0], "joint angles [rad], one per joint")
+
+    def _step(self, command: Array, angles: Array, history: History) -> S:
+        """A step with friction."""
+        before = checked_history(self.mechanism, history, None)
+        loads, start = self.loads.copy(), angles.copy()
+        found: S = self._family.batch.solve_one(self.mechanism, self._law(command.copy()), loads, start, before)
+        return found
+
+    def _law(self, command: Array) -> TendonLaw:
+        if self.given == "tensions":
+            return prescribed(command)
+        low, high = self.tension_limits.copy()
+        return TendonLaw(command, self.mechanism.stiffnesses.copy(), low, high)
+
+    def _new_slot(self) -> Slot:
+        slot = Slot(self._family, self.mechanism, len(self.loads))
+        slot.enter(self._law(np.zeros(self._inputs)), self.loads, self._neutral)
+        return slot
+
+
+def prepare(
+    mechanism: Mechanism[S],
+    loads: Sequence[Load] = (),
+    given: str = "lengths",
+    tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
+) -> Problem[S]:
+    """A problem that is checked once, for many solves under the same loads.
+
+    `prepare(mechanism, loads).solve(lengths)` is `solve_lengths(mechanism, lengths, loads)`, and with given="tensions"
+    it is solve_tensions. Other loads are another problem: prepare again.
+
+    Args:
+        mechanism: a RollingChain or a HingeChain.
+        loads: external loads.
+        given: "lengths" (elastic tendons) or "tensions".
+        tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]; only where lengths are given.
+    Raises:
+        InvalidInput: wrong types, a load on a link that does not exist, tension limits where tensions are given.
+    """
+    family = family_of(mechanism)
+    as_choice("given", given, GIVEN)
+    limits = tension_limits_of(tension_limits, mechanism.n_tendons)
+    if given == "tensions" and (limits[0].any() or not np.isposinf(limits[1]).all()):
+        raise InvalidInput("tension_limits", tension_limits, '(0, inf) with given="tensions"')
+    return Problem(family, mechanism, given, family.load_table(loads, mechanism.n_links), limits)
+
+
+def _restored(mechanism: Mechanism[S], given: str, loads: Array, tension_limits: Array) -> Problem[S]:
+    return Problem(family_of(mechanism), mechanism, given, loads, tension_limits)
