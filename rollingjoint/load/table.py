@@ -57,6 +57,8 @@ def _table(
 
 def _filled(rows: Sequence[Row], places: Mapping[str, int]) -> NDArray[np.float64]:
     """The table of rows that name the columns that are not zero."""
+    if not rows:
+        return np.empty((0, len(places)))
     flat, begin, width = [0.0] * (len(rows) * len(places)), 0, len(places)
     for row in rows:
         for column, value in row.items():

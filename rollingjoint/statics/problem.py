@@ -8,24 +8,20 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_choice, as_vector
+from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
-from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.mechanism import Mechanism, read_only
-from rollingjoint.solution import Solution
-from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.families import family_of
-from rollingjoint.statics.history import History, Start, checked_history, start_of
+from rollingjoint.statics.history import History, Start, angles_of, checked_history
 from rollingjoint.statics.limits import tension_limits_of
-from rollingjoint.statics.slot import Slot
+from rollingjoint.statics.slot import Law, Slot, full_law
 
 Array = NDArray[np.float64]
 S = TypeVar("S")
 
 GIVEN = ("lengths", "tensions")
-_FLOATS = np.dtype(np.float64)
 
 
 class Problem(Generic[S]):
@@ -43,8 +39,7 @@ class Problem(Generic[S]):
     ) -> None:
         self.mechanism, self.given = mechanism, given
         self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
-        self._family, self._neutral, self._rubs = family, mechanism.neutral_angles, mechanism.has_friction
-        self._inputs, self._start = (mechanism.n_tendons,), (mechanism.n_joints,)
+        self._family, self._rubs, self._n_tendons = family, mechanism.has_friction, mechanism.n_tendons
         self._spares: list[Slot] = []
 
     def solve(self, values: ArrayLike, start: Start = None, history: History = None) -> S:
@@ -60,8 +55,8 @@ class Problem(Generic[S]):
         Raises:
             InvalidInput: wrong shapes or types.
         """
-        command = self._checked(values)
-        angles = self._start_of(start, history)
+        command = seen_as_vector(self.given, values, self._n_tendons, "one per tendon")
+        angles = angles_of(self.mechanism, start, history)
         if history is not None and self._rubs:
             return self._step(command, angles, history)
         spares = self._spares
@@ -85,35 +80,22 @@ class Problem(Generic[S]):
         """What it was prepared from: addresses mean nothing to another process."""
         return _restored, (self.mechanism, self.given, self.loads, self.tension_limits)
 
-    def _checked(self, values: ArrayLike) -> Array:
-        if type(values) is np.ndarray and values.dtype is _FLOATS and values.shape == self._inputs:
-            return values
-        return as_vector(self.given, values, self._inputs[0], "one per tendon")
-
-    def _start_of(self, start: Start, history: History) -> Array:
-        angles = start.joint_angles if isinstance(start, Solution) else start_of(start, history)
-        if angles is None:
-            return self._neutral
-        if type(angles) is np.ndarray and angles.dtype is _FLOATS and angles.shape == self._start:
-            return angles
-        return as_vector("start", angles, self._start[0], "joint angles [rad], one per joint")
-
     def _step(self, command: Array, angles: Array, history: History) -> S:
         """A step with friction."""
         before = checked_history(self.mechanism, history, None)
-        loads, start = self.loads.copy(), angles.copy()
-        found: S = self._family.batch.solve_one(self.mechanism, self._law(command.copy()), loads, start, before)
+        law, loads = full_law(self._law(command), self._n_tendons), self.loads.copy()
+        found: S = self._family.batch.solve_one(self.mechanism, law, loads, angles.copy(), before)
         return found
 
-    def _law(self, command: Array) -> TendonLaw:
+    def _law(self, command: ArrayLike) -> Law:
         if self.given == "tensions":
-            return prescribed(command)
-        low, high = self.tension_limits.copy()
-        return TendonLaw(command, self.mechanism.stiffnesses.copy(), low, high)
+            return 0.0, 1.0, command, command
+        low, high = self.tension_limits
+        return command, self.mechanism.stiffnesses, low, high
 
     def _new_slot(self) -> Slot:
         slot = Slot(self._family, self.mechanism, len(self.loads))
-        slot.enter(self._law(np.zeros(self._inputs)), self.loads, self._neutral)
+        slot.enter(self._law(0.0), self.loads, self.mechanism.neutral_angles)
         return slot
 
 

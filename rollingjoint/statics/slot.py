@@ -9,15 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Outputs
 from rollingjoint.threads import run_in_threads, runs_at_once
 
 Array = NDArray[np.float64]
+
+Law = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
+"""The fields of a TendonLaw, numbers for all tendons or (m,)."""
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
@@ -50,10 +52,10 @@ class Slot:
         self._solve, self._at_once = family.batch.PinnedRange(arrays), runs_at_once(n_joints)
         self._numbers = [array for array in results if array.ndim == 1]
 
-    def enter(self, law: TendonLaw, table: Array, start: Array) -> None:
+    def enter(self, law: Law, table: Array, start: Array) -> None:
         """Fill everything in."""
-        for place, values in zip(self.law, law, strict=True):
-            place[:] = values
+        command, stiffness, low, high = self.law
+        command[:], stiffness[:], low[:], high[:] = law
         self.loads[:] = table
         self.start[:] = start
 
@@ -65,8 +67,13 @@ class Slot:
             run_in_threads(self._solve, 1, self._n_joints, abandon=True)
         outputs = self._outputs.copy()  # as plain floats: a copy of the record takes ten times as long
         outputs.setflags(write=False)  # and so are all views of it
-        found = Outputs(outputs[: self._n_joints], outputs, self._record)
+        found = outputs[: self._n_joints], outputs, self._record
         return self._pack(mechanism, table, found, *[number.item() for number in self._numbers])
+
+
+def full_law(law: Law, n_tendons: int) -> TendonLaw:
+    """The law as arrays of its own, (m,): kernels are compiled again for arrays that are read-only."""
+    return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
 def spare_slot(family: Family, mechanism: AnyMechanism, rows: int) -> tuple[Slot, list[Any]]:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.checks import as_vector
+from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
@@ -16,10 +16,10 @@ from rollingjoint.load import Load
 from rollingjoint.mechanism import AnyMechanism, Mechanism, read_only
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.families import family_of
-from rollingjoint.statics.history import History, Start, checked_history, start_of
+from rollingjoint.statics.history import History, Start, angles_of, checked_history
 from rollingjoint.statics.least_squares import solve_least_squares
-from rollingjoint.statics.limits import tension_limits_of
-from rollingjoint.statics.slot import spare_slot
+from rollingjoint.statics.limits import broadcast_limits, tension_limits_of
+from rollingjoint.statics.slot import Law, full_law, spare_slot
 
 Array = NDArray[np.float64]
 S = TypeVar("S")  # Equilibrium of a RollingChain, HingeEquilibrium of a HingeChain
@@ -50,9 +50,9 @@ def solve_tensions(
     Source: docs/theory.md, section 3.
     """
     family = family_of(mechanism)
-    tau = as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
+    tau = seen_as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
     table = family.load_table(loads, mechanism.n_links)
-    return _solve_one(family, mechanism, prescribed(tau), table, start, history)
+    return _solve_one(family, mechanism, (0.0, 1.0, tau, tau), table, start, history)
 
 
 def solve_lengths(
@@ -86,18 +86,18 @@ def solve_lengths(
     Source: docs/theory.md, section 4; least squares: rolling-contact paper, eq. 29.
     """
     family = family_of(mechanism)
-    command = as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
-    low, high = tension_limits_of(tension_limits, mechanism.n_tendons)
+    command = seen_as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
+    low, high = broadcast_limits(tension_limits, mechanism.n_tendons)
     table = family.load_table(loads, mechanism.n_links)
     if method == "elastic":
-        law = TendonLaw(command, mechanism.stiffnesses, low, high)
-        return _solve_one(family, mechanism, law, table, start, history)
+        return _solve_one(family, mechanism, (command, mechanism.stiffnesses, low, high), table, start, history)
     if method not in family.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
     if history is not None and mechanism.has_friction:
         raise InvalidInput("history", history, 'None with method "least_squares"', 'Use "elastic" with friction.')
-    phi = _start_of(mechanism, start_of(start, history))
-    return solve_least_squares(family, mechanism, command, low, high, table, phi)
+    phi = angles_of(mechanism, start, history).copy()
+    least, most = tension_limits_of(tension_limits, mechanism.n_tendons)
+    return solve_least_squares(family, mechanism, command.copy(), least, most, table, phi)
 
 
 def solve_tensions_batch(
@@ -155,24 +155,14 @@ def solve_lengths_batch(
     return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
 
 
-def _solve_one(
-    family: Family, mechanism: AnyMechanism, law: TendonLaw, table: Array, start: Start, history: History
-) -> Any:
+def _solve_one(family: Family, mechanism: AnyMechanism, law: Law, table: Array, start: Start, history: History) -> Any:
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
-    angles = start_of(start, history)
+    angles = angles_of(mechanism, start, history)
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(family, mechanism, len(table))
-        slot.enter(law, table, _start_of(mechanism, angles))
+        slot.enter(law, table, angles)
         found = slot.solve(mechanism, read_only(table))
         spares.append(slot)
         return found
-    law = law._replace(stiffness=law.stiffness.copy())  # for arrays that are read-only kernels are compiled again
-    phi = _start_of(mechanism, angles)
-    return family.batch.solve_one(mechanism, law, table, phi, checked_history(mechanism, history, None))
-
-
-def _start_of(mechanism: AnyMechanism, angles: ArrayLike | None) -> Array:
-    """Joint angles to start from, (n - 1,)."""
-    if angles is None:
-        return mechanism.neutral_angles.copy()
-    return as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
+    before = checked_history(mechanism, history, None)
+    return family.batch.solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)

@@ -73,14 +73,18 @@ def test_ctrl_c_does_not_wait_for_the_solve_of_a_long_chain(monkeypatch):
     chain, force = uniform(150), np.random.default_rng(1).normal(0.0, 1.0, 2)
     solve_tensions(uniform(20), (1.0, 1.0), [BodyWrench(-1, (1e-3, 0.0))])
     _ = chain.arrays
-    solve = CtrlCWithin(planar.batch.solve_range, call=1)
-    monkeypatch.setattr(planar.batch, "solve_range", solve)
+    solves, pinned = [], planar.batch.PinnedRange
+    monkeypatch.setattr(
+        planar.batch, "PinnedRange", lambda batch: solves.append(CtrlCWithin(pinned(batch), 1)) or solves[0]
+    )
     with pytest.raises(KeyboardInterrupt):
         solve_tensions(chain, (3.0, 7.0), [BodyWrench(-1, tuple(force))])  # half a second
-    assert not solve.ended.is_set()
+    assert not solves[0].ended.is_set()
     monkeypatch.undo()
     assert solve_tensions(five_link(), (1.0, 1.0)).ok
-    assert solve.ended.wait(60)
+    light = (1.0, 1.0), [BodyWrench(-1, (1e-3, 0.0))]  # in other memory than that which is still written into
+    assert np.array_equal(solve_tensions(chain, *light).poses, solve_tensions(uniform(150), *light).poses)
+    assert solves[0].ended.wait(60)
 
 
 def test_pieces_cover_every_row_once_and_grow_while_they_are_brief():

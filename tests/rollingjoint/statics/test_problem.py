@@ -175,3 +175,56 @@ def test_threads_share_a_problem_and_a_mechanism():
     for one, two, three in zip(alone, prepared, public, strict=True):
         assert_equal(one, two)
         assert_equal(one, three)
+
+
+def strided(values):
+    """The same numbers, not next to each other, and read-only."""
+    apart = np.repeat(values, 3)[::3]
+    apart.setflags(write=False)
+    return apart
+
+
+FORMS = {
+    "list": lambda values: values.tolist(),
+    "strided": strided,
+    "big-endian": lambda values: values.astype(">f8"),
+    "subclass": lambda values: np.ma.array(values),
+}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("given", ["lengths", "tensions"])
+@pytest.mark.parametrize("rubs", [False, True])
+def test_inputs_of_any_form_give_the_same_numbers(form, given, rubs):
+    chain = five_link().replace(friction=CapstanFriction(0.1) if rubs else None)
+    solve = solve_lengths if given == "lengths" else solve_tensions
+    values = commands(chain)[0] if given == "lengths" else np.array([3.0, 2.0])
+    start, before = np.array([0.1, -0.05, 0.02, 0.0]), solve(chain, values * 0.999)
+    expected = solve(chain, values, start=start, history=before)
+    assert_equal(solve(chain, form(values), start=form(start), history=before), expected)
+    assert_equal(prepare(chain, given=given).solve(form(values), start=form(start), history=before), expected)
+
+
+def test_least_squares_takes_strided_lengths():
+    chain = five_link()
+    lengths = commands(chain)[0]
+    expected = solve_lengths(chain, lengths, method="least_squares")
+    assert_equal(solve_lengths(chain, strided(lengths), method="least_squares"), expected)
+
+
+def test_limits_may_be_floats_integers_or_arrays():
+    chain, command = five_link(), commands(five_link())[5]
+    expected = solve_lengths(chain, command, tension_limits=(1.0, 15.0))
+    for limits in ((1, 15), (np.float64(1.0), 15.0), [1.0, 15.0], ([1.0, 1.0], 15.0), np.array([1.0, 15.0])):
+        assert_equal(solve_lengths(chain, command, tension_limits=limits), expected)
+        assert_equal(prepare(chain, tension_limits=limits).solve(command), expected)
+    for wrong in ((1.0,), (1.0, 2.0, 3.0), (1.0, "a"), (1.0, [1.0] * 3), 1.0):
+        with pytest.raises(InvalidInput, match="tension_limits"):
+            solve_lengths(chain, command, tension_limits=wrong)
+
+
+def test_a_result_does_not_follow_the_arrays_of_its_caller():
+    chain, command, start = five_link(), commands(five_link())[0], np.zeros(4)
+    found, expected = solve_lengths(chain, command, start=start), solve_lengths(chain, command, start=np.zeros(4))
+    command[:], start[:] = 0.0, 1.0
+    assert_equal(found, expected)
