@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -235,7 +236,7 @@ def test_scale_is_round_and_keeps_the_longest_arrow_moderate(force: float) -> No
     eq = loaded()
     table = eq.loads.copy()
     table[0, 3:5] = (0.0, force)
-    scale = arrow_scale([Equilibrium(**{**vars(eq), "loads": table})])
+    scale = arrow_scale([replace(eq, loads=table)])
     assert f"{scale:.0e}"[0] in "125"
     assert scale == pytest.approx(float(f"{scale:.0e}"))
     assert 0.08 * eq.mechanism.length < scale * force <= 0.22 * eq.mechanism.length * (1 + 1e-9)
