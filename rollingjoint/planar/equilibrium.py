@@ -16,11 +16,16 @@ from rollingjoint.kernels.planar.rubbed import begin_histories, rubbed_stiffness
 from rollingjoint.load import LOAD_COLUMNS, check_table
 from rollingjoint.mechanism import distinct
 from rollingjoint.planar.chain import RollingChain
-from rollingjoint.solution import Solution
+from rollingjoint.solution import Solution, parts
 
 Array = NDArray[np.float64]
 
 
+@parts(
+    contact_points=("contacts", slice(0, 2)),
+    contact_tangents=("contacts", slice(2, 4)),
+    contact_forces="contact_forces",
+)
 @dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
@@ -34,12 +39,6 @@ class Equilibrium(Solution):
     contact_points: Array
     contact_tangents: Array
     contact_forces: Array
-
-    _PARTS = Solution._PARTS | {
-        "contact_points": ("contacts", slice(0, 2)),
-        "contact_tangents": ("contacts", slice(2, 4)),
-        "contact_forces": ("contact_forces", slice(None)),
-    }
 
     @property
     def chain(self) -> RollingChain:

@@ -192,7 +192,8 @@ class HingeChain(Mechanism["HingeEquilibrium"]):
         )
         strings = zip(self.tendons, tendons.tolist(), strict=True)
         other = _with(self, beads=beads, tendons=tuple(_with(one, stiffness=one.stiffness * by) for one, by in strings))
-        other.__dict__.pop("stiffnesses", None)
+        for derived in ("stiffnesses", "spares"):
+            other.__dict__.pop(derived, None)
         other.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
         return other
 

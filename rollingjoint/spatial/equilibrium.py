@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, check_table
-from rollingjoint.solution import Solution
+from rollingjoint.solution import Solution, parts
 from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
 
+@parts(tendon_torques="torques")
 @dataclass(frozen=True, eq=False, repr=False)
 class HingeEquilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
@@ -31,8 +32,6 @@ class HingeEquilibrium(Solution):
     mechanism: HingeChain | tuple[HingeChain, ...]
     tendon_torques: Array
     escapes: int | NDArray[np.int64]
-
-    _PARTS = Solution._PARTS | {"tendon_torques": ("torques", slice(None))}
 
     @property
     def tip(self) -> Array:
