@@ -137,7 +137,7 @@ def counts() -> tuple[str, float, float]:
 
 def disk() -> tuple[str, float, float]:
     """First solve of a process, without and with kernels on disk."""
-    return "first solve of a process", fresh(with_change("jit.keep_on_disk = lambda one: None", SOLVE)), warm(SOLVE)
+    return "first solve of a process", fresh(with_change("jit.keep_on_disk = lambda *one: None", SOLVE)), warm(SOLVE)
 
 
 def load() -> tuple[str, float, float]:

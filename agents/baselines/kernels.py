@@ -27,7 +27,7 @@ class Outlook(NamedTuple):
     tensions_by_command: Annotated[Floats, "B", "m", "m"]  # N/mm
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines")
 def damped_increments(tips, tensions, now, way, wanted, low, high, most, stiffen, damping, far, keep, moves):
     """Fill moves (B, m) [mm], the damped increments within +-most of JacobianFeedback.
 
@@ -119,7 +119,7 @@ def _eliminate(system, values):
         values[i] /= system[i, i]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines")
 def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
     """Fill moves (B, m) [mm] of the motors that move the tendons behind their play by `wanted`.
 
@@ -138,7 +138,7 @@ def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
                 moves[b, j] = way
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines")
 def look_ahead(outlook, wanted, weights, reach, points, moves):
     """Improve moves (B, m) [mm] of motors towards the least expected cost, each within +-reach.
 

@@ -16,7 +16,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -108,10 +108,28 @@ def _sources(function: Callable[..., Any]) -> list[Path]:
 
 
 @functools.cache
-def _announce() -> None:
-    """Tell a person at a terminal, once, what the wait is for."""
+def _announce(title: str) -> None:
+    """Tell a person at a terminal, once for every title, what the wait is for."""
     if sys.stderr.isatty():
-        print("rollingjoint: compiling kernels, ten seconds or more; they are kept for next time", file=sys.stderr)
+        print(f"rollingjoint: compiling {title}, some seconds; kept for next time", file=sys.stderr)
+
+
+class NotCompiled(Exception):
+    """A kernel that is not on disk, where none may be compiled."""
+
+
+_may_compile = True
+
+
+@contextlib.contextmanager
+def only_what_is_kept() -> Iterator[None]:
+    """A context in which a kernel that is not on disk raises NotCompiled; not for several threads at a time."""
+    global _may_compile
+    _may_compile = False
+    try:
+        yield
+    finally:
+        _may_compile = True
 
 
 class _KernelLocator(caching._CacheLocator):
@@ -147,6 +165,10 @@ _UNREADABLE = (OSError, EOFError, ValueError, AttributeError, ImportError, pickl
 class _KernelCache(caching.FunctionCache):
     _impl_class = _KernelCacheImpl
 
+    def __init__(self, function: Callable[..., Any], title: str) -> None:
+        super().__init__(function)
+        self._title = title
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Compiled code from disk, or None when there is none that can be read.
 
@@ -156,7 +178,9 @@ class _KernelCache(caching.FunctionCache):
         with contextlib.suppress(*_UNREADABLE):
             if (compiled := self._load_overload(sig, target_context)) is not None:
                 return compiled
-        _announce()
+        if not _may_compile:
+            raise NotCompiled(self._title)
+        _announce(self._title)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -171,6 +195,6 @@ class _KernelCache(caching.FunctionCache):
             self.disable()
 
 
-def keep_on_disk(dispatcher: Any) -> None:
-    """Have a dispatcher look for compiled code on disk, and leave it there."""
-    dispatcher._cache = _KernelCache(dispatcher.py_func)
+def keep_on_disk(dispatcher: Any, title: str) -> None:
+    """Have a dispatcher look for compiled code on disk, and leave it there; `title`: what it belongs to, in words."""
+    dispatcher._cache = _KernelCache(dispatcher.py_func, title)

@@ -18,12 +18,15 @@ PART_OPTIONS = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True,
 """What numba compiles a part with."""
 
 
-def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Compile a function of plain arrays: IEEE arithmetic that never raises, cached on disk."""
+def kernel(function: Callable[..., Any] | None = None, *, title: str = "", **options: Any) -> Any:
+    """Compile a function of plain arrays: IEEE arithmetic that never raises, cached on disk.
+
+    `title`: what a person who waits for it is told that it belongs to, such as "the planar solver".
+    """
     if function is None:
-        return functools.partial(kernel, **options)
+        return functools.partial(kernel, title=title, **options)
     dispatcher = numba.njit(**_OPTIONS, **options)(function)
-    keep_on_disk(dispatcher)
+    keep_on_disk(dispatcher, title or f"{function.__module__}.{function.__name__}")
     return dispatcher
 
 

@@ -21,7 +21,7 @@ class Estimate(NamedTuple):
     half_widths: Annotated[Floats, "B", "m"]  # of the play, mm
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def average(weights, solved, linear, play, states, changes, at, tips, estimate):
     """Fill tips (B, H, d) [mm] of all hypotheses, and the estimate.
 

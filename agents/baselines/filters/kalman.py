@@ -11,7 +11,7 @@ from rollingjoint.compiled import kernel
 UNEXPECTED = -8.0  # evidence of a measurement that a hypothesis cannot predict: about that of four standard deviations
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def update(states, covariances, evidence, predicted, columns, measured, variances):
     """Take measurements of independent noise, one after the other, into the states and their covariances.
 
@@ -46,7 +46,7 @@ def update(states, covariances, evidence, predicted, columns, measured, variance
                     covariances[row, i, c] -= gain * spread[c]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def forecast(states, covariances, memory, walk):
     """Move states on by a step, in place.
 
@@ -61,7 +61,7 @@ def forecast(states, covariances, memory, walk):
             covariances[row, i, i] += walk[i]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def keep_physical(states, radius, low, high):
     """Bring states back, in place: the first two into a circle about 0, all of them into low to high, (states,)."""
     for row in range(len(states)):

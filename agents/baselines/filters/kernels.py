@@ -72,7 +72,7 @@ class Linear(NamedTuple):
     tip: Annotated[Floats, "R", "d", "states"]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def linearise(solved, levers, play, stiffnesses, at, linear):
     """Fill the derivatives; zero where an equilibrium is not usable, so that nothing is learnt there.
 
@@ -161,7 +161,7 @@ def _spread_tendons(solved, play, stiffnesses, at, linear, row):
         linear.tip[row, axis, at.bias + axis] = 1.0
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def expect_tensions(solved, linear, play, states, motors, at, expected, columns):
     """Fill the tensions that motors measure behind the friction of the sheaths, (R, m) [N], and their derivatives.
 
@@ -189,7 +189,7 @@ def expect_tensions(solved, linear, play, states, motors, at, expected, columns)
                 columns[row, j, at.starts + j] += pull * play.by_place[row, j]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def move_play(play, states, motors, at):
     """Move tendons on as motors (N, m) [mm] take them along, in place: the play operator of every row."""
     n_rows, m = play.played.shape
@@ -203,7 +203,7 @@ def move_play(play, states, motors, at):
                 play.by_width[row, j], play.by_place[row, j] = side, 0.0
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def correct_play(play, changes, at):
     """Tendons are elsewhere where the states of their play have changed, (R, states); in place."""
     n_rows, m = play.played.shape

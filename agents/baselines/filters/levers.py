@@ -20,7 +20,7 @@ class ArmLoads(NamedTuple):
     payloads: Annotated[Floats, "R"]  # N
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def chain_levers(poses, contacts, links, levers):
     """Fill the levers of planar chains: of a force (2) [N] on one link each.
 
@@ -37,7 +37,7 @@ def chain_levers(poses, contacts, links, levers):
             levers.tips[row, 1, i] = poses[row, n_joints, 0] - contacts[row, i, 0]
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def arm_levers(poses, axes, loads, levers):
     """Fill the levers of arms: of the vector that turns gravity (2) [rad] and of the payload [N].
 
@@ -74,7 +74,7 @@ def _triple(a, b, c):
     return value
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the baselines' filters")
 def turn_gravity(turns, gravity, by_turn):
     """Fill the directions (R, 3) to which vectors (R, 2) [rad] turn (0, 0, 1), and their derivatives, (R, 3, 2).
 

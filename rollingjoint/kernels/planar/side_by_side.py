@@ -265,7 +265,7 @@ def store_row(block, batch, friction, lane, row):
     store_lane(block, lane, batch.results, row)
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the planar solver")
 def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
@@ -273,7 +273,7 @@ def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last
     return _solve_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), first, last)
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the planar solver")
 def solve_pinned(pins, first, last):
     """solve_side_by_side on a pinned BatchArrays."""
     batch = unpin(pins, BatchArrays)

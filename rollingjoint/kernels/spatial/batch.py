@@ -52,7 +52,7 @@ def store(state, outcome, results, lane):
     results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the arm's solver")
 def solve_hinge_lanes(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
     n_joints, n_tendons = starts.shape[1], laws.low.shape[1]
@@ -76,7 +76,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, first, last, state
         store(state, outcome, results, lane)
 
 
-@kernel
+@kernel(title="the arm's solver")
 def hinge_stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
     state = new_hinge_state(angles.shape[1], tensions.shape[1])

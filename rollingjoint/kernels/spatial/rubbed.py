@@ -17,7 +17,7 @@ from rollingjoint.kernels.spatial.batch import STIFFNESSES, solve_invalid, store
 from rollingjoint.kernels.spatial.solve import step_hinges
 
 
-@kernel(nogil=True)
+@kernel(nogil=True, title="the arm's solver with friction")
 def step_hinge_lanes(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of lanes first to last - 1; all inputs carry a leading lane axis."""
     sizes = MemorySizes(starts.shape[1], laws.command.shape[1])
@@ -48,7 +48,7 @@ def _step_each(chain, designs, laws, loads, starts, results, friction, first, la
                     results.torques[lane, i, j] = memory.now.lever[i, j] * memory.now.passed[i, j]
 
 
-@kernel
+@kernel(title="the arm's solver with friction")
 def begin_hinge_histories(chain, designs, law, tensions, angles, history):
     """Fill the histories of lanes that have never slipped, at joint angles (B, J) under tensions (B, m)."""
     sizes = MemorySizes(angles.shape[1], tensions.shape[1])
@@ -56,7 +56,7 @@ def begin_hinge_histories(chain, designs, law, tensions, angles, history):
     begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
 
 
-@kernel
+@kernel(title="the arm's solver with friction")
 def rubbed_hinge_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, A, torques):
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), at the angles after a step that left this history."""
     sizes = MemorySizes(history.angles.shape[1], tensions.shape[1])

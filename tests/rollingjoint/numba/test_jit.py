@@ -170,12 +170,52 @@ def test_a_planted_file_is_not_run(tmp_path):
     assert not Path(done.stdout.split()[1]).exists()  # the fresh folder goes with its process
 
 
+ANNOUNCED = """
+import sys
+sys.stderr.isatty = lambda: True
+from rollingjoint._numba.cache import NotCompiled, only_what_is_kept
+from rollingjoint._numba.jit import kernel
+import rollingjoint as rj
+
+@kernel(title="a kernel")
+def once(x):
+    return x
+
+@kernel(title="a kernel")
+def twice(x):
+    return once(x) + once(x)
+
+try:
+    with only_what_is_kept():
+        twice(1.0)
+except NotCompiled as error:
+    print("NotCompiled:", error)
+print(twice(1.0), twice(1))
+"""
+
+
+def test_what_is_compiled_is_announced_once_and_never_when_it_is_kept(tmp_path):
+    (tmp_path / "program.py").write_text(ANNOUNCED)
+    environment = os.environ | {"ROLLINGJOINT_CACHE": str(tmp_path / "kernels"), "PYTHONPATH": str(ROOT)}
+    line = "rollingjoint: compiling a kernel, some seconds; kept for next time\n"
+    for before, said in (("NotCompiled: a kernel\n", line), ("", "")):
+        command = [sys.executable, str(tmp_path / "program.py")]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert (done.stdout, done.stderr) == (before + "2.0 2\n", said)
+
+
+def test_every_kernel_of_the_solvers_has_a_title():
+    names = [path.read_text(encoding="utf-8") for path in (ROOT / "rollingjoint" / "kernels").rglob("*.py")]
+    decorators = [line for text in names for line in text.splitlines() if line.startswith("@kernel")]
+    assert decorators and all("title=" in line for line in decorators)
+
+
 @pytest.fixture(scope="module")
 def warm_folder(tmp_path_factory):
     """A folder for kernels after `rj warmup`."""
     folder = tmp_path_factory.mktemp("kernels")
     said = run(folder, "from rollingjoint.cli import main; main(['warmup'])")
-    assert said[:2] == ["kernels", "ready"]
+    assert {"kernels", "ready", "kept"} <= set(said)
     return folder
 
 
