@@ -15,6 +15,7 @@ Modules:
     sb3: the native vector environments for Stable-Baselines3.
     torch_env: the planar tracking tasks as torch tensors on a device.
     vector_checker: a checker of Gymnasium vector environments.
+    warmup: their kernels, for `rj warmup`.
 """
 
 from __future__ import annotations

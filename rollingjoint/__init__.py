@@ -28,6 +28,7 @@ Modules:
     tables: tables as text and Markdown.
     tendon: which holes tendons pass, where they end, how stiff they are.
     threads: rows of a batch spread over threads.
+    warmup: all kernels compiled in advance, in several processes.
 """
 
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError

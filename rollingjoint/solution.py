@@ -185,9 +185,9 @@ def parts(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
     """Have fields of a dataclass come from Outputs if they are not given: by the name there, or some columns of it."""
 
     def add(cls: type[_S]) -> type[_S]:
-        for field, place in places.items():
+        for name, place in places.items():
             part, columns = (place, None) if isinstance(place, str) else place
-            setattr(cls, field, _Part(field, part, columns))
+            setattr(cls, name, _Part(name, part, columns))
         return cls
 
     return add
@@ -248,7 +248,7 @@ class Solution(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as arrays of its own."""
-        state = vars(self) | {field.name: getattr(self, field.name) for field in fields(self)}
+        state = vars(self) | {one.name: getattr(self, one.name) for one in fields(self)}
         state.pop("_outputs", None)
         return state
 

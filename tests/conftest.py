@@ -18,31 +18,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the backgro
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Two halves of the kernels that take about the same time to compile and share none.
-KERNELS = (
-    """
-from rollingjoint import CapstanFriction, five_link, solve_lengths, solve_tensions
-chain = five_link()
-solve_lengths(chain, chain.neutral_lengths + 10.0)
-taut = solve_tensions(chain, [1.0, 1.0])
-taut.stiffness, taut.arc_lengths
-for friction in (CapstanFriction(0.1), CapstanFriction(0.1, rolling=0.1)):
-    solve_tensions(chain.replace(friction=friction), [2.0, 1.0], history=taut).stiffness
-""",
-    """
-import gymnasium, rj_gym
-from rollingjoint import CapstanFriction, small_arm, solve_tensions
-straight = solve_tensions(small_arm(), [1.0] * 4)
-straight.stiffness
-solve_tensions(small_arm().replace(friction=CapstanFriction(0.1)), [2.0, 1.0, 1.0, 1.0], history=straight).stiffness
-for name in ("FlexibleArm-v0", "RollingJoint-v0"):
-    envs = gymnasium.make_vec(f"rj_gym/{name}", 2, "vector_entry_point")
-    envs.reset(seed=0)
-    envs.step(envs.action_space.sample())
-""",
-)
-
-
 # Modules whose tests share what takes long to make: runs, a search, a process to fork from, what ribs compiles.
 ON_ONE_WORKER = {
     f"tests/agents/{module}.py": group
@@ -72,8 +47,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels before several workers would each compile all of them."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        halves = [subprocess.Popen([sys.executable, "-c", half], env=sources_first()) for half in KERNELS]
-        if any([half.wait() for half in halves]):
+        import rj_gym.warmup
+        from rollingjoint.warmup import GROUPS, compile_kernels, missing
+
+        if not compile_kernels(missing((*GROUPS, *rj_gym.warmup.GROUPS))):
             raise pytest.UsageError("the kernels do not compile")
 
 

@@ -1,6 +1,7 @@
 """The command `rj`: solve and draw a mechanism from the shell; documented in docs/cli.md.
 
-Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver gave no usable result.
+Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver gave no usable result
+(rj warmup: kernels that do not compile), 130 `rj warmup` was interrupted.
 """
 
 from __future__ import annotations
@@ -8,16 +9,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import time
 from collections.abc import Collection, Sequence
 from importlib import metadata
 from typing import NoReturn
 
-import numpy as np
-
-from rollingjoint._numba.cache import cache_directory
 from rollingjoint.cad import command
-from rollingjoint.cli import loop_command, mjcf
+from rollingjoint.cli import loop_command, mjcf, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
@@ -28,11 +25,10 @@ from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.presets import PRESETS
 from rollingjoint.solution import Solution
-from rollingjoint.statics.families import FAMILIES, family_of
-from rollingjoint.statics.solve import solve_lengths, solve_tensions
+from rollingjoint.statics.families import family_of
 from rollingjoint.tables import print_any_character
 
-OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
+OK, WRONG_INPUT, NOT_USABLE, INTERRUPTED = 0, 2, 3, 130
 _LARGEST_FRICTION = 100.0
 
 
@@ -127,14 +123,11 @@ def _mechanisms(args: argparse.Namespace) -> int:
 
 
 def _warmup(args: argparse.Namespace) -> int:
-    begin = time.perf_counter()
-    for family in FAMILIES:
-        mechanism = next(iter(family.presets.values()))()
-        taut = solve_tensions(mechanism, np.ones(mechanism.n_tendons))
-        slack = solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the solver for all cases
-        assert report.as_dict(taut) and report.as_dict(slack)
-    print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
-    return OK
+    try:
+        return OK if warmup_command.run() else NOT_USABLE
+    except KeyboardInterrupt:
+        print("rj warmup: interrupted; what is compiled is kept", file=sys.stderr)
+        return INTERRUPTED
 
 
 def _check(args: argparse.Namespace) -> int:
