@@ -217,10 +217,10 @@ def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
 
 # Those that take longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
+    Group("the arm's solver with friction", arm_friction),
     Group("the planar solver for special cases", planar_special_cases),
     Group("the planar solver with friction for special cases", planar_friction_special_cases),
     Group("the planar solver with friction", planar_friction),
     Group("the planar solver", planar_solver),
     Group("the arm's solver", arm_solver),
-    Group("the arm's solver with friction", arm_friction),
 )
