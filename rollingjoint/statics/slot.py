@@ -1,8 +1,8 @@
 """Memory for one solve, kept from solve to solve: pinned inputs, and outputs in one block that a single copy takes out.
 
-A solve on new arrays spends more on making, pinning and write-protecting some twenty of them than on its Newton steps:
-with slots, and fields that are made when they are read, `solve_lengths` takes half the time on a warm walk, 13.5 instead
-of 26.5 µs in one run (20 µs if all fields are read), and a prepared problem 6.8 µs.
+A solve on new arrays spends more on making, pinning and write-protecting some twenty of them than on its Newton steps.
+With slots, and with fields that are made when they are read, `solve_lengths` takes half the time on a warm walk, 13.5
+instead of 26.5 µs in one run (20 µs if all fields are read), and a prepared problem 6.8 µs.
 """
 
 from __future__ import annotations
