@@ -64,10 +64,10 @@ jit.part = part
 CALLS = """
 from typing import Annotated
 import rollingjoint as rj
+from benchmarks.on_arrays import solve_on_arrays
 from rollingjoint.compiled import BatchArrays, Integers, PinnedRange
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.side_by_side import solve_pinned, solve_side_by_side
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
 
 arm, B = rj.five_link(), {lanes}
@@ -147,14 +147,14 @@ def load() -> tuple[str, float, float]:
 
 def code() -> tuple[str, float, float]:
     """A call of the solver: numba's dispatcher, and the machine code."""
-    slow = of_calls(1, "print(least(lambda: solve_side_by_side(*problem, 0, 1), 2000))")
-    direct = "solve = _on_batch(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    slow = of_calls(1, "print(least(lambda: solve_on_arrays(*problem, 0, 1), 2000))")
+    direct = "solve = _on_batch(solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
     return "compiled solve, called from Python", slow, of_calls(1, direct)
 
 
 def pins() -> tuple[str, float, float]:
     """A call of the solver: arrays, and the address of their pins."""
-    direct = "solve = _on_batch(solve_side_by_side, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    direct = "solve = _on_batch(solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
     pinned = "solve = PinnedRange(problem)._solve\nprint(least(lambda: solve(0, 1), 2000))"
     return "compiled solve, called from Python", of_calls(1, direct), of_calls(1, pinned)
 

@@ -21,7 +21,7 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     set_threads(1)
     for chain, module, rows in ((five_link(), planar, 100_000), (small_arm(), spatial, 10_000)):
-        work = partial(module.solve_range, _batch(chain, module, rows))
+        work = module.PinnedRange(_batch(chain, module, rows))
         work(0, rows)
         calls = partial(work, 0, rows), partial(threads.run_in_threads, work, rows, chain.n_joints)
         seconds = np.empty((repeats, 2))

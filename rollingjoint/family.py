@@ -47,11 +47,8 @@ class BatchModule(Protocol):
     def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
         """Empty outputs of a batch."""
 
-    def solve_range(self, arrays: Any, first: int, last: int, /) -> None:
-        """Solve rows first to last - 1; Python's lock is released meanwhile."""
-
     def step_range(self, arrays: Any, friction: FrictionArrays, first: int, last: int, /) -> None:
-        """Solve rows first to last - 1 with friction, likewise."""
+        """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
 
     def begin_range(self, arrays: Any, friction: FrictionArrays, first: int, last: int, /) -> None:
         """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has slipped."""
@@ -65,7 +62,7 @@ class BatchModule(Protocol):
 
     @property
     def PinnedRange(self) -> Callable[[Any], Callable[[int, int], None]]:  # noqa: N802
-        """`solve_range` on arrays that stay where they are."""
+        """Solves ranges of rows of arrays, (first, last - 1); Python's lock is released meanwhile."""
 
 
 class FileModule(Protocol):
@@ -136,7 +133,7 @@ class Family:
         """The equilibria of a batch, unchecked; arguments as of BatchArrays, mechanism: one, or one per row."""
         results = self.batch.new_results(len(starts), starts.shape[1], laws.low.shape[1])
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
-        run_in_threads(partial(self.batch.solve_range, arrays), len(starts), starts.shape[1], abandon=True)
+        run_in_threads(self.batch.PinnedRange(arrays), len(starts), starts.shape[1], abandon=True)
         return self.batch.pack(mechanism, tables, results)
 
     def step_batch(

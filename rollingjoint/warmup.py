@@ -138,7 +138,7 @@ class _Running:
 
     def end(self) -> None:
         """End the process, and wait for that."""
-        self.process.terminate()
+        self.process.kill()
         self.process.communicate()
         self.said.close()
 

@@ -4,7 +4,8 @@ It scores the policies of all finished runs, with --shipped also those that are 
 and the floor in the same episodes, and writes
 OUT/results.json with every episode's error, OUT/results.md, and its pictures OUT/images/results_*. With --from it reads
 results files instead of run folders, merges them and writes the same, with the animations that lie beside these files
-or are there already. The same runs, or the same files, give the same page.
+or are there already. The same runs, or the same files, give the same page. With --runs-only it scores further training
+seeds for a page that has their task and its opponents already.
 """
 
 from __future__ import annotations
@@ -54,6 +55,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--shipped", action="store_true", help="add shipped policies and their tasks where no run is of the task"
     )
     parser.add_argument("--out", type=Path, default=OUT, help="where the page goes (default: docs)")
+    parser.add_argument(
+        "--runs-only",
+        action="store_true",
+        help="score the runs alone and write no page: further training seeds, to be merged by --from into results that "
+        "have the rest",
+    )
     add_options(parser, "policies")
     add_trust(parser)
     arguments = parser.parse_args(argv)
@@ -70,6 +77,9 @@ def _command(arguments: argparse.Namespace) -> int:
         titles = [record.title for record in results.benchmarks]
         raise ResultsError("tasks", titles, "at least one task with test episodes", "Score with --seeds test.")
     write_results(arguments.out / FILE, results)
+    if arguments.runs_only:
+        print(f"What the runs did is in {arguments.out / FILE}: merge it by --from")
+        return 0
     _write_page(read_results(arguments.out / FILE), arguments.out)
     print(f"The page is in {arguments.out / 'results.md'}, its figures in {arguments.out / FILE}")
     return 0
@@ -101,13 +111,13 @@ def _scored(arguments: argparse.Namespace) -> Results:
     for run in (run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs):
         run.config.check_unused(plan.test)
         run.config.check_unused(plan.validation)
-    others = shipped_for_others(benchmarks) if arguments.shipped else {}
+    others = shipped_for_others(benchmarks) if arguments.shipped and not arguments.runs_only else {}
     records = []
     with driving(jobs, arguments.cluster) as drive:
         for benchmark in benchmarks:
             count = sum(len(recipe.runs) for recipe in benchmark.recipes)
             print(f"scoring: {benchmark.title}, {count} policies", flush=True)
-            records.append(score_benchmark(benchmark, plan, drive))
+            records.append(score_benchmark(benchmark, plan, drive, arguments.runs_only))
         for title, policy in others.items():
             print(f"scoring: {title}, the shipped policy", flush=True)
             records.append(score_shipped(policy, title, plan, drive))
@@ -118,6 +128,8 @@ def _scored(arguments: argparse.Namespace) -> Results:
         trained_with=_trained_with(benchmarks),
         left_out={str(path): reason for path, reason in left_out.items()},
     )
+    if arguments.runs_only:
+        return results
     return replace(results, films=_filmed([*benchmarks, *others.values()], results, arguments.out))
 
 

@@ -89,10 +89,12 @@ class Learner:
     runs: Sequence[tuple[EnvConfig, RunFolder | str, Callable[[Mapping[str, Driven]], RunRecord]]]
 
 
-def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive) -> BenchmarkRecord:
-    """All that the page says of a benchmark, in the episodes of the plan."""
+def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive, runs_only: bool = False) -> BenchmarkRecord:
+    """All that the page says of a benchmark, or of its runs only, in the episodes of the plan."""
     env, learners = common(benchmark.env), [_trained(recipe) for recipe in benchmark.recipes]
-    record = _score(benchmark.title, env, learners, plan, drive)
+    record = _score(benchmark.title, env, learners, plan, drive, runs_only)
+    if runs_only:
+        return record
     names = [FEEDBACK] if FEEDBACK in record.names() else []
     return replace(record, levels=_levels(benchmark, env, dict.fromkeys([*names, record.best(BASELINE)]), drive))
 
@@ -117,9 +119,12 @@ def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPoli
     return found
 
 
-def _score(title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, drive: Drive) -> BenchmarkRecord:
-    able, impossible = opponents(env)
+def _score(
+    title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, drive: Drive, learners_only: bool = False
+) -> BenchmarkRecord:
+    able, impossible = ({}, {}) if learners_only else opponents(env)
     worlds = worlds_of(env, plan)
+    on_floors = [] if learners_only else [world for world in worlds if _has_floors(world)]
     driven = [(own, driver) for learner in learners for own, driver, _ in learner.runs]
     driven += [(env_for(env, controller), name) for name, controller in able.items()]
     parts = [
@@ -127,7 +132,7 @@ def _score(title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, 
         for own, driver in driven
         for world in worlds
     ]
-    found = drive([*parts, *_floor_parts(env, worlds)])
+    found = drive([*parts, *(_Part(changed(env, world.changes), None, world.seeds) for world in on_floors)])
     done = iter([{world.name: next(found) for world in worlds} for _ in driven])
     learned = [
         ControllerRecord(one.name, POLICY, [record(next(done)) for *_, record in one.runs], training=one.training)
@@ -142,14 +147,10 @@ def _score(title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, 
         description=description(env.arguments()["config"]),
         env_id=env.id,
         settings=plain(env),
-        worlds=[_with_floors(world, next(found)) if _has_floors(world) else world for world in worlds],
+        worlds=[_with_floors(world, next(found)) if world in on_floors else world for world in worlds],
         controllers=[*learned, *compared],
         impossible=impossible,
     )
-
-
-def _floor_parts(env: EnvConfig, worlds: Sequence[World]) -> list[_Part]:
-    return [_Part(changed(env, world.changes), None, world.seeds) for world in worlds if _has_floors(world)]
 
 
 def _has_floors(world: World) -> bool:

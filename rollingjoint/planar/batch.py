@@ -20,7 +20,7 @@ from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
-from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned, solve_side_by_side
+from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned
 from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
@@ -41,7 +41,6 @@ __all__ = [
     "pack",
     "pack_outputs",
     "solve_one",
-    "solve_range",
     "step_range",
 ]
 
@@ -59,7 +58,7 @@ def solve_one(
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
     if before is None:
-        run_in_threads(partial(solve_range, batch), 1, len(start), abandon=True)
+        run_in_threads(PinnedRange(batch), 1, len(start), abandon=True)
     else:
         history = History(*(array[None] for array in before))
         friction = new_friction_arrays(friction_laws(mechanism, 1), history)
@@ -120,7 +119,7 @@ def pack_outputs(
 
 
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
-    """`solve_range` of steps with friction."""
+    """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
     everything = batch.starts.shape[1] > MOST_JOINTS
     if everything or _on_batch(step_side_by_side, FrictionArrays, int, int)(*batch, friction, first, last):
         left = _left(batch, first, last, everything)
@@ -139,15 +138,8 @@ def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., int]:
     return machine_code(kernel, *fields(BatchArrays), *kinds)
 
 
-def solve_range(batch: BatchArrays, first: int, last: int) -> None:
-    """Solve rows first to last - 1; Python's lock is released meanwhile. All arrays must be contiguous."""
-    everything = batch.starts.shape[1] > MOST_JOINTS
-    if everything or _on_batch(solve_side_by_side, int, int)(*batch, first, last):
-        _solve_the_rest(batch, first, last, everything)
-
-
 class PinnedRange:
-    """`solve_range` on arrays that stay where they are, for callers that come back: only what is in them changes.
+    """Solves ranges of rows of arrays that stay where they are; Python's lock is released meanwhile.
 
     Kernels call it by call_range(entry, pins, BatchArrays, first, last), which returns how many rows it leaves to
     `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
@@ -158,10 +150,11 @@ class PinnedRange:
 
     def __init__(self, batch: BatchArrays) -> None:
         self._batch, self._pinned = batch, Pinned(batch)
-        self._long = batch.starts.shape[1] > MOST_JOINTS
+        self._long, self.entry = batch.starts.shape[1] > MOST_JOINTS, 0
         self.pins = self._pinned.address_for(BatchArrays)
-        self.entry = 0 if self._long else entry_address(solve_pinned, int, int, int)
-        self._solve = partial(machine_code(solve_pinned, int, int, int), self.pins)
+        if not self._long:
+            self.entry = entry_address(solve_pinned, int, int, int)
+            self._solve = partial(machine_code(solve_pinned, int, int, int), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1."""

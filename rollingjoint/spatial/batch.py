@@ -38,7 +38,6 @@ __all__ = [
     "pack",
     "pack_outputs",
     "solve_one",
-    "solve_range",
     "step_range",
     "stiffnesses",
 ]
@@ -57,7 +56,7 @@ def solve_one(
     laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
     batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
     if before is None:
-        run_in_threads(partial(solve_range, batch), 1, len(start), abandon=True)
+        run_in_threads(PinnedRange(batch), 1, len(start), abandon=True)
     else:
         history = History(*(array[None] for array in before))
         friction = new_friction_arrays(friction_laws(mechanism, 1), history)
@@ -122,13 +121,8 @@ def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., None]:
     return machine_code(kernel, *fields(BatchArrays), *kinds, int, int)
 
 
-def solve_range(batch: BatchArrays, first: int, last: int) -> None:
-    """Solve rows first to last - 1; Python's lock is released meanwhile."""
-    _on_batch(solve_hinge_lanes)(*batch, first, last)
-
-
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
-    """`solve_range` of steps with friction."""
+    """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
     _on_batch(step_hinge_lanes, FrictionArrays)(*batch, friction, first, last)
 
 
@@ -161,7 +155,7 @@ def free_joints(batch: BatchArrays) -> NDArray[np.bool_]:
 
 
 class PinnedRange:
-    """`solve_range` on arrays that stay where they are; the interface of planar.batch.PinnedRange.
+    """Solves ranges of rows of arrays that stay where they are; the interface of planar.batch.PinnedRange.
 
     No kernel calls it (`entry` is 0): a call from Python costs a fiftieth of a solve.
     """

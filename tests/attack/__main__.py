@@ -17,8 +17,9 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+import rj_gym.warmup
+from rollingjoint.warmup import GROUPS
 from tests.attack import ledger
-from tests.conftest import KERNELS
 
 
 class Part(NamedTuple):
@@ -113,8 +114,8 @@ def _slice(part, seed, first, seconds):
 def _work(part, seed, arguments):
     """Rounds of one part in this process."""
     faulthandler.enable()
-    for half in KERNELS:  # compiled where they are not kept yet, before anything is timed
-        exec(half, {})
+    for group in (*GROUPS, *rj_gym.warmup.GROUPS):  # compiled where they are not kept yet, before anything is timed
+        group.use()
     report = ledger.Report(part, seed)
     attack = importlib.import_module(f"tests.attack.{part}").attack
     if arguments.round is not None:

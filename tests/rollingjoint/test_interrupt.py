@@ -62,10 +62,13 @@ def test_ctrl_c_ends_a_large_batch_after_the_pieces_in_work(threads, monkeypatch
     arm, tensions = small_arm(8), np.random.default_rng(0).uniform(0.1, 10.0, (50_000, 4))
     set_threads(threads)
     solve_tensions_batch(arm, tensions[:1])
-    pieces = CtrlCWithin(spatial.batch.solve_range, call=3)
-    monkeypatch.setattr(spatial.batch, "solve_range", pieces)
+    begun, pinned = [], spatial.batch.PinnedRange
+    monkeypatch.setattr(
+        spatial.batch, "PinnedRange", lambda batch: begun.append(CtrlCWithin(pinned(batch), 3)) or begun[0]
+    )
     with pytest.raises(KeyboardInterrupt):
         solve_tensions_batch(arm, tensions)
+    (pieces,) = begun
     assert pieces.begun_afterwards <= 1 and pieces.longest < 0.25
 
 

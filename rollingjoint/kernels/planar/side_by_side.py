@@ -266,16 +266,8 @@ def store_row(block, batch, friction, lane, row):
 
 
 @kernel(nogil=True, title="the planar solver")
-def solve_side_by_side(chain, designs, laws, loads, starts, results, first, last):
-    """Solve lanes first to last - 1; returns how many are PENDING."""
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
-    memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
-    return _solve_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), first, last)
-
-
-@kernel(nogil=True, title="the planar solver")
 def solve_pinned(pins, first, last):
-    """solve_side_by_side on a pinned BatchArrays."""
+    """Solve lanes first to last - 1 of a pinned BatchArrays; returns how many are PENDING."""
     batch = unpin(pins, BatchArrays)
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)

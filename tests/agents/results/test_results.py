@@ -23,9 +23,10 @@ from agents.results import __main__ as results
 from agents.results import pictures as results_pictures
 from agents.results.environment import changed
 from agents.results.file import write_results
+from agents.results.merging import merged
 from agents.results.page import Tables
 from agents.results.page import page as whole_page
-from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION
+from agents.results.record import POLICY, SHIFT, SWEEP, TEST, VALIDATION
 from agents.results.runs import find_benchmarks
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
@@ -219,6 +220,27 @@ def test_a_page_of_several_files_has_their_animations_and_tells_the_merging(out,
         assert (tmp_path / "both/images" / path.name).read_bytes() == path.read_bytes()
     commands = re.search(r"```bash\n(.*?)```", text, re.DOTALL)[1].splitlines()
     assert commands == ["one", "two", f"python -m agents.results {' '.join(words)}"]
+
+
+def test_runs_alone_complete_results_that_have_their_opponents(runs, out, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(worlds, "POINTS", (0.0, 1.25))
+    assert results.main([str(runs), "--runs-only", "--out", str(tmp_path), *SIZES, "--jobs", "1"]) == 0
+    assert "merge it by --from" in capsys.readouterr().out and [one.name for one in tmp_path.iterdir()] == [
+        "results.json"
+    ]
+    alone, whole = (read_results(folder / "results.json") for folder in (tmp_path, out))
+    assert {one.kind for record in alone.benchmarks for one in record.controllers} == {POLICY}
+    first = [
+        replace(record, controllers=[replace(one, runs=one.runs[:1]) for one in record.controllers])
+        for record in whole.benchmarks
+    ]
+    for record, known in zip(merged([Results(first), alone]).benchmarks, whole.benchmarks, strict=True):
+        assert [one.name for one in record.controllers] == [one.name for one in known.controllers]
+        assert [world.floors is None for world in record.worlds] == [world.floors is None for world in known.worlds]
+        for one, other in zip(record.controllers, known.controllers, strict=True):
+            assert [run.training_seed for run in one.runs] == [run.training_seed for run in other.runs]
+            for run, same in zip(one.runs, other.runs, strict=True):
+                assert all(np.array_equal(run.driven[name].last, same.driven[name].last) for name in same.driven)
 
 
 def test_a_file_cannot_name_an_animation_elsewhere(out, tmp_path):

@@ -25,10 +25,10 @@ from rollingjoint import (
     uniform,
 )
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.side_by_side import PENDING, solve_side_by_side
+from rollingjoint.kernels.planar.side_by_side import PENDING
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.mechanism import designs_of
-from rollingjoint.planar.batch import BatchArrays, TendonLaw, new_results, solve_range
+from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 
 NOT_NUMBERS = ("mechanism", "loads", "friction")
@@ -188,7 +188,7 @@ def both_solvers(seed, count=10):
     arrays, designs = designs_of(chain, count)
     shape = count, chain.n_joints, chain.n_tendons
     fast, every = new_results(*shape), new_results(*shape)
-    solve_side_by_side(arrays, designs, laws, tables, starts, fast, 0, count)
+    PinnedRange(BatchArrays(arrays, designs, laws, tables, starts, fast))._solve(0, count)
     solve_lanes(arrays, designs, laws, tables, starts, every, np.arange(count))
     return fast, every
 
@@ -230,11 +230,11 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
     chain = five_link()
     command = chain.neutral_lengths - np.random.default_rng(0).uniform(0.5, 2.0, (20, 2))
     laws = TendonLaw(command, np.full((20, 2), 5.0), np.zeros((20, 2)), np.full((20, 2), np.inf))
-    tables, starts = np.zeros((20, 0, 11)), np.repeat(chain.neutral_angles[None], 20, axis=0)
+    tables, starts = np.zeros((20, 0, len(LOAD_COLUMNS))), np.repeat(chain.neutral_angles[None], 20, axis=0)
     results = new_results(20, 4, 2)
     for array in results:
         array.fill(77)
-    solve_range(BatchArrays(*designs_of(chain, 20), laws, tables, starts, results), 5, 12)
+    PinnedRange(BatchArrays(*designs_of(chain, 20), laws, tables, starts, results))(5, 12)
     outside = np.r_[0:5, 12:20]
     assert all(np.all(array[outside] == 77) for array in results if len(array))
     assert np.all(results.status[5:12] == Status.CONVERGED)
@@ -275,7 +275,7 @@ def test_views_of_an_equilibrium_compile_nothing_anew():
     assert np.array_equal(strided.arc_lengths, batch.arc_lengths)
     solve_tensions(chain, (0, 0), start=wide[0, ::2])
     solve_tensions_batch(chain, [(3, 2), (0, 0)], starts=strided)
-    for kernel in (solve_side_by_side, solve_lanes, stiffness_of, arc_lengths_of):
+    for kernel in (solve_lanes, stiffness_of, arc_lengths_of):
         assert len(kernel.signatures) == 1, kernel
 
 

@@ -9,9 +9,8 @@ from rollingjoint import Spring, TorsionSpring, WorldForce
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
 from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, mechanism_to_dict
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.side_by_side import solve_side_by_side
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.batch import BatchArrays, TendonLaw, new_results
+from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 from rollingjoint.planar.published import solve_tensions_published
 from rollingjoint.statics import sensitivity
 
@@ -113,7 +112,7 @@ def test_side_by_side_and_lane_by_lane_agree():
     starts, designs = np.repeat(FIVE.neutral_angles[None], 64, axis=0), np.zeros(64, np.int64)
     laws = TendonLaw(*(np.broadcast_to(values, (64, 2)).copy() for values in law_of(command)))  # writable, as compiled
     fast, slow = (BatchArrays(FIVE.arrays, designs, laws, tables, starts, new_results(64, 4, 2)) for _ in range(2))
-    assert solve_side_by_side(*fast, 0, 64) == 0
+    assert PinnedRange(fast)._solve(0, 64) == 0
     solve_lanes(*slow, np.arange(64))
     assert np.all(slow.results.status == 0)
     assert np.array_equal(fast.results.iterations, slow.results.iterations)
