@@ -83,7 +83,7 @@ def test_one_section_is_printed_alone(capsys):
 
     speed.main(["--quick", "--only", "solver"])
     captured = capsys.readouterr()
-    assert captured.out.startswith("## One warm solve") and captured.out.count("\n| warm solve") == 3
+    assert captured.out.startswith("## One warm solve") and captured.out.count("\n| warm solve") == 4
     assert "solver: warm solve, public: " in captured.err
 
 
