@@ -217,12 +217,12 @@ def _run_folder(rng, report, folder):
             path.write_bytes(damaged(rng, content))
     tried(report, "run folder", lambda: Run.read(run))
     tried(report, "run folder", lambda: RunFolder.open(run).config())
-    from agents.policies.trained import load_trained
+    from agents.policies.trained import load_driving
 
     changed = path.is_dir() or not path.exists() or path.read_bytes() != content
     read = {run / "config.yaml", *RunFolder.open(whole).policy_files("best")} if changed else set()
     read = {run / path.relative_to(whole) if path.is_relative_to(whole) else path for path in read}
-    tried(report, "run folder", lambda: load_trained(RunFolder.open(run), "best"), lambda _: path in read)
+    tried(report, "run folder", lambda: load_driving(RunFolder.open(run), "best"), lambda _: path in read)
 
 
 def _finished_run():
