@@ -23,6 +23,8 @@ from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
 
+_FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
+
 
 class BatchModule(Protocol):
     """`batch.py` of a family: the solver behind the checks of its inputs."""
@@ -34,14 +36,6 @@ class BatchModule(Protocol):
         chain: from `mechanism.stack`; designs: which of the stacked mechanisms each row has, (B,); laws: (B, m) each;
         loads: load tables, (B, rows, columns); starts: joint angles, (B, J) [rad]; results: from `new_results`. All
         arrays are contiguous.
-        """
-
-    def solve_one(
-        self, mechanism: Any, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None, /
-    ) -> Any:
-        """The equilibrium of one mechanism; `before` makes it a step with friction.
-
-        law: (m,) each; table: (rows, columns); start: (n - 1,) [rad].
         """
 
     def new_results(self, n_rows: int, n_joints: int, n_tendons: int, /) -> Any:
@@ -135,6 +129,19 @@ class Family:
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
         run_in_threads(self.batch.PinnedRange(arrays), len(starts), starts.shape[1], abandon=True)
         return self.batch.pack(mechanism, tables, results)
+
+    def solve_one(
+        self, mechanism: Any, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
+    ) -> Any:
+        """The equilibrium of one mechanism, unchecked; `before` makes it a step with friction.
+
+        law: (m,) each; table: (rows, columns); start: (n - 1,) [rad].
+        """
+        laws = TendonLaw(*(values[None] for values in law))
+        inputs = mechanism, mechanism.arrays, _FIRST, laws, table[None], start[None]
+        if before is None:
+            return self.solve_batch(*inputs).row(0)
+        return self.step_batch(*inputs, FrictionState(*(array[None] for array in before))).row(0)
 
     def step_batch(
         self,

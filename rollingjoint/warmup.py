@@ -24,7 +24,7 @@ from rollingjoint._numba.cache import only_what_is_kept
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.presets import five_link, small_arm, uniform
-from rollingjoint.statics.solve import solve_lengths, solve_tensions
+from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
 ENTRY_POINTS = "rollingjoint.kernels"
 _PAUSE = 0.05  # s between two looks at the processes
@@ -179,6 +179,12 @@ def planar_solver() -> None:
     assert taut.arc_lengths.size and taut.friction_state.states.size
 
 
+def planar_batches() -> None:
+    """Solve planar chains side by side."""
+    chain = five_link()
+    assert solve_lengths_batch(chain, [chain.neutral_lengths - 0.5] * 2).joint_angles.size
+
+
 def planar_special_cases() -> None:
     """Solve a long chain, as chains with slack tendons are solved."""
     long = uniform(40)
@@ -222,5 +228,6 @@ GROUPS = (
     Group("the planar solver with friction for special cases", planar_friction_special_cases),
     Group("the planar solver with friction", planar_friction),
     Group("the planar solver", planar_solver),
+    Group("the planar solver of batches", planar_batches),
     Group("the arm's solver", arm_solver),
 )

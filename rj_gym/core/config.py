@@ -14,6 +14,8 @@ from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as
 from rollingjoint.errors import ConfigError
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING
 
+_PLAIN_SENSING, _PLAIN_ACTUATION = SensingConfig(), ActuationConfig()
+
 PROCESSES = ("constant", "step", "ou")
 """How a load changes from step to step."""
 
@@ -205,7 +207,7 @@ class TaskConfig(Settings):
     @property
     def is_instrumented(self) -> bool:
         """Whether readings can differ from the truth, motors from tendons, or more than the present is to be read."""
-        plain = self.sensing == SensingConfig() and self.actuation == ActuationConfig()
+        plain = self.sensing == _PLAIN_SENSING and self.actuation == _PLAIN_ACTUATION
         return not plain or bool(self.lags) or self.privileged != "off"
 
     @property

@@ -16,7 +16,8 @@ from rj_gym.core.tracking_task import TrackingTask
 def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
     """Space of one lane's observation; goals are those of a TrackingTask."""
     vector = _box(*task.observation_bounds(goal))
-    if isinstance(task, TrackingTask) and task.config.privileged == "observation":
+    if task.observes_truth:
+        assert isinstance(task, TrackingTask)
         return spaces.Dict(observation=vector, privileged=_box(*task.privileged_bounds()))
     if not goal:
         return vector
@@ -27,7 +28,8 @@ def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
 
 def observed(task: Task, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
     """The observation from its vector (..., entries) and the readings (..., columns)."""
-    if isinstance(task, TrackingTask) and task.config.privileged == "observation":
+    if task.observes_truth:
+        assert isinstance(task, TrackingTask)
         return {"observation": vector, "privileged": task.privileged(readings)}
     return vector
 

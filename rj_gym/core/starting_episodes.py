@@ -129,7 +129,7 @@ class StartingEpisodes(BoundEpisodes):
         Episodes that begin alike share one solve, which is kept.
         """
         tensions, causes = draws.start_tensions, draws.rest_causes
-        alike = len(self.mechanisms) == 1 and bool((causes == causes[0]).all())
+        alike = len(self.mechanisms) == 1 and (len(causes) == 1 or bool((causes == causes[0]).all()))
         kept = (self.mechanisms[0], causes[0].tobytes())
         if alike and self._kept_rest is not None and self._kept_rest[0] == kept:
             return self._kept_rest[1]

@@ -28,10 +28,12 @@ class Task(ABC):
         action_size: numbers of an action.
         dimension: number of coordinates of the position that pictures trace; 0 where they trace none.
         last_status: the largest status with which an episode continues.
+        observes_truth: whether observations are a Dict with the privileged state of a TrackingTask.
     """
 
     dimension: ClassVar[int] = 0
     last_status: ClassVar[int] = AT_LIMIT
+    observes_truth: bool = False
     config: Any
     length: float
     action_size: int

@@ -51,6 +51,7 @@ class TrackingTask(Task):
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
         self.has_friction = bool(config.has_friction(self.mechanism))
         self._goal_size = len(self.goal_bounds())
+        self.observes_truth = config.privileged == "observation"
         self._truths = len(self.privileged_entries()) if config.privileged != "off" else 0
         self._blocks = self._uniform_blocks()
 

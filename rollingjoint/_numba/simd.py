@@ -1,8 +1,9 @@
 """Eight numbers side by side in compiled kernels: arithmetic on SIMD lanes works like arithmetic on a float.
 
-A kernel written for arrays of floats serves eight lanes when it is given arrays of them (borrowed.py). Comparisons
-give a mask; `where` chooses by it. No operation lets one lane see another, and every operation rounds as the one on
-floats does. LLVM maps eight doubles to the vector registers of the processor, whatever their width.
+A kernel written for arrays of floats serves eight lanes when it is given arrays of them (borrowed.py), and one written
+for lanes a single one when it is given floats. Comparisons give a mask; `where` chooses by it. No operation lets one
+lane see another, and every operation rounds as the one on floats does. LLVM maps eight doubles to the vector registers
+of the processor, whatever their width.
 """
 
 from __future__ import annotations
@@ -64,6 +65,11 @@ class _TableRowModel(models.PrimitiveModel):
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: Any, mask: Any) -> None:
         super().__init__(manager, mask, _BITS)
+
+
+def width_of(kind: Any) -> int:
+    """How many lanes a number of this type holds: eight, or one if it is a float."""
+    return WIDTH if kind == simd_type else 1
 
 
 def _spread(builder: Any, value: Any, width: int = WIDTH) -> Any:
@@ -216,22 +222,24 @@ def any_lane(typing_context, mask):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def columns(typing_context, rows):  # type: ignore[no-untyped-def]
-    """The eight columns of one row per lane, a tuple of eight SIMD numbers."""
-    result = types.UniTuple(simd_type, COLUMNS)
+    """The eight columns of one row per lane, a tuple of eight SIMD numbers; of the only row, of eight floats."""
+    alone = rows.lengths == (1,)
+    result = types.UniTuple(types.float64 if alone else simd_type, COLUMNS)
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        return context.make_tuple(builder, result, _transposed(builder, builder.extract_value(args[0], 0)))
+        data = builder.extract_value(args[0], 0)
+        if not alone:
+            return context.make_tuple(builder, result, _transposed(builder, data))
+        row = _loaded_row(builder, data, 0)
+        numbers = [builder.extract_element(row, ir.Constant(ir.IntType(32), i)) for i in range(COLUMNS)]
+        return context.make_tuple(builder, result, numbers)
 
     return result(rows), lower
 
 
 def _transposed(builder: Any, data: Any) -> list[Any]:
     """Eight rows in memory, transposed by exchanging halves of pairs of rows, then quarters, then eighths."""
-    block = []
-    for i in range(COLUMNS):
-        row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), i)]))
-        row.align = 8
-        block.append(row)
+    block = [_loaded_row(builder, data, i) for i in range(COLUMNS)]
     span = 1
     while span < COLUMNS:
         for i in range(COLUMNS):
@@ -242,6 +250,12 @@ def _transposed(builder: Any, data: Any) -> list[Any]:
                 block[i], block[i + span] = (_shuffled(builder, a, b, order) for order in (low, high))
         span *= 2
     return block
+
+
+def _loaded_row(builder: Any, data: Any, i: int) -> Any:
+    row = builder.load(builder.gep(data, [ir.Constant(ir.IntType(64), i)]))
+    row.align = 8
+    return row
 
 
 def _shuffled(builder: Any, a: Any, b: Any, order: list[int]) -> Any:

@@ -10,7 +10,7 @@ from numba.extending import intrinsic
 
 from rollingjoint._numba import bounds
 from rollingjoint._numba.borrowed import INT, BorrowedType, make, pointer_and_shape
-from rollingjoint._numba.simd import WIDTH, row_type, simd_type
+from rollingjoint._numba.simd import COLUMNS, WIDTH, row_type, simd_type, width_of
 
 
 def _number(count: int) -> Any:
@@ -46,24 +46,26 @@ def _one_per_lane(dtype: Any, size: int) -> Any:
     def view(typing_context, array):  # type: ignore[no-untyped-def]
         def change(context, builder, shape):  # type: ignore[no-untyped-def]
             bounds.check_room(context, builder, _number(size), shape[0], f"{size} in {array}")
-            return [_number(WIDTH)]
+            return [_number(width)]
 
-        result, lower = _viewed(typing_context, array, dtype, (WIDTH,), change)
+        width = width_of(array.dtype)
+        result, lower = _viewed(typing_context, array, dtype, (width,), change)
         return result(array), lower
 
     return view
 
 
 as_simd, table_rows = map(_eight_as_one, (simd_type, row_type))  # of borrowed floats (..., 8): (...) of SIMD, of rows
-as_rows = _one_per_lane(row_type, WIDTH)  # a row per lane, in memory of eight SIMD numbers
-integers = _one_per_lane(types.int64, 1)  # an integer per lane, in memory of one SIMD number
+as_rows = _one_per_lane(row_type, COLUMNS)  # a row per lane, in memory of eight numbers of all lanes
+integers = _one_per_lane(types.int64, 1)  # an integer per lane, in memory of one number of all lanes
 
 
 @intrinsic
 def numbers(typing_context, array):  # type: ignore[no-untyped-def]
-    """A borrowed array of SIMD numbers (...) as one of floats (..., 8)."""
-    lengths = (*array.lengths, WIDTH)
-    change = lambda context, builder, shape: [*shape, _number(WIDTH)]  # noqa: E731
+    """A borrowed array of SIMD numbers (...) as one of floats (..., 8), or one of floats (...) as (..., 1)."""
+    width = width_of(array.dtype)
+    lengths = (*array.lengths, width)
+    change = lambda context, builder, shape: [*shape, _number(width)]  # noqa: E731
     result, lower = _viewed(typing_context, array, types.float64, lengths, change)
     return result(array), lower
 

@@ -16,18 +16,16 @@ from numpy.typing import NDArray
 from rollingjoint._numba.jit import entry_address, machine_code
 from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
-from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
-from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_pinned
+from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_alone, solve_pinned
 from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.solution import STATUSES, FrictionStep, Outputs, Status, friction_laws, friction_step
-from rollingjoint.threads import run_in_threads
+from rollingjoint.solution import STATUSES, FrictionStep, Outputs
 
 Array = NDArray[np.float64]
 
@@ -40,34 +38,8 @@ __all__ = [
     "new_results",
     "pack",
     "pack_outputs",
-    "solve_one",
     "step_range",
 ]
-
-_FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
-
-
-def solve_one(
-    mechanism: RollingChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
-) -> Equilibrium:
-    """The equilibrium of one mechanism; `before` makes it a step with friction.
-
-    law: (m,) each; table: (rows, columns); start: (n - 1,).
-    """
-    results = new_results(1, len(start), len(law.command))
-    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
-    if before is None:
-        run_in_threads(PinnedRange(batch), 1, len(start), abandon=True)
-    else:
-        history = History(*(array[None] for array in before))
-        friction = new_friction_arrays(friction_laws(mechanism, 1), history)
-        run_in_threads(partial(step_range, batch, friction), 1, len(start), abandon=True)
-        step = friction_step(friction).row(0)
-    *arrays, residual, iterations, status = results
-    numbers = residual.item(), iterations.item(), Status(status.item())
-    first = Results._make([*[array[0] if len(array) else array for array in arrays], *numbers])
-    return pack(mechanism, table, first, step)
 
 
 def pack(
@@ -139,7 +111,7 @@ def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., int]:
 
 
 class PinnedRange:
-    """Solves ranges of rows of arrays that stay where they are; Python's lock is released meanwhile.
+    """Solves ranges of rows of arrays that stay where they are; Python's lock is released while there are several.
 
     Kernels call it by call_range(entry, pins, BatchArrays, first, last), which returns how many rows it leaves to
     `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
@@ -153,8 +125,9 @@ class PinnedRange:
         self._long, self.entry = batch.starts.shape[1] > MOST_JOINTS, 0
         self.pins = self._pinned.address_for(BatchArrays)
         if not self._long:
-            self.entry = entry_address(solve_pinned, int, int, int)
-            self._solve = partial(machine_code(solve_pinned, int, int, int), self.pins)
+            kernel = solve_pinned if len(batch.starts) > 1 else solve_alone
+            self.entry = entry_address(kernel, int, int, int)
+            self._solve = partial(machine_code(kernel, int, int, int), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1."""

@@ -15,17 +15,14 @@ from numpy.typing import NDArray
 
 from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import fields
-from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionArrays, History, histories_of, new_friction_arrays
+from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
-from rollingjoint.solution import STATUSES, FrictionStep, Outputs, Status, friction_laws, friction_step, strictly_within
+from rollingjoint.solution import STATUSES, FrictionStep, Outputs, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
-from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
 
@@ -37,34 +34,9 @@ __all__ = [
     "new_results",
     "pack",
     "pack_outputs",
-    "solve_one",
     "step_range",
     "stiffnesses",
 ]
-
-_FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
-
-
-def solve_one(
-    mechanism: HingeChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
-) -> HingeEquilibrium:
-    """The equilibrium of one mechanism; `before` makes it a step with friction.
-
-    law: (m,) each; table: (rows, columns); start: (n - 1,).
-    """
-    results = new_results(1, len(start), len(law.low))
-    laws = TendonLaw(law.command[None], law.stiffness[None], law.low[None], law.high[None])
-    batch, step = BatchArrays(mechanism.arrays, _FIRST, laws, table[None], start[None], results), None
-    if before is None:
-        run_in_threads(PinnedRange(batch), 1, len(start), abandon=True)
-    else:
-        history = History(*(array[None] for array in before))
-        friction = new_friction_arrays(friction_laws(mechanism, 1), history)
-        run_in_threads(partial(step_range, batch, friction), 1, len(start), abandon=True)
-        step = friction_step(friction).row(0)
-    *arrays, residual, iterations, status, escapes = results
-    numbers = residual.item(), iterations.item(), Status(status.item()), escapes.item()
-    return pack(mechanism, table, HingeResults._make([*[array[0] for array in arrays], *numbers]), step)
 
 
 def pack(

@@ -49,7 +49,7 @@ def solve_least_squares(
     high = np.minimum(high, _LARGEST_TENSION)
 
     def solve(law: TendonLaw, start: Array) -> Any:
-        return family.batch.solve_one(mechanism, law, table, start)
+        return family.solve_one(mechanism, law, table, start)
 
     elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:

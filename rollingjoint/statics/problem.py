@@ -84,7 +84,7 @@ class Problem(Generic[S]):
         """A step with friction."""
         before = checked_history(self.mechanism, history, None)
         law, loads = full_law(self._law(command), self._n_tendons), self.loads.copy()
-        found: S = self._family.batch.solve_one(self.mechanism, law, loads, angles.copy(), before)
+        found: S = self._family.solve_one(self.mechanism, law, loads, angles.copy(), before)
         return found
 
     def _law(self, command: ArrayLike) -> Law:

@@ -165,4 +165,4 @@ def _solve_one(family: Family, mechanism: AnyMechanism, law: Law, table: Array, 
         spares.append(slot)
         return found
     before = checked_history(mechanism, history, None)
-    return family.batch.solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)
+    return family.solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)

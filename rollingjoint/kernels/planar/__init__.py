@@ -10,7 +10,7 @@ Modules:
     joint: one rolling joint: its table, and the tendon gaps across it.
     loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and side by side.
     rubbed: the solver of steps with friction, lane by lane.
-    side_by_side: the solver of eight lanes side by side.
+    side_by_side: the solver of eight lanes side by side, and of a single one.
     solve: one equilibrium from one start, one step with friction.
     steps_side_by_side: the solver of eight lanes with friction.
     turns: what friction needs: how far tendons turn at their holes, and what presses the links together.

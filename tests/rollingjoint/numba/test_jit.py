@@ -223,10 +223,10 @@ COMPILED = """
 from pathlib import Path
 from rollingjoint._numba.cache import cache_directory
 from rollingjoint.kernels.planar.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.planar.side_by_side import solve_pinned
+from rollingjoint.kernels.planar.side_by_side import solve_alone, solve_pinned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 
-KERNELS = solve_pinned, solve_lanes, stiffness_of, arc_lengths_of, poses_of
+KERNELS = solve_alone, solve_pinned, solve_lanes, stiffness_of, arc_lengths_of, poses_of
 
 def compiled():
     return [kernel.__name__ for kernel in KERNELS if kernel.stats.cache_misses]
@@ -295,7 +295,7 @@ if __name__ == "__main__":
 def test_after_warmup_no_public_call_compiles(warm_folder):
     (folder,) = warm_folder.iterdir()
     kept = sorted(path.name for path in folder.iterdir())
-    kernels = ["solve_pinned", "solve_lanes", "stiffness_of", "arc_lengths_of", "poses_of"]
+    kernels = ["solve_alone", "solve_pinned", "solve_lanes", "stiffness_of", "arc_lengths_of", "poses_of"]
     assert run(warm_folder, EVERYTHING) == ["of", *kernels, *kept]
 
 

@@ -129,6 +129,21 @@ def test_columns_of_one_row_per_lane():
 
 
 @compiled
+def one_row(values, out):
+    memory, result = borrow(values), numbers(borrow(out))
+    eight = columns(as_rows(memory))
+    for i in range(COLUMNS):
+        result[i, 0] = 2.0 * eight[i]
+    return result.shape[1]
+
+
+def test_of_a_single_lane_the_columns_are_floats():
+    row, out = np.random.default_rng(1).normal(size=COLUMNS), np.empty(COLUMNS)
+    assert one_row(row, out) == 1
+    assert np.array_equal(out, 2.0 * row)
+
+
+@compiled
 def multiply_add(a, b, c, out):
     x, z, result = table_rows(borrow(a)), table_rows(borrow(c)), table_rows(borrow(out))
     for i in range(a.shape[0]):
