@@ -75,8 +75,7 @@ def test_the_wheel_works_in_an_empty_folder_beside_other_packages_called_agents(
         (tmp_path / place / "agents").mkdir(parents=True)
         (tmp_path / place / "agents/__init__.py").write_text("raise ImportError('of somebody else')")
     (tmp_path / "empty/run.yaml").write_text(RUN)
-    cache = {"ROLLINGJOINT_CACHE": str(ROOT / "rollingjoint/__pycache__")}
-    environ = {**os.environ, "PYTHONPATH": str(tmp_path / "installed"), **cache}
+    environ = os.environ | {"PYTHONPATH": str(tmp_path / "installed")}
     used = subprocess.run(
         [sys.executable, "-c", USED], cwd=tmp_path / "empty", env=environ, capture_output=True, text=True
     )

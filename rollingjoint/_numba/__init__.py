@@ -4,7 +4,6 @@ Modules:
     borrowed: arrays without reference counts.
     bounds: the mode in which every index is checked.
     cache: compiled kernels on disk.
-    counts: no search for reference counts where there are none.
     jit: kernels, their parts, their machine code.
     layout: NamedTuples of arrays, as their annotations declare them.
     parts: functions that are optimised inside the kernels that call them.

@@ -16,6 +16,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -41,32 +42,46 @@ def _source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+_UNUSED = 30 * 24 * 3600.0  # s after which kernels that no process has used are deleted
+
+
 @functools.cache
 def cache_directory() -> Path:
-    """First safe place for compiled kernels: $ROLLINGJOINT_CACHE, the package, the user's cache, scratch space.
+    """First safe place for compiled kernels: $ROLLINGJOINT_CACHE, the user's cache, scratch space.
 
-    What lies there is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a
-    fresh folder that goes with the process.
+    All checkouts and environments of a user share it: what lies there is named after the sources that it was compiled
+    from. It is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a fresh
+    folder that goes with the process.
     """
-    home = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser()
+    home = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     scratch = Path(tempfile.gettempdir()) / f"rollingjoint-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
     chosen = os.environ.get("ROLLINGJOINT_CACHE")
-    places = [Path(chosen)] if chosen else [_PACKAGE / "__pycache__", home / "rollingjoint", scratch]
-    name = f"kernels-{_source_hash()}" + ("-checked" if CHECKED else "")
-    for place in places:
-        folder = place / name
+    for place in [Path(chosen)] if chosen else [home / "rollingjoint", scratch]:
+        folder = place / f"kernels-{_source_hash()}{'-checked' if CHECKED else ''}"
         try:
-            place.mkdir(mode=0o777 if place.parent == _PACKAGE else 0o700, parents=True, exist_ok=True)
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            is_new = not folder.exists()
             folder.mkdir(mode=0o700, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
-        if _is_private(folder) and (place.parent == _PACKAGE or not _others_may_replace(place)):
+        if _is_private(folder) and not _others_may_replace(place):
+            os.utime(folder)
+            if is_new:
+                _delete_unused(place)
             return folder
         if chosen:
             wanted = "a folder of your own that nobody else can write to"
             print(f"rollingjoint: ROLLINGJOINT_CACHE = {chosen!r}: expected {wanted}; not used", file=sys.stderr)
     return _fresh_folder()
+
+
+def _delete_unused(place: Path) -> None:
+    """Delete the kernels of other sources that no process has asked for in a while."""
+    for folder in place.glob("kernels-*"):
+        with contextlib.suppress(OSError):
+            if folder.lstat().st_mtime < time.time() - _UNUSED:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _is_private(folder: Path) -> bool:
@@ -134,21 +149,22 @@ def only_what_is_kept() -> Iterator[None]:
 
 class _KernelLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        digest = hashlib.sha256()
+        for path in _sources(py_func):
+            digest.update(path.read_bytes())
+        self._stamp = _source_hash() + digest.hexdigest()[:16]
         self._name = "-".join(Path(py_file).with_suffix("").parts[-2:])  # folders may have kernels of one name
-        self._sources = _sources(py_func)
 
     def get_cache_path(self) -> str:
         return str(cache_directory())
 
     def get_source_stamp(self) -> str:
         """Of the package's kernels, and of what kernels of other packages are made of beside them."""
-        digest = hashlib.sha256()
-        for path in self._sources:
-            digest.update(path.read_bytes())
-        return _source_hash() + digest.hexdigest()[:16]
+        return self._stamp
 
     def get_disambiguator(self) -> str:
-        return self._name
+        """Two checkouts whose kernels differ keep both."""
+        return f"{self._name}-{self._stamp[16:]}"
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _KernelLocator:

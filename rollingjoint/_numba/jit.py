@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numba
@@ -56,9 +58,22 @@ def _compiled_for(dispatcher: Any, kinds: tuple[Any, ...]) -> Any:
     key = dispatcher, *(kind if layout.is_declaration(kind) else layout.numba_type(kind) for kind in kinds)
     if (compiled := _compiled.get(key)) is None:
         arguments = tuple(map(layout.numba_type, kinds))
-        dispatcher.compile(arguments)
+        with _no_garbage_collection():
+            dispatcher.compile(arguments)
         compiled = _compiled[key] = dispatcher.overloads[arguments]
     return compiled
+
+
+@contextlib.contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Compiling makes millions of objects that live until it ends: the collector takes a tenth of the time in vain."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def machine_code(dispatcher: Any, *kinds: Any) -> Callable[..., Any]:

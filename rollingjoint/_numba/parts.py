@@ -13,8 +13,6 @@ from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import AnnotateTypes
 
-import rollingjoint._numba.counts  # noqa: F401 (parts pass tuples of borrowed arrays to each other)
-
 
 class _NoEnvironments:
     @staticmethod

@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -69,27 +70,46 @@ def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch):
     assert cache._source_hash.__wrapped__() != before
 
 
-def test_a_package_and_a_home_that_cannot_be_written_leave_scratch_space(tmp_path):
-    package = tmp_path / "site" / "rollingjoint"
-    shutil.copytree(ROOT / "rollingjoint", package, ignore=shutil.ignore_patterns("__pycache__"))
-    blocked = package / "__pycache__"
+def test_a_home_that_cannot_be_written_leaves_scratch_space(tmp_path):
+    blocked, scratch = tmp_path / "file", tmp_path / "scratch"
     blocked.write_text("a file where a folder should be: not even an administrator can write there")
-    scratch = tmp_path / "scratch"
     scratch.mkdir()
     places = {"ROLLINGJOINT_CACHE": "", "XDG_CACHE_HOME": str(blocked), "TMPDIR": str(scratch)}
-    arc, folder = run(Path(), sources=package.parent, **places)
+    arc, folder = run(Path(), **places)
     assert float(arc) == pytest.approx(1.0)
     assert Path(folder).parent.parent == scratch
     assert list(Path(folder).glob("*.nbc"))
 
 
+def test_checkouts_of_one_version_share_their_kernels(tmp_path):
+    shutil.copytree(ROOT / "rollingjoint", tmp_path / "rollingjoint", ignore=shutil.ignore_patterns("__pycache__"))
+    home = {"ROLLINGJOINT_CACHE": "", "XDG_CACHE_HOME": str(tmp_path / "home")}
+    kept = []
+    for sources in (ROOT, tmp_path):
+        folder = Path(run(Path(), sources=sources, **home)[1])
+        assert folder.parent == tmp_path / "home" / "rollingjoint"
+        kept.append({path: path.stat().st_mtime_ns for path in folder.iterdir()})
+    assert kept[0] and kept[0] == kept[1]
+
+
+def test_kernels_that_nobody_has_used_for_a_month_are_deleted(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROLLINGJOINT_CACHE", str(tmp_path))
+    long_ago = time.time() - 31 * 24 * 3600
+    for name, used in (("kernels-old", long_ago), ("kernels-new", time.time()), ("of somebody else", long_ago)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").touch()
+        os.utime(tmp_path / name, (used, used))
+    ours = _found()
+    assert {path.name for path in tmp_path.iterdir()} == {"kernels-new", "of somebody else", ours.name}
+    os.utime(ours, (long_ago, long_ago))
+    assert _found().stat().st_mtime > time.time() - 60.0
+
+
 @pytest.fixture
 def only_scratch(tmp_path, monkeypatch):
     """Scratch space as the only place for kernels that can be written."""
-    cache._source_hash()
     blocked = tmp_path / "file"
     blocked.write_text("a file where a folder should be")
-    monkeypatch.setattr(cache, "_PACKAGE", blocked)
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     monkeypatch.delenv("ROLLINGJOINT_CACHE", raising=False)
     scratch = tmp_path / "scratch"
