@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,11 @@ from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import observation_space
 from rj_gym.planar.task import PlanarTask
 from rj_gym.torch_env import infos as tensor_infos
-from rj_gym.torch_env.host import SOLVED, HostEpisodes
+from rj_gym.torch_env.host import HostEpisodes
 from rj_gym.torch_env.lanes import Lanes
 from rj_gym.torch_env.observing import Observer, goal_reward, goals, reached
 from rj_gym.torch_env.refusals import check_mechanism, check_task, checked_device, checked_id
+from rj_gym.torch_env.sensing import Sensors
 from rj_gym.torch_env.stepping import Prepared, Solved, finished, prepare
 from rollingjoint.differentiable import SideBySide
 from rollingjoint.errors import InvalidInput
@@ -88,6 +90,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         self.host_solves = 0
         self._rules = self.task.rules(self.goal)
         self._observer = Observer.of(self._rules, self.device)
+        self._sensors = Sensors.of(self._rules, self.device)
         limits = self.task.config.tension_range
         self._limits = tuple(torch.tensor(limit, dtype=torch.float64, device=self.device) for limit in limits)
         self._generators = Generators([None] * self.num_envs)
@@ -130,7 +133,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
             raise
         self._over = self._over & ~mask
         lanes = self._running()
-        info = tensor_infos.state_info(lanes.readings.clone()) | {"sampled": sampled}
+        info = self._state_info(lanes.readings.clone()) | {"sampled": sampled}
         return self._observation(lanes), tensor_infos.masked_info(info, self._tensor(mask))
 
     @used_alone
@@ -202,7 +205,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
             rows = np.flatnonzero(~settled.arrived.cpu().numpy() & ~self._over)
             solved = self._solved_by_host(rows, prepared, solved)
             failed[rows] = solved.status.cpu().numpy()[rows] > self.task.last_status
-        self._lanes = finished(self._rules, lanes, prepared, solved)
+        self._lanes = self._sensors.measured(finished(self._rules, lanes, prepared, solved))
         self._steps += 1
         return failed
 
@@ -212,8 +215,8 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         at = self._tensor(rows)
         inputs = prepared.commands, prepared.readings[:, FORCE : FORCE + 2], prepared.starts
         found = self._host.solve_lanes(rows, *(values.index_select(0, at).cpu().numpy() for values in inputs))
-        parts = (getattr(solved, name).index_copy(0, at, self._tensor(found[name])) for name in SOLVED)
-        return Solved(*parts)
+        parts = {name: getattr(solved, name).index_copy(0, at, self._tensor(part)) for name, part in found.items()}
+        return replace(solved, **parts)
 
     def _begin(self, rows: Rows, fixed: Any = None) -> dict[str, Any]:
         """New episodes in these lanes; what was drawn, spread over all lanes."""
@@ -240,7 +243,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         sampled = self._begin(np.flatnonzero(self._over))
         self._over = np.zeros(self.num_envs, bool)
         lanes = self._running()
-        base = tensor_infos.state_info(lanes.readings.clone())
+        base = self._state_info(lanes.readings.clone())
         last = tensor_infos.unmasked_info(infos)
         restarted = tensor_infos.whole_info(base, torch.ones_like(ended))
         if some_go_on:
@@ -253,7 +256,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     def _infos(self, readings: Tensor, terms: dict[str, Tensor], sampled: Any, begun: Tensor) -> dict[str, Any]:
         """Infos of a step in which the lanes of a mask have begun."""
-        everywhere: dict[str, Any] = tensor_infos.state_info(readings)
+        everywhere: dict[str, Any] = self._state_info(readings)
         stepped: dict[str, Any] = {"reward_terms": terms}
         if self.goal:
             stepped["is_success"] = reached(self.task, readings)
@@ -262,6 +265,13 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         infos = tensor_infos.whole_info(everywhere, torch.ones_like(begun))
         infos |= tensor_infos.masked_info({"sampled": sampled}, begun)
         return infos if self._over.all() else infos | tensor_infos.masked_info(stepped, ~begun)
+
+    def _state_info(self, readings: Tensor) -> dict[str, Any]:
+        """What info says in every step, parts of the readings, which nothing may change any more."""
+        said = tensor_infos.state_info(readings, self.task.action_size)
+        if self.config.privileged == "info":
+            said["privileged"] = self._observer.privileged(readings)
+        return said
 
     def _rewards(self, observations: Any, readings: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
         """Rewards and their terms, (B,) each."""
@@ -272,6 +282,8 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     def _observation(self, lanes: Lanes) -> Any:
         vectors = self._observer.vectors(lanes)
+        if self.config.privileged == "observation":
+            return {"observation": vectors, "privileged": self._observer.privileged(lanes.readings)}
         return {"observation": vectors, **goals(self.task, lanes.readings)} if self.goal else vectors
 
     def _seed(self, seeds: Sequence[int | None], mask: Mask) -> dict[int, np.random.Generator | None]:

@@ -13,7 +13,7 @@ from rollingjoint.mechanism import stack
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-SOLVED = ("joint_angles", "responses", "poses", "tensions", "lengths", "status")
+SOLVED = ("joint_angles", "responses", "poses", "tensions", "lengths", "status", "contacts")
 """What a step reads of a solve, by the names of the compiled solver's results."""
 
 
@@ -38,6 +38,8 @@ class HostEpisodes(PlanarEpisodeBuffer):
     def solve_lanes(self, rows: Rows, commands: Array, forces: Array, starts: Array) -> dict[str, NDArray[Any]]:
         """Equilibria of some lanes as the native environment finds them, SOLVED by name, (len(rows), ...).
 
+        There are contacts only where the privileged state is to be read.
+
         Args:
             rows: the lanes, (R,).
             commands: of the tendons, (R, m) [mm].
@@ -50,4 +52,7 @@ class HostEpisodes(PlanarEpisodeBuffer):
         self._starts[rows] = starts
         for row in rows.tolist():
             self._solve(row, row + 1)
-        return {name: getattr(self._results, name)[rows] for name in SOLVED}
+        found = {name: getattr(self._results, name)[rows] for name in SOLVED if len(getattr(self._results, name))}
+        if "contacts" in found:
+            found["contacts"] = found["contacts"][..., :2]
+        return found

@@ -14,9 +14,8 @@ from rj_gym.core.columns import EFFORT, ERROR, FAILURE, FORCE, LINK, SMOOTHNESS,
 _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
 
 
-def state_info(readings: Tensor) -> dict[str, Any]:
-    """What info says in every step, tensors (B, ...): parts of the readings, which nothing may change any more."""
-    m = (readings.shape[1] - TENSIONS) // 2
+def state_info(readings: Tensor, m: int) -> dict[str, Any]:
+    """What info says of m tendons in every step, tensors (B, ...): parts of the readings (B, columns)."""
     return {
         "error_mm": readings[:, ERROR],
         "status": readings[:, STATUS].long(),

@@ -15,19 +15,34 @@ from rj_gym.torch_env.host import HostEpisodes
 
 @dataclass(frozen=True)
 class Lanes:
-    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/planar/kernels.py."""
+    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/planar/kernels.py.
+
+    From `half_play` on those of rj_gym/core/hardware.py, with no lanes where motors and sensors are not active. Rings
+    over steps are queues here, the newest step first; as an episode begins, both hold the same.
+    """
 
     angles: Tensor
     responses: Tensor
     poses: Tensor
     actions: Tensor
     readings: Tensor
+    tip_rates: Tensor
     targets: Tensor
     forces: Tensor
     stiffnesses: Tensor
     actuator_offsets: Tensor
     noise: Tensor
     loads: Tensor
+    half_play: Tensor
+    sheath: Tensor
+    encoder_noise: Tensor
+    tension_noise: Tensor
+    phase: Tensor
+    motors: Tensor
+    measured: Tensor
+    pictures: Tensor
+    picture: Tensor
+    past: Tensor
 
     @classmethod
     def of(cls, host: HostEpisodes, device: torch.device) -> Lanes:
@@ -43,6 +58,14 @@ class Lanes:
         return Lanes(*(_with_rows(getattr(self, name), at, rows, array) for name, array in _arrays(host).items()))
 
 
+def at_step(series: Tensor, steps: Tensor) -> Tensor:
+    """The entries of series (B, 1 or T + 1, ...) at a step of every lane, (B,), (B, ...)."""
+    if series.shape[1] == 1:
+        return series[:, 0]
+    step = steps.long().clamp(max=series.shape[1] - 1)
+    return series[torch.arange(len(series), device=series.device), step]
+
+
 def _with_rows(tensor: Tensor, at: Tensor, rows: NDArray[np.int64], array: NDArray[np.float64]) -> Tensor:
     """A copy with some rows of an array in place of its own; the array where its series have become longer."""
     if tensor.shape[1:] != array.shape[1:]:
@@ -54,6 +77,6 @@ def _with_rows(tensor: Tensor, at: Tensor, rows: NDArray[np.int64], array: NDArr
 
 def _arrays(host: HostEpisodes) -> dict[str, Any]:
     """The arrays of the host, in the order of the fields."""
+    places = {name: place for place in (host.state, host.course, host.hardware) for name in place._fields}
     names = [field.name for field in fields(Lanes)]
-    places = {name: host.state for name in host.state._fields} | {name: host.course for name in host.course._fields}
     return {name: host.load_tables if name == "loads" else getattr(places[name], name) for name in names}

@@ -1,4 +1,4 @@
-"""Observations as tensors: the formulas of rj_gym/planar/measuring.py where nothing comes late."""
+"""Observations as tensors: the formulas of rj_gym/planar/measuring.py and rj_gym/core/hardware.py."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from rj_gym.core.columns import ERROR, FORCE, LINK, TARGET, TENSIONS, TIP
+from rj_gym.core.columns import ERROR, STEP, TARGET, TIP
+from rj_gym.core.hardware import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION
 from rj_gym.core.observation import POSITION_BOUND
 from rj_gym.planar.kernels import Rules
 from rj_gym.planar.task import PlanarTask
 from rj_gym.torch_env.lanes import Lanes
-from rj_gym.torch_env.stepping import now
+from rj_gym.torch_env.sensing import link_entries, load_entries, seen_poses, tendons
 
 
 @dataclass(frozen=True)
@@ -23,33 +24,52 @@ class Observer:
     neutral_lengths: Tensor
     low: Tensor
     high: Tensor
+    lags: Tensor
 
     @classmethod
     def of(cls, rules: Rules, device: torch.device) -> Observer:
         """The observer of these rules."""
-        arrays = rules.neutral_lengths, rules.low, rules.high
+        arrays = rules.neutral_lengths, rules.low, rules.high, rules.hardware.lags
         return cls(rules, *(torch.tensor(array, device=device) for array in arrays))
 
     def vectors(self, lanes: Lanes) -> Tensor:
         """The observations of all lanes, (B, entries), float32."""
-        rules, readings, m = self.rules, lanes.readings, lanes.actions.shape[-1]
-        seen = lanes.poses[:, 1:]
-        if lanes.noise.shape[1]:
-            seen = seen + now(lanes.noise, readings)
-        angles = seen[..., 2]
-        links = torch.stack([*(seen[..., :2] / rules.length).unbind(-1), angles.cos(), angles.sin()], -1)
-        tensions, commands = readings[:, TENSIONS : TENSIONS + m], readings[:, TENSIONS + m : TENSIONS + 2 * m]
-        parts = [links.flatten(1), (commands - self.neutral_lengths) / rules.command_scale]
+        rules, readings = self.rules, lanes.readings
+        seen = seen_poses(rules, lanes)[:, rules.first_seen :]
+        tensions, commands = tendons(lanes)
+        if rules.hardware.active:
+            tensions, commands = lanes.measured[:, TENSION], lanes.measured[:, POSITION]
+        parts = [link_entries(rules, seen), (commands - self.neutral_lengths) / rules.command_scale]
         if rules.observe_tensions:
             parts.append(tensions / rules.highest_tension)
         if rules.observe_target:
             target = readings[:, TARGET : TARGET + 2]
-            parts += [target / rules.length, (target - seen[:, -1, :2]) / rules.error_scale]
+            parts.append(target / rules.length)
+            if seen.shape[1]:
+                parts.append((target - seen[:, -1, :2]) / rules.error_scale)
         if rules.observe_load:
-            moving = torch.arange(1, seen.shape[1] + 1, device=readings.device)
-            parts += [readings[:, FORCE : FORCE + 2] / rules.force_scale, (readings[:, LINK, None] == moving).double()]
+            parts += load_entries(rules, readings, lanes.poses.shape[1] - 1)
+        if rules.hardware.late:
+            age = (readings[:, STEP] - lanes.picture[:, TAKEN]) / AGE
+            parts += [age[:, None], lanes.picture[:, NEW, None]]
+        if len(self.lags):
+            parts.append(self._past(lanes))
         vectors = torch.cat(parts, -1).float()
         return torch.minimum(torch.maximum(vectors, self.low), self.high)
+
+    def privileged(self, readings: Tensor) -> Tensor:
+        """The privileged state, (B, K) float32."""
+        first = self.rules.hardware.privileged_at
+        return readings[:, first : first + len(self.rules.hardware.privileged_low)].float()
+
+    def _past(self, lanes: Lanes) -> Tensor:
+        """Past readings, lag by lag: actions; positions, tensions and errors then minus now, (B, lags x width)."""
+        rules, past, m = self.rules, lanes.past, lanes.actions.shape[-1]
+        then = past.index_select(1, self.lags)
+        actions, positions, tensions, errors = then.split([m, m, m, past.shape[-1] - 3 * m], -1)
+        _, position, tension, error = past[:, :1].split([m, m, m, past.shape[-1] - 3 * m], -1)
+        changes = [(positions - position) / rules.action_scale, (tensions - tension) / LAG_TENSION]
+        return torch.cat([actions, *changes, (errors - error) / rules.error_scale], -1).flatten(1)
 
 
 def goals(task: PlanarTask, readings: Tensor) -> dict[str, Tensor]:

@@ -7,7 +7,6 @@ from typing import Any
 import torch
 
 from rj_gym.core.registry import TABLE, Registration
-from rj_gym.core.sensing import ActuationConfig, SensingConfig
 from rj_gym.planar.task import PlanarTask
 from rollingjoint.differentiable import SideBySide
 from rollingjoint.errors import InvalidInput
@@ -43,11 +42,6 @@ def check_task(task: PlanarTask) -> None:
     friction: Any = config.friction or mechanism.friction
     if task.has_friction:
         raise InvalidInput("friction", friction, "None, and a mechanism without friction", _INSTEAD)
-    plain = {"sensing": SensingConfig(), "actuation": ActuationConfig(), "observe_history": 0, "privileged": "off"}
-    for name, allowed in plain.items():
-        value = getattr(config, name)
-        if value != allowed:
-            raise InvalidInput(name, value, repr(allowed), _INSTEAD)
     check_mechanism("mechanism", mechanism, task)
 
 

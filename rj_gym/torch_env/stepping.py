@@ -22,8 +22,11 @@ from rj_gym.core.columns import (
     TIP,
     TRACKING,
 )
+from rj_gym.core.hardware import ASKED
 from rj_gym.planar.kernels import FX, FY, PREDICTABLE, Rules
-from rj_gym.torch_env.lanes import Lanes
+from rj_gym.torch_env.actuation import moved_motors, settled_motors
+from rj_gym.torch_env.lanes import Lanes, at_step
+from rj_gym.torch_env.sensing import tendons
 from rollingjoint.differentiable import Settled
 from rollingjoint.solution import Status
 
@@ -32,6 +35,7 @@ class Prepared(NamedTuple):
     """What goes into the solve of a step."""
 
     actions: Tensor  # the last ones, within [-1, 1], and those before, (B, 2, m)
+    motors: Tensor  # see moved_motors; where they are not active, (0, 5, m)
     commands: Tensor  # (B, m) mm
     starts: Tensor  # (B, J) rad
     loads: Tensor  # (B, 1, columns)
@@ -48,29 +52,32 @@ class Solved:
     tensions: Tensor
     lengths: Tensor
     status: Tensor
+    contacts: Tensor  # (B, J, 2) mm
 
     @classmethod
     def of(cls, settled: Settled) -> Solved:
         """The equilibria that a device has found."""
         status = torch.where(settled.held, int(Status.AT_LIMIT), int(Status.CONVERGED))
         found = settled.joint_angles, settled.responses, settled.poses, settled.tensions, settled.lengths
-        return cls(*found, status)
+        return cls(*found, status, settled.contacts)
 
 
 def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     """Begin a step with actions (B, m): tendons are pulled, the load moves on, starts lie on the last tangent."""
-    readings, m = lanes.readings.clone(), actions.shape[-1]
+    readings = lanes.readings.clone()
     readings[:, STEP] += 1.0
     taken = actions.clamp(-1.0, 1.0)
-    held = readings[:, TENSIONS + m : TENSIONS + 2 * m]
-    commands = held - rules.action_scale * taken + lanes.actuator_offsets
+    _, held = tendons(lanes)
+    motors = moved_motors(rules, lanes, taken, held) if rules.hardware.active else lanes.motors
+    asked = motors[:, ASKED] if rules.hardware.active else held - rules.action_scale * taken
+    commands = asked + lanes.actuator_offsets
     turns = (lanes.responses * (commands - (held + lanes.actuator_offsets))[:, None]).sum(-1)
     near = turns.abs().amax(-1, keepdim=True) < PREDICTABLE
-    forces = now(lanes.forces, readings)
+    forces = at_step(lanes.forces, readings[:, STEP])
     loads = lanes.loads.clone()
     loads[:, 0, FX : FY + 1] = readings[:, FORCE : FORCE + 2] = forces
     starts = torch.where(near, lanes.angles + turns, lanes.angles)
-    return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), commands, starts, loads, readings)
+    return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), motors, commands, starts, loads, readings)
 
 
 def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> Lanes:
@@ -79,8 +86,8 @@ def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> 
     readings[:, STATUS] = solved.status.to(readings.dtype)
     usable = solved.status <= int(Status.AT_LIMIT)
     unstretched = solved.lengths - solved.tensions / lanes.stiffnesses - lanes.actuator_offsets
-    tendons = torch.cat([solved.tensions, unstretched], -1)
-    readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(usable, tendons, readings[:, TENSIONS : TENSIONS + 2 * m])
+    pulled = torch.cat([solved.tensions, unstretched], -1)
+    readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(usable, pulled, readings[:, TENSIONS : TENSIONS + 2 * m])
     after = replace(
         lanes,
         angles=_taken(usable, solved.joint_angles, lanes.angles),
@@ -89,16 +96,26 @@ def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> 
         actions=prepared.actions,
         readings=readings,
     )
+    if rules.hardware.active:
+        after = replace(after, motors=_taken(usable, settled_motors(prepared.motors, unstretched), lanes.motors))
+    if len(lanes.tip_rates):
+        after = replace(after, tip_rates=_taken(usable, _tip_rates(solved), lanes.tip_rates))
     _measure_error(after)
     _fill_rewards(rules, after, usable)
     return after
+
+
+def _tip_rates(solved: Solved) -> Tensor:
+    """How the tip moves with the commands, (B, 2, m): every joint turns what lies beyond it about its contact."""
+    x, y = (solved.poses[:, -1:, :2] - solved.contacts)[..., None].unbind(2)
+    return torch.stack([-(y * solved.responses).sum(1), (x * solved.responses).sum(1)], 1)
 
 
 def _measure_error(lanes: Lanes) -> None:
     """Tips, targets and the distances between them."""
     readings = lanes.readings
     readings[:, TIP : TIP + 2] = lanes.poses[:, -1, :2]
-    readings[:, TARGET : TARGET + 2] = now(lanes.targets, readings)
+    readings[:, TARGET : TARGET + 2] = at_step(lanes.targets, readings[:, STEP])
     away = readings[:, TIP : TIP + 2] - readings[:, TARGET : TARGET + 2]
     readings[:, ERROR] = away.square().sum(-1).sqrt()
 
@@ -117,14 +134,6 @@ def _fill_rewards(rules: Rules, lanes: Lanes, usable: Tensor) -> None:
     for column, values in columns.items():
         readings[:, column] = values
     readings[:, REWARD] = tracking + effort + smoothness + failure
-
-
-def now(series: Tensor, readings: Tensor) -> Tensor:
-    """The entries of series (B, 1 or T + 1, ...) at the steps where lanes are, (B, ...)."""
-    if series.shape[1] == 1:
-        return series[:, 0]
-    step = readings[:, STEP].long().clamp(max=series.shape[1] - 1)
-    return series[torch.arange(len(series), device=series.device), step]
 
 
 def _taken(where: Tensor, new: Tensor, old: Tensor) -> Tensor:

@@ -48,6 +48,7 @@ class Settled(NamedTuple):
     tensions: Tensor  # (B, m) N
     lengths: Tensor  # (B, m) mm
     responses: Tensor  # (B, J, m) d joint angle / d command, rad/mm
+    contacts: Tensor  # (B, J, 2) where links touch, mm
 
 
 class SideBySide:
@@ -108,7 +109,8 @@ class SideBySide:
         angles = search.angles
         xy = torch.view_as_real(found.positions)
         poses = torch.cat([xy, found.link_angles[..., None]], -1)
-        return Settled(search.arrived, search.held, angles, poses, found.tensions, found.lengths, responses)
+        contacts = torch.view_as_real(found.contacts)
+        return Settled(search.arrived, search.held, angles, poses, found.tensions, found.lengths, responses, contacts)
 
 
 def _resolvable(values: Tensor) -> Tensor:

@@ -60,6 +60,7 @@ class ChainAtAngles(NamedTuple):
 
     link_angles: Tensor  # (B, n) rad
     positions: Tensor  # (B, n) complex, mm
+    contacts: Tensor  # (B, J) complex, mm
     lengths: Tensor  # (B, m) mm
     rates: Tensor  # (B, J, m) d length / d angle, mm/rad
     tensions: Tensor  # (B, m) N
@@ -153,6 +154,7 @@ class TabulatedChain:
         return ChainAtAngles(
             link_angles,
             positions,
+            contacts,
             lengths.expand_as(tensions),
             rates,
             tensions,
