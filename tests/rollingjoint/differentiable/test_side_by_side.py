@@ -63,6 +63,7 @@ def assert_same(found, expected):
         for name in ("joint_angles", "poses", "tensions", "lengths"):
             ours, theirs = getattr(found, name)[row].numpy(), getattr(equilibrium, name)
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9, err_msg=f"{name} of row {row}")
+        np.testing.assert_allclose(found.contacts[row].numpy(), equilibrium.contact_points, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("build", [rj.five_link, rj.two_segment])
