@@ -10,6 +10,7 @@ import argparse
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -21,7 +22,7 @@ from rollingjoint.differentiable import DifferentiableChain, SideBySide, solve_l
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.tables import markdown_table
 
-ENV_ID = "rj_gym/RollingJoint-v0"
+ENV_ID = "rj_gym/RollingJoint-v0"  # without --id
 LANES = (64, 256, 1024, 4096, 16_384, 65_536, 262_144)
 STEPS = 12  # Newton's method from neutral poses
 OUT_OF_MEMORY = (MemoryError, torch.OutOfMemoryError) if hasattr(torch, "OutOfMemoryError") else (MemoryError,)
@@ -51,13 +52,13 @@ def seconds(work: Callable[[], object], device: torch.device, repeats: int) -> f
     return best
 
 
-def stepping(lanes: int, device: torch.device, repeats: int) -> list[str]:
+def stepping(env_id: str, lanes: int, device: torch.device, repeats: int) -> list[str]:
     """Lanes; steps/s on the device and of the native environment; their ratio; how many lanes the host solves, %."""
     rng = np.random.default_rng(0)
     actions = rng.uniform(-1.0, 1.0, (16, lanes, 2)).astype(np.float32)
     tensors = torch.tensor(actions, device=device)
-    ours = TorchTrackingEnv(ENV_ID, lanes, device)
-    native = gymnasium.make_vec(ENV_ID, lanes, "vector_entry_point")
+    ours = TorchTrackingEnv(env_id, lanes, device)
+    native = gymnasium.make_vec(env_id, lanes, "vector_entry_point")
     ours.reset(seed=0), native.reset(seed=0)
     turns = itertools.count()
     steps = 0
@@ -127,14 +128,15 @@ def growing(
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", help="cpu or cuda; default: a CUDA device if there is one")
+    parser.add_argument("--id", default=ENV_ID, help="of the environment; default: %(default)s")
     parser.add_argument("--lanes", type=int, nargs="+", default=LANES, help="numbers of lanes and rows, growing")
     parser.add_argument("--limit", type=float, default=60.0, help="of the time for one number of lanes [s]")
     parser.add_argument("--repeats", type=int, default=5, help="the shortest of so many is counted")
     args = parser.parse_args(arguments)
     device = chosen_device(args.device)
-    print(f"Device: {device_name(device)}\n")
+    print(f"Device: {device_name(device)}\n\nSteps of {args.id}:\n")
     header = ["lanes", "steps/s on the device", "steps/s, native (CPU)", "ratio", "solved by the host, %"]
-    print(markdown_table(header, list(growing(stepping, args.lanes, device, args))), "\n")
+    print(markdown_table(header, list(growing(partial(stepping, args.id), args.lanes, device, args))), "\n")
     header = ["rows", "solves/s, solve_lengths", f"solves/s, steps={STEPS}", "solves/s, SideBySide"]
     print(markdown_table(header, list(growing(solving, args.lanes, device, args))))
 

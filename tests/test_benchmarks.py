@@ -240,9 +240,9 @@ def test_a_chunk_takes_time_with_and_without_gradients():
 def test_environments_of_tensors_are_measured_on_a_device_that_is_named(capsys):
     import torch_env
 
-    torch_env.main(["--device", "cpu", "--lanes", "4", "8", "--repeats", "2"])
+    torch_env.main(["--device", "cpu", "--id", "rj_gym/LatePose-v0", "--lanes", "4", "8", "--repeats", "2"])
     text = capsys.readouterr().out
-    assert text.startswith("Device: CPU, ") and "steps/s, native (CPU)" in text
+    assert text.startswith("Device: CPU, ") and "steps/s, native (CPU)" in text and "rj_gym/LatePose-v0" in text
     rows = [
         [float(cell.replace(",", "")) for cell in line.split("|")[1:-1]]
         for line in text.splitlines()
