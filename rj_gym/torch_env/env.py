@@ -47,9 +47,9 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
     booleans. Infos have the same names; a status is the number of a rollingjoint Status, `final_obs` one tensor with
     zeros where `_final_obs` is False, and `sampled` leaves out the mechanisms' names.
 
-    The host draws and begins episodes, with all noise that they will meet, and then copies them to the device. A step waits for the device once: to hear
-    whether all actions are finite, and whether lanes are left to the compiled solver on the host (`host_solves` counts
-    them). Friction in the chain and mechanisms with springs are refused. There are no pictures.
+    The host draws and begins episodes, with all noise that they will meet, and then copies them to the device. A step
+    waits for the device once: to hear whether all actions are finite, and whether lanes are left to the compiled solver
+    on the host (`host_solves` counts them). Friction in the chain and mechanisms with springs are refused. There are no pictures.
 
     Args:
         env_id: id of a planar tracking task.
