@@ -25,6 +25,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "speed.md"
 SECTIONS = (
     "solver",
     "batch",
+    "growth",
     "long_chain",
     "friction",
     "arm",

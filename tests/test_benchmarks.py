@@ -15,6 +15,10 @@ EVERY_ROW = [
     "warm solve, public",
     "256 lanes, 1 thread",
     "256 lanes of 64 mechanisms",
+    "iteration, 1 lane",
+    "iteration, 50 links",
+    "iteration, 8 tendons",
+    "iteration, a force on every link",
     "iteration, 100 links",
     "exponent from 100 links on",
     "tensions, batch of 40, 1 thread",
@@ -118,6 +122,30 @@ def test_the_compiled_walk_has_the_public_answers(walk, way):
     getattr(compiled, way)()
     public = np.array([equilibrium.joint_angles for equilibrium in walk.equilibria])
     np.testing.assert_allclose(compiled.results.joint_angles, public, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow  # compiles two kernels that nothing else needs
+@pytest.mark.parametrize("way", ["one_by_one", "side_by_side", "batch"])
+def test_the_bare_kernel_has_the_public_answers_but_for_a_tenth_of_a_microradian(walk, way):
+    from speed_rows.limit import BareWalk
+
+    public = np.array([equilibrium.joint_angles for equilibrium in walk.equilibria])
+    bare = BareWalk(walk, 2 * len(walk) + 1)  # no multiple of eight, and the walk starts over
+    assert np.isnan(bare.joint_angles).all()
+    getattr(bare, way)()
+    np.testing.assert_allclose(bare.joint_angles[: len(walk)], public, rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(bare.joint_angles[-1], bare.joint_angles[0])
+
+
+def test_a_limit_stands_in_the_row_and_is_no_peer():
+    from speed_rows.row import LIMIT, Row, timed_row
+    from speed_rows.timing import Timing
+
+    row = timed_row("solve", "µs", {"ours": Timing(6e-6, 1, 1), LIMIT: Timing(2e-6, 1, 1), "peer": Timing(9e-6, 1, 1)})
+    assert row.markdown() == "| solve | 6 µs |  | 2 µs, × 3 | peer | 9 µs | 1.5 | best of 1 × 1 |"
+    assert "| 12 M steps/s, × 3 |" in Row("rate", 4e6, "steps/s", limit=12e6).markdown()
+    assert row.best(Row("solve", 7.0, "µs", peers=row.peers, limit=1.5)).limit == 1.5
+    assert row.best(Row("solve", 5.0, "µs", peers=row.peers)).limit == pytest.approx(2.0)
 
 
 def test_the_mujoco_chain_comes_to_rest_and_bends_with_its_tendons(walk):

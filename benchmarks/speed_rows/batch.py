@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rollingjoint import RollingChain, five_link, set_threads, solve_lengths_batch
+from speed_rows.limit import BareWalk
 from speed_rows.machine import threads
 from speed_rows.plots import log_log
-from speed_rows.row import Row, Target, timed_row
+from speed_rows.row import LIMIT, Row, Target, timed_row
 from speed_rows.sizes import Sizes
 from speed_rows.solver import public_walk
 from speed_rows.timing import Contestant, fastest, race
@@ -27,10 +28,11 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section, and its picture."""
     walk = random_walk(sizes.walk)
     loop = Contestant(lambda: public_walk(walk), len(walk))
+    limit = Contestant(BareWalk(walk, sizes.lanes).batch, sizes.lanes)
     for count in dict.fromkeys([1, threads()]):
         set_threads(count)
         ours = Contestant(batch_of(walk, sizes.lanes), sizes.lanes)
-        timings = race({"ours": ours, "loop over solve_lengths": loop}, sizes.repeats)
+        timings = race({"ours": ours, LIMIT: limit, "loop over solve_lengths": loop}, sizes.repeats)
         target = Target(3e6, at_least=True) if count == threads() else None
         yield timed_row(f"{sizes.lanes:,} lanes, {threads_in_words(count)}", "solves/s", timings, target)
     yield _mixed(walk, sizes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import platform
 import re
 import shutil
@@ -24,13 +25,17 @@ comparing two versions. One by one, the call from Python is counted too."""
 
 WALK, ROUNDS = 100, 100
 WAYS = ("one_by_one", "side_by_side")
+KERNELS = ("compiled", "bare")
 PROGRAM = """
+from speed_rows.limit import BareWalk
 from speed_rows.walk import CompiledWalk, random_walk
-walk = CompiledWalk(random_walk({walk}))
-for _ in range({one_by_one}):
-    walk.one_by_one()
-for _ in range({side_by_side}):
-    walk.side_by_side()
+walk = random_walk({walk})
+compiled, bare = CompiledWalk(walk), BareWalk(walk)
+rounds = {rounds}
+for (kernel, way), count in rounds.items():
+    solve = getattr(dict(compiled=compiled, bare=bare)[kernel], way)
+    for _ in range(count):
+        solve()
 """
 HASWELL = {
     "NUMBA_CPU_NAME": "haswell",
@@ -48,8 +53,10 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
         reason = "not measured here: needs valgrind on x86-64"
     else:
         try:
-            for way, count in _counted().items():
-                yield Row(_what(way), count, "instructions", f"{WALK * ROUNDS:,} solves")
+            counted = _counted()
+            for way in WAYS:
+                ours, limit = (counted[kernel, way] for kernel in KERNELS)
+                yield Row(_what(way), ours, "instructions", f"{WALK * ROUNDS:,} solves", limit=limit)
             return
         except RuntimeError as error:
             said = [line for line in str(error).splitlines() if not line.startswith("==")]
@@ -62,21 +69,21 @@ def _what(way: str) -> str:
     return f"compiled warm solve, {way.replace('_', ' ')}"
 
 
-def _counted() -> dict[str, float]:
-    """Instructions per solve, by the way of solving."""
-    once = dict.fromkeys(WAYS, 1)
-    runs = [once, *(once | {way: 1 + ROUNDS} for way in WAYS)]
+def _counted() -> dict[tuple[str, str], float]:
+    """Instructions per solve, by the kernel and the way of solving."""
+    once = dict.fromkeys(itertools.product(KERNELS, WAYS), 1)
+    runs = [once, *(once | {solve: 1 + ROUNDS} for solve in once)]
     with tempfile.TemporaryDirectory() as folder:
-        run_python(PROGRAM.format(walk=WALK, **once), _variables(folder))  # compiles
+        run_python(PROGRAM.format(walk=WALK, rounds=once), _variables(folder))  # compiles
         with ThreadPoolExecutor(threads()) as pool:
             base, *longer = pool.map(lambda rounds: _instructions(rounds, folder), runs)
-    return {way: (count - base) / (WALK * ROUNDS) for way, count in zip(WAYS, longer, strict=True)}
+    return {solve: (count - base) / (WALK * ROUNDS) for solve, count in zip(once, longer, strict=True)}
 
 
-def _instructions(rounds: dict[str, int], folder: str) -> int:
-    """Instructions of a whole process that solves the walk so many times in each way."""
+def _instructions(rounds: dict[tuple[str, str], int], folder: str) -> int:
+    """Instructions of a whole process that solves the walk so many times by each kernel in each way."""
     callgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/callgrind.%p"]
-    output = run_python(PROGRAM.format(walk=WALK, **rounds), _variables(folder), callgrind)
+    output = run_python(PROGRAM.format(walk=WALK, rounds=rounds), _variables(folder), callgrind)
     found = re.search(r"Collected : (\d+)", output)
     if found is None:
         raise RuntimeError("callgrind printed no count")

@@ -22,7 +22,13 @@ which measures everything below anew and takes some minutes; peers run in the sa
 Speeds are those of the fastest of several repeats unless the sample says otherwise, and of the fastest of {rounds}
 rounds through the sections, ours and every peer's, since a machine that others share has slower minutes; pictures show
 the first round. What is no speed, and what is counted or profiled, is measured once. "Times faster" is ours against
-the peer: below 1, the peer is faster.
+the peer: below 1, the peer is faster. Compare ratios: seconds are those of this machine.
+
+"Limit" is what a bare kernel makes of the same solves in the same run, and how many times as long ours takes
+(`benchmarks/speed_rows/bare_kernel.py`): Newton's method written out for the five-link prototype and one force, tables
+of cubics, fused and reordered arithmetic, joint angles and nothing else. It knows no other mechanism, load or tendon,
+no end of a surface, no stability and no status, and is exact to 1e-8 rad where the solver is to 1e-12. Where the work
+is a step of an environment, the limit is the solve in it. Rows without one are of other work.
 Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
 
 

@@ -8,26 +8,30 @@ from dataclasses import dataclass, replace
 from speed_rows.timing import Timing
 
 UNITS = {"ns": 1e-9, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
-HEAD = "| what | value | target | compared with | its value | times faster | sample |\n|---|--:|---|---|--:|--:|---|"
+HEAD = (
+    "| what | value | target | limit | compared with | its value | times faster | sample |\n"
+    "|---|--:|---|---|---|--:|--:|---|"
+)
+LIMIT = "limit"  # of all runners of a race, the one that does the least work that must be done
 
 
 @dataclass(frozen=True)
 class Target:
-    """A limit that the value should keep: at most it, or at least it."""
+    """A bound that the value should keep: at most it, or at least it."""
 
-    limit: float
+    bound: float
     at_least: bool = False
 
     def met(self, value: float) -> bool:
-        """Whether the value keeps the limit."""
-        return value >= self.limit if self.at_least else value <= self.limit
+        """Whether the value keeps the bound."""
+        return value >= self.bound if self.at_least else value <= self.bound
 
     def text(self, value: float | None, unit: str) -> str:
-        """The limit, and whether the value meets it."""
-        limit = f"{'≥' if self.at_least else '≤'} {quantity(self.limit, unit)}"
+        """The bound, and whether the value meets it."""
+        bound = f"{'≥' if self.at_least else '≤'} {quantity(self.bound, unit)}"
         if value is None:
-            return limit
-        return f"{limit}: {'met' if self.met(value) else '**missed**'}"
+            return bound
+        return f"{bound}: {'met' if self.met(value) else '**missed**'}"
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class Row:
     target: Target | None = None
     peers: tuple[Peer, ...] = ()
     note: str = ""
+    limit: float | None = None  # the value of the bare kernel
 
     @property
     def missed(self) -> bool:
@@ -63,8 +68,10 @@ class Row:
         if not _is_speed(self.unit):
             return self
         faster = other if _faster(other.value, self.value, self.unit) else self
-        peers = zip(self.peers, other.peers, strict=True)
-        return replace(faster, peers=tuple(b if _faster(b.value, a.value, self.unit) else a for a, b in peers))
+        pairs = zip(self.peers, other.peers, strict=True)
+        peers = tuple(b if _faster(b.value, a.value, self.unit) else a for a, b in pairs)
+        limit = other.limit if _faster(other.limit, self.limit, self.unit) else self.limit
+        return replace(faster, peers=peers, limit=limit)
 
     def times_faster(self, peer: Peer) -> float | None:
         """How many times faster this is than a peer; None where either is missing."""
@@ -77,12 +84,19 @@ class Row:
         value = quantity(self.value, self.unit) if self.value is not None else "–"
         target = self.target.text(self.value, self.unit) if self.target else ""
         ours = ". ".join(filter(None, [self.sample, self.note]))
+        head = f"| {self.what} | {value} | {target} | {self._limit_cell()} |"
         if not self.peers:
-            return f"| {self.what} | {value} | {target} | | | | {ours} |"
+            return f"{head} | | | {ours} |"
         first, *others = self.peers
         both = ours if first.sample in ("", self.sample) else f"{ours}; peer: {first.sample}"
-        lines = [f"| {self.what} | {value} | {target} | {self._peer_cells(first)} | {both} |"]
-        return "\n".join([*lines, *(f"| | | | {self._peer_cells(peer)} | {peer.sample} |" for peer in others)])
+        lines = [f"{head} {self._peer_cells(first)} | {both} |"]
+        return "\n".join([*lines, *(f"| | | | | {self._peer_cells(peer)} | {peer.sample} |" for peer in others)])
+
+    def _limit_cell(self) -> str:
+        if not self.limit or not self.value:
+            return ""
+        above, ratio = self.unit.endswith("/s"), self.value / self.limit
+        return f"{quantity(self.limit, self.unit)}, × {number(1.0 / ratio if above else ratio)}"
 
     def _peer_cells(self, peer: Peer) -> str:
         name = f"{peer.name} ({peer.note})" if peer.note else peer.name
@@ -100,8 +114,12 @@ def timed_row(
     note: str = "",
     peer_notes: Mapping[str, str] | None = None,
 ) -> Row:
-    """The row of a race whose first runner is ours and whose others are its peers; a text says why one did not run."""
-    (_, ours), *others = timings.items()
+    """The row of a race whose first runner is ours; the others are its peers, and one may be the LIMIT.
+
+    In place of a timing a text says why a runner did not run.
+    """
+    limit = timings.get(LIMIT)
+    (_, ours), *others = ((name, timing) for name, timing in timings.items() if name != LIMIT)
     notes = peer_notes or {}
     peers = [
         Peer(name, None, timing)
@@ -111,7 +129,8 @@ def timed_row(
     ]
     if isinstance(ours, str):
         return Row(what, None, unit, "", target, tuple(peers), ours)
-    return Row(what, in_unit(ours.seconds, unit), unit, ours.sample, target, tuple(peers), note)
+    least = in_unit(limit.seconds, unit) if isinstance(limit, Timing) else None
+    return Row(what, in_unit(ours.seconds, unit), unit, ours.sample, target, tuple(peers), note, least)
 
 
 def _is_speed(unit: str) -> bool:

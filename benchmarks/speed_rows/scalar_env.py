@@ -9,9 +9,11 @@ from typing import Any
 import gymnasium
 
 import rj_gym  # noqa: F401  (registers its ids)
-from speed_rows.row import Row, Target, timed_row
+from speed_rows.limit import BareWalk
+from speed_rows.row import LIMIT, Row, Target, timed_row
 from speed_rows.sizes import Sizes
 from speed_rows.timing import Contestant, race
+from speed_rows.walk import random_walk
 
 TITLE = "Scalar environment"
 TEXT = """`gymnasium.make(id)` with its usual wrappers, random actions drawn beforehand, resets included."""
@@ -23,6 +25,7 @@ PEERS = {"Reacher-v5 (MuJoCo)": "Reacher-v5", "CartPole-v1": "CartPole-v1"}
 def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section."""
     contestants = {name: player(env_id, sizes.scalar_steps) for name, env_id in {OURS: OURS, **PEERS}.items()}
+    contestants[LIMIT] = Contestant(BareWalk(random_walk(sizes.walk)).one_by_one, sizes.walk)
     yield timed_row(OURS, "steps/s", race(contestants, sizes.repeats), Target(200e3, at_least=True))
 
 

@@ -14,6 +14,7 @@ class Sizes:
     slow_peer_solves: int = 10  # of peers that take milliseconds
     lanes: int = 16_384
     batches: tuple[int, ...] = tuple(4**k for k in range(9))
+    growth_lanes: int = 4096
     links: tuple[int, ...] = (5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)
     scalar_steps: int = 10_000
     vector_lanes: int = 1024
@@ -35,6 +36,7 @@ QUICK = Sizes(
     slow_peer_solves=2,
     lanes=256,
     batches=(1, 16, 256),
+    growth_lanes=64,
     links=(5, 100, 200),
     scalar_steps=200,
     vector_lanes=16,

@@ -9,8 +9,9 @@ import numpy as np
 
 from rollingjoint import prepare, solve_lengths
 from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
+from speed_rows.limit import BareWalk
 from speed_rows.mujoco_chain import MujocoChain
-from speed_rows.row import Row, Target, timed_row
+from speed_rows.row import LIMIT, Row, Target, timed_row
 from speed_rows.scipy_equilibrium import solve_by_root
 from speed_rows.sizes import Sizes
 from speed_rows.timing import Contestant, race
@@ -35,11 +36,13 @@ GRADIENT = 1e-3  # mm²/N: where the published descent is stopped
 def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section."""
     walk = random_walk(sizes.walk)
-    compiled = CompiledWalk(walk)
+    compiled, bare = CompiledWalk(walk), BareWalk(walk)
+    one_by_one = Contestant(bare.one_by_one, len(walk))
     iterations = f"{np.mean([result.iterations for result in walk.equilibria]):.1f} Newton steps on average"
-    timings = race({"": Contestant(compiled.one_by_one, len(walk))}, sizes.repeats)
+    timings = race({"": Contestant(compiled.one_by_one, len(walk)), LIMIT: one_by_one}, sizes.repeats)
     yield timed_row("warm solve, compiled, one by one", "µs", timings, Target(3.0), iterations)
-    timings = race({"": Contestant(compiled.side_by_side, len(walk))}, sizes.repeats)
+    contestants = {"": compiled.side_by_side, LIMIT: bare.side_by_side}
+    timings = race({name: Contestant(work, len(walk)) for name, work in contestants.items()}, sizes.repeats)
     yield timed_row("warm solve, compiled, side by side", "µs", timings, note="1 thread")
 
     count = min(sizes.slow_peer_solves, len(walk) - 1)
@@ -48,10 +51,15 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
         "published tension algorithm": over_steps(lambda step: _tension_recursion(walk, step), count),
         "published displacement algorithm": over_steps(lambda step: _length_descent(walk, step), count),
     }
-    prepared = race({"": Contestant(lambda: prepared_walk(walk), len(walk))}, sizes.repeats)
+    prepared = race({"": Contestant(lambda: prepared_walk(walk), len(walk)), LIMIT: one_by_one}, sizes.repeats)
     yield timed_row("warm solve, prepared", "µs", prepared, Target(5.0), note="under one load")
     timings = race(
-        {"public": Contestant(lambda: public_walk(walk), len(walk)), "MuJoCo until rest": _mujoco(walk), **slow},
+        {
+            "public": Contestant(lambda: public_walk(walk), len(walk)),
+            LIMIT: one_by_one,
+            "MuJoCo until rest": _mujoco(walk),
+            **slow,
+        },
         sizes.repeats,
     )
     yield timed_row("warm solve, public", "µs", timings, Target(20.0), peer_notes=_notes(walk, count))

@@ -74,6 +74,13 @@ def _wander(rng: np.random.Generator, count: int, steps: tuple[float, float], re
     return places
 
 
+def _row(problem: BatchArrays, row: int) -> BatchArrays:
+    """A batch of one of the rows, in the same memory."""
+    mechanism, designs, laws, loads, starts, results = problem
+    laws, results = (type(arrays)(*(array[row : row + 1] for array in arrays)) for arrays in (laws, results))
+    return BatchArrays(mechanism, designs[:1], laws, loads[row : row + 1], starts[row : row + 1], results)
+
+
 class CompiledWalk:
     """The walk as the kernels take it, prepared once; every step is solved on this thread, into `results`.
 
@@ -89,11 +96,12 @@ class CompiledWalk:
         designs = np.zeros(count, np.int64)
         problem = BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, self.results)
         self._solve = PinnedRange(problem)
+        self._steps = [PinnedRange(_row(problem, step)) for step in range(count)]
 
     def one_by_one(self) -> None:
-        """Solve the steps one after the other, a call each."""
-        for step in range(self._count):
-            self._solve(step, step + 1)
+        """Solve the steps one after the other, a call each, as single solves are."""
+        for solve in self._steps:
+            solve(0, 1)
 
     def side_by_side(self) -> None:
         """Solve all steps in one call."""
