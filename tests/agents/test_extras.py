@@ -32,7 +32,12 @@ CASES = [
     ("onnx", ["agents.export", "noisy", "--onnx", "{}"], "onnx"),
     ("h5py", ["agents.dataset", "noisy", "--steps", "5", "--out", "{}"], "data"),
     ("matplotlib,PIL", ["agents.evaluate", "{}"], "plot"),
-    ("tensorboard", ["agents.train", "--config", "configs/train/demo.yaml", "--run-dir", "{}"], "train"),
+    pytest.param(
+        "tensorboard",
+        ["agents.train", "--config", "configs/train/demo.yaml", "--run-dir", "{}"],
+        "train",
+        marks=pytest.mark.slow,  # imports torch and all that follows first
+    ),
 ]
 
 

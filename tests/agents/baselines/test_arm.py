@@ -21,7 +21,7 @@ from rollingjoint import flexible_arm, solve_tensions_batch
 ARM = "rj_gym/FlexibleArm-v0"
 SEEDS = range(9000, 9030)
 UPRIGHT = {"gravity": {"tilt": [0.0, 0.0]}, "load": {"magnitude": [0.0, 0.0]}}
-FEEDBACK = [JacobianFeedback, LoadEstimate, Predictive]
+FEEDBACK = [JacobianFeedback, LoadEstimate, pytest.param(Predictive, marks=pytest.mark.slow)]
 
 
 def final_errors(controller, seeds=SEEDS, env_id=ARM, **settings):

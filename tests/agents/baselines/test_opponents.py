@@ -230,6 +230,7 @@ def test_search_stays_within_its_space():
     assert {each["kind"] for each in near} == {"x", "y"}
 
 
+@pytest.mark.slow
 def test_tuning_keeps_the_best_of_its_tries_in_the_file(tmp_path, capsys):
     file = tmp_path / "tuned.yaml"
     command = ["--world", CAMERA, "--opponent", "jacobian feedback", "--tries", "4", "--episodes", "4"]

@@ -146,6 +146,7 @@ def test_the_floor_is_held_by_its_command_within_the_tension_range():
     assert 0 < np.mean(best.errors > 1e-6) < 1
 
 
+@pytest.mark.slow
 def test_bounded_least_squares_over_held_tensions_find_the_same_minima_for_an_arm():
     arm, rng, limits = small_arm(), np.random.default_rng(3), (0.5, 4.0)
     weights = [arm.gravity((0.3, 0.1, 1.0))]

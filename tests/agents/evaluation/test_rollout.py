@@ -183,6 +183,7 @@ def test_an_unknown_id_of_ours_is_refused_in_one_line():
         run_episodes(EnvConfig("rj_gym/RollingJoint-v9"), Zeros(), [3])
 
 
+@pytest.mark.slow
 def test_lanes_with_reset_options_of_their_own_are_the_episodes_of_scalar_environments_with_them():
     config = EnvConfig(settings={"episode_steps": 6, "randomization": {"stiffness_spread": 0.2}})
     still, pulled = {"load": {"link": -1, "force": (0.0, 0.0)}}, {"start": (2.0, 5.0), "mechanism": "five_link"}

@@ -54,6 +54,7 @@ def test_the_error_of_a_unit_keeps_the_traceback(tmp_path):
     assert "units.py" in caught.value.__notes__[0]
 
 
+@pytest.mark.slow
 def test_a_unit_whose_worker_is_killed_is_tried_again_elsewhere(executor, tmp_path, capsys):
     values, failures, progress = worked(
         executor, Unit("hit", units.die, (tmp_path, 2)), Unit("other", units.double, (4,))

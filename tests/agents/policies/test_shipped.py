@@ -18,7 +18,12 @@ from tests.agents.policies.made_up import random_policy
 FILES = sorted(FOLDER.glob("*.safetensors"))
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+LONG = ("arm_instrument", "flexible_arm")  # for the arm's solver
+
+
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in FILES]
+)
 def test_shipped_policy_scores_within_its_recorded_band(path):
     policy = load_policy(path)
     assert policy.name == path.stem

@@ -32,6 +32,8 @@ from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from tests.agents.results.tiny_runs import SEEDS, train_all
 
+pytestmark = pytest.mark.slow  # eight trainings and a page; test_record.py has the page of results alone
+
 EPISODES, FIRST = 12, 20_000
 SIZES = ["--episodes", "12", "--seed", "20000", "--validation", "6", "--per-point", "4"]
 

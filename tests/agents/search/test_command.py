@@ -57,10 +57,9 @@ def written(tmp_path, text):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A small search, finished, in a folder out/small: one method in a process of its own, the others in this one."""
+    """A small search, finished in this process, in a folder out/small."""
     folder = tmp_path_factory.mktemp("search")
     command = [str(written(folder, SMALL)), "--out", str(folder / "out" / "small"), "--jobs", "1"]
-    assert main([*command, "--methods", "random"]) == 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(options, "LocalExecutor", lambda jobs: InlineExecutor())
         assert main(command) == 0

@@ -78,6 +78,7 @@ def test_chunks_are_equal_parts_that_are_large_enough():
     assert [len(part) for part in chunks(x, 0)] == [350]
 
 
+@pytest.mark.slow
 def test_runs_in_chunks_have_the_journals_of_one_process(alone, tmp_path, monkeypatch):
     monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
     executor, submitted, runs = LocalExecutor(2), [], begun(tmp_path)
@@ -91,6 +92,7 @@ def test_runs_in_chunks_have_the_journals_of_one_process(alone, tmp_path, monkey
     assert sum(sizes) == 1400
 
 
+@pytest.mark.slow
 def test_a_run_in_chunks_that_was_interrupted_ends_like_one_that_was_not(alone, tmp_path):
     runs = begun(tmp_path)
     for run, whole in zip(runs, alone, strict=True):

@@ -113,6 +113,7 @@ def test_a_run_whose_process_is_killed_goes_on_in_another_and_ends_as_if_alone(t
     assert sorted(path.name for path in out.iterdir()) == ["command.txt", "near"]
 
 
+@pytest.mark.slow
 def test_a_failing_run_is_reported_in_one_line_and_the_others_go_on(tmp_path, capfd):
     path, out = campaign_file(tmp_path, steps=100, bad=[1], good=[7], changed=[1]), tmp_path / "out"
     (out / "bad/seed_1").mkdir(parents=True)

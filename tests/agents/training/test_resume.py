@@ -93,6 +93,7 @@ def whole(tmp_path_factory) -> dict[str, Path]:
     return {"ppo": folder / "ppo", "her": folder / "her"}
 
 
+@pytest.mark.slow  # a run that a signal stops, below, takes less time
 @pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
 def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, tmp_path, capsys):
     run = tmp_path / "run"

@@ -162,6 +162,7 @@ tune.main(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_a_killed_trial_is_queued_again(config, tmp_path, no_pictures):
     folder = tmp_path / "study"
     command = [sys.executable, "-c", KILLED_IN_THE_SECOND_TRIAL, "--config", str(config), "--study", str(folder)]
@@ -283,6 +284,7 @@ trials: 3
 """
 
 
+@pytest.mark.slow
 def test_learners_with_memory_privileged_critic_and_residual_are_tuned(tmp_path, no_pictures):
     path = tmp_path / "study.yaml"
     path.write_text(RECURRENT.format(configs=Path("configs").resolve()))

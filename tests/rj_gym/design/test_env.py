@@ -39,7 +39,10 @@ VARIANTS = {
     },
     "links of their own": {"space": {"alike": False, "symmetric": True, "knots": 3, "n_links": 3}, "episode_steps": 2},
 }
-variants = pytest.mark.parametrize("settings", VARIANTS.values(), ids=VARIANTS.keys())
+variants = pytest.mark.parametrize(
+    "settings",
+    [pytest.param(VARIANTS[name], marks=() if name == "default" else pytest.mark.slow, id=name) for name in VARIANTS],
+)
 LOW_CURVATURE = np.array([-1.0] * 6)  # of SMALL: curvatures of -0.03 /mm, surfaces that cannot roll
 
 

@@ -55,7 +55,12 @@ def test_every_check_has_an_environment_that_fails_it():
     assert set().union(*(checks for _, checks, _ in BROKEN)) == set(CHECKS)
 
 
-@pytest.mark.parametrize("env_id", rj_gym.IDS)
+AT_ONCE = ("rj_gym/RollingJoint-v0", "rj_gym/LatePose-v0", "rj_gym/FlexibleArmGoal-v0")  # the others are slow
+
+
+@pytest.mark.parametrize(
+    "env_id", [one if one in AT_ONCE else pytest.param(one, marks=pytest.mark.slow) for one in rj_gym.IDS]
+)
 def test_the_tracking_environments_pass_every_check(env_id):
     settings = {"episode_steps": 7, "load": {"process": "step"}, "randomization": {"position_noise_mm": 0.2}}
     report = check_vector_env(
