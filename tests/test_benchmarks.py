@@ -15,7 +15,9 @@ EVERY_ROW = [
     "warm solve, public",
     "256 lanes, 1 thread",
     "256 lanes of 64 mechanisms",
-    "iteration, 1 lane",
+    "iteration, 1 lane ",
+    "iteration, 64 lanes",
+    "iteration, 2 links",
     "iteration, 50 links",
     "iteration, 8 tendons",
     "iteration, a force on every link",
@@ -126,15 +128,24 @@ def test_the_compiled_walk_has_the_public_answers(walk, way):
 
 @pytest.mark.slow  # compiles two kernels that nothing else needs
 @pytest.mark.parametrize("way", ["one_by_one", "side_by_side", "batch"])
-def test_the_bare_kernel_has_the_public_answers_but_for_a_tenth_of_a_microradian(walk, way):
+def test_the_bare_kernel_has_the_public_answers(walk, way):
     from speed_rows.limit import BareWalk
 
     public = np.array([equilibrium.joint_angles for equilibrium in walk.equilibria])
     bare = BareWalk(walk, 2 * len(walk) + 1)  # no multiple of eight, and the walk starts over
     assert np.isnan(bare.joint_angles).all()
     getattr(bare, way)()
-    np.testing.assert_allclose(bare.joint_angles[: len(walk)], public, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(bare.joint_angles[: len(walk)], public, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(bare.joint_angles[-1], bare.joint_angles[0])
+
+
+@pytest.mark.slow
+def test_a_bare_kernel_with_other_answers_is_no_limit(walk, monkeypatch):
+    from speed_rows import limit
+
+    monkeypatch.setattr(limit, "AGREEMENT", 1e-15)
+    with pytest.raises(RuntimeError, match=r"misses \d+ of 12 answers"):
+        limit.BareWalk(walk)
 
 
 def test_a_limit_stands_in_the_row_and_is_no_peer():

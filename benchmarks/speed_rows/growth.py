@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rollingjoint import RollingChain, Tendon, WorldForce, set_threads, solve_tensions_batch, uniform
 from rollingjoint.load import load_table
+from speed_rows.batch import batch_of
+from speed_rows.limit import BareWalk
 from speed_rows.machine import threads
-from speed_rows.row import Row
+from speed_rows.row import LIMIT, Row, timed_row
 from speed_rows.sizes import Sizes
-from speed_rows.timing import fastest
+from speed_rows.timing import Contestant, fastest, race
+from speed_rows.walk import Walk, random_walk
 
 TITLE = "What a solve grows with"
-TEXT = """`solve_tensions_batch` on uniform chains, 1 thread: the time of the whole call over the Newton iterations of
-all lanes. One of lanes, links, tendons and loads changes at a time; the others are the most lanes of the table, five
-links, two tendons and a force at the tip. Tensions of 2 to 8 N change at random by at most 0.2 N, and every lane
-starts at the equilibrium before. Chains of more than 16 links are solved one by one, by the solver for all cases."""
+TEXT = """The time of a whole call on 1 thread over the Newton iterations of all its lanes. *Lanes*:
+`solve_lengths_batch` on the steps of the sections above; their limit is the time of the bare kernel over the same
+number of iterations.
+*Links*, *tendons* and *loads*: `solve_tensions_batch` on uniform chains of five links with two tendons and a force at
+the tip, of which one changes at a time, in as many lanes as the table has at most; tensions of 2 to 8 N change at
+random by at most 0.2 N, and every lane starts at the equilibrium before. Chains of more than 16 links are solved one
+by one, by the solver for all cases."""
 
+LANES = (1, 8, 64, 1024, 8192)
 LINKS, TENDONS = 5, 2
 FORCE = (0.3, 0.1)  # N
 
@@ -28,9 +35,10 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section."""
     set_threads(1)
     try:
+        walk = random_walk(sizes.walk)
+        for count in (count for count in LANES if count <= sizes.growth_lanes):
+            yield _lanes(walk, count, sizes)
         lanes = sizes.growth_lanes
-        for count in dict.fromkeys([1, 8, 64, lanes]):
-            yield _row(f"{count:,} {'lane' if count == 1 else 'lanes'}", count, sizes)
         for links in (2, 5, 10, 20, 50):
             yield _row(f"{links} links", lanes, sizes, links=links)
         for tendons in (2, 4, 8):
@@ -39,6 +47,21 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
             yield _row(what, lanes, sizes, loaded=loaded)
     finally:
         set_threads(threads())
+
+
+def _lanes(walk: Walk, lanes: int, sizes: Sizes) -> Row:
+    """Lanes of the walk beside the bare kernel; few lanes are solved often enough to be timed."""
+    calls = max(1, 256 // lanes)
+    iterations = sum(walk.equilibria[lane % len(walk)].iterations for lane in range(lanes))
+    works = {"ours": batch_of(walk, lanes), LIMIT: BareWalk(walk, lanes).batch}
+    contestants = {name: Contestant(_repeated(work, calls), calls * iterations) for name, work in works.items()}
+    what = f"iteration, {lanes:,} {'lane' if lanes == 1 else 'lanes'}"
+    note = f"{iterations / lanes:.1f} iterations a lane"
+    return timed_row(what, "ns", race(contestants, sizes.repeats), note=note)
+
+
+def _repeated(work: Callable[[], object], calls: int) -> Callable[[], object]:
+    return lambda: [work() for _ in range(calls)]
 
 
 def _row(
@@ -51,12 +74,7 @@ def _row(
     after = before + rng.uniform(-0.2, 0.2, before.shape)
     start = solve_tensions_batch(mechanism, before, table).joint_angles
     iterations = int(solve_tensions_batch(mechanism, after, table, start).iterations.sum())
-    calls = max(1, 256 // lanes)
-    timing = fastest(
-        lambda: [solve_tensions_batch(mechanism, after, table, start) for _ in range(calls)],
-        calls * iterations,
-        sizes.repeats,
-    )
+    timing = fastest(lambda: solve_tensions_batch(mechanism, after, table, start), iterations, sizes.repeats)
     note = f"{iterations / lanes:.1f} iterations a lane"
     return Row(f"iteration, {what}", 1e9 * timing.seconds, "ns", timing.sample, note=note)
 

@@ -21,8 +21,16 @@ _KINDS = (
 )
 
 
+AGREEMENT = 1e-8  # rad: what the tables of cubics leave
+
+
 class BareWalk:
-    """The walk, or as many lanes of it, over and over, prepared once for the bare kernel."""
+    """The walk, or as many lanes of it, over and over, prepared once for the bare kernel.
+
+    Raises:
+        RuntimeError: the bare kernel has not the library's answers. Without a line search there are walks in which it
+            jumps to and fro between a taut and a slack tendon, and what it does not solve is no limit.
+    """
 
     def __init__(self, walk: Walk, lanes: int | None = None) -> None:
         found = np.array([equilibrium.joint_angles for equilibrium in walk.equilibria])
@@ -33,11 +41,21 @@ class BareWalk:
         known: Bare = bare(walk.mechanism, np.concatenate([walk.starts, found]), TENSION_LIMITS)
         self._solve_one = partial(machine_code(solve_one, *_KINDS, int), *known, self._rows)
         self._solve_range = partial(machine_code(solve_range, *_KINDS, int, int), *known, self._rows)
+        self._compare(found[steps])
 
     @property
     def joint_angles(self) -> Array:
         """The answers, (lanes, 4) [rad]."""
         return self._rows[:, SOLUTION:]
+
+    def _compare(self, expected: Array) -> None:
+        self.side_by_side()
+        away = np.abs(self.joint_angles - expected).max(axis=1)
+        wrong = np.flatnonzero(~(away < AGREEMENT))  # NaN is wrong, too
+        if wrong.size:
+            text = f"the bare kernel misses {wrong.size} of {self._count} answers, the first in row {wrong[0]}"
+            raise RuntimeError(text)
+        self.joint_angles[:] = np.nan
 
     def one_by_one(self) -> int:
         """Solve the rows one after the other, a call each; returns the steps of all."""

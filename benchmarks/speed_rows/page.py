@@ -27,8 +27,9 @@ the peer: below 1, the peer is faster. Compare ratios: seconds are those of this
 "Limit" is what a bare kernel makes of the same solves in the same run, and how many times as long ours takes
 (`benchmarks/speed_rows/bare_kernel.py`): Newton's method written out for the five-link prototype and one force, tables
 of cubics, fused and reordered arithmetic, joint angles and nothing else. It knows no other mechanism, load or tendon,
-no end of a surface, no stability and no status, and is exact to 1e-8 rad where the solver is to 1e-12. Where the work
-is a step of an environment, the limit is the solve in it. Rows without one are of other work.
+no end of a surface, no stability, no line search and no status. Before it is timed its answers are compared with the
+solver's: they agree to 1e-8 rad. Where the work is a step of an environment, the limit is the solve in it. Rows without
+a limit are of other work.
 Peers need `pip install -e ".[train,benchmarks]"`; a missing one has no number."""
 
 

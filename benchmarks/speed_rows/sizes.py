@@ -14,7 +14,7 @@ class Sizes:
     slow_peer_solves: int = 10  # of peers that take milliseconds
     lanes: int = 16_384
     batches: tuple[int, ...] = tuple(4**k for k in range(9))
-    growth_lanes: int = 4096
+    growth_lanes: int = 8192
     links: tuple[int, ...] = (5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)
     scalar_steps: int = 10_000
     vector_lanes: int = 1024
