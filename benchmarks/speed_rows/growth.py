@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from speed_rows.limit import BareWalk
 from speed_rows.machine import threads
 from speed_rows.row import LIMIT, Row, timed_row
 from speed_rows.sizes import Sizes
-from speed_rows.timing import Contestant, fastest, race
+from speed_rows.timing import fastest, race, repeated
 from speed_rows.walk import Walk, random_walk
 
 TITLE = "What a solve grows with"
@@ -50,18 +50,14 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
 
 
 def _lanes(walk: Walk, lanes: int, sizes: Sizes) -> Row:
-    """Lanes of the walk beside the bare kernel; few lanes are solved often enough to be timed."""
-    calls = max(1, 256 // lanes)
+    """Lanes of the walk beside the bare kernel."""
+    calls = max(1, min(256, LANES[-1] // lanes))
     iterations = sum(walk.equilibria[lane % len(walk)].iterations for lane in range(lanes))
     works = {"ours": batch_of(walk, lanes), LIMIT: BareWalk(walk, lanes).batch}
-    contestants = {name: Contestant(_repeated(work, calls), calls * iterations) for name, work in works.items()}
+    contestants = {name: repeated(work, iterations, calls) for name, work in works.items()}
     what = f"iteration, {lanes:,} {'lane' if lanes == 1 else 'lanes'}"
     note = f"{iterations / lanes:.1f} iterations a lane"
     return timed_row(what, "ns", race(contestants, sizes.repeats), note=note)
-
-
-def _repeated(work: Callable[[], object], calls: int) -> Callable[[], object]:
-    return lambda: [work() for _ in range(calls)]
 
 
 def _row(

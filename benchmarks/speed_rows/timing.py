@@ -16,6 +16,11 @@ class Contestant:
     pieces: int
 
 
+def repeated(work: Callable[[], object], pieces: int, calls: int) -> Contestant:
+    """So many calls of work that does `pieces` pieces: caches and other threads make a single short one slow."""
+    return Contestant(lambda: [work() for _ in range(calls)], pieces * calls)
+
+
 @dataclass(frozen=True)
 class Timing:
     """The fastest of `repeats` calls of a contestant, in seconds per piece of work."""

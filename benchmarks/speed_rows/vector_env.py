@@ -13,7 +13,7 @@ from speed_rows.limit import BareWalk
 from speed_rows.plots import log_log
 from speed_rows.row import LIMIT, Row, Target, timed_row
 from speed_rows.sizes import Sizes
-from speed_rows.timing import Contestant, fastest, race
+from speed_rows.timing import Contestant, fastest, race, repeated
 from speed_rows.walk import random_walk
 
 TITLE = "Vector environment"
@@ -33,7 +33,7 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     lanes, steps = sizes.vector_lanes, sizes.vector_episodes * EPISODE
     contestants = {
         "ours": player(OURS, lanes, steps),
-        LIMIT: Contestant(BareWalk(random_walk(sizes.walk), lanes).batch, lanes),
+        LIMIT: repeated(BareWalk(random_walk(sizes.walk), lanes).batch, lanes, steps),
         f"CartPole-v1, native, {lanes:,} lanes": player("CartPole-v1", lanes, steps),
         f"Reacher-v5 (MuJoCo), SyncVectorEnv, {SYNC_LANES} lanes": player("Reacher-v5", SYNC_LANES, steps, "sync"),
     }
