@@ -110,18 +110,25 @@ def assert_equal(ours, native, where=""):
     numbers = ours.numpy()
     assert (numbers.shape, numbers.dtype) == (np.shape(native), native.dtype), where
     if where.endswith("/privileged"):
-        numbers, native = without_ties(numbers), without_ties(native)
+        numbers, native = with_comparable_rates(numbers, native)
     limit = 2e-6 if native.dtype == np.float32 else EQUAL
     np.testing.assert_allclose(numbers, native, rtol=limit, atol=limit, err_msg=where)
 
 
-def without_ties(privileged):
-    """Privileged states of two tendons; no tip rates where a tendon is at a limit: rounding chooses a side there."""
-    tensions, (low, high) = 15.0 * privileged[:, -11:-9], (0.5, 15.0)
-    at_limit = (np.abs(tensions - low) < 1e-6) | (np.abs(tensions - high) < 1e-6)
-    kept = privileged.copy()
-    kept[at_limit.any(-1), -4:] = 0.0
-    return kept
+def with_comparable_rates(ours, native):
+    """Privileged states of two tendons, without some tip rates.
+
+    Where a tendon is at a limit, rounding chooses their side; and the compiled solver for all cases, which the device
+    needs less often than the native environment, leaves zeros.
+    """
+    tensions, (low, high) = 15.0 * native[:, -11:-9], (0.5, 15.0)
+    at_limit = (np.abs(tensions - low) < 1e-5) | (np.abs(tensions - high) < 1e-5)  # of 32 bits
+    left_out = at_limit.any(-1) | (native[:, -4:] == 0.0).all(-1)
+    assert left_out.mean() < 1.0
+    ours, native = ours.copy(), native.copy()
+    for states in (ours, native):
+        states[left_out, -4:] = 0.0
+    return ours, native
 
 
 def played(ours, native, seed, steps, largest=1.2):
