@@ -25,6 +25,6 @@ def _step(env_id: str) -> None:
 
 
 GROUPS = (
-    Group("the planar environments", planar_environments, after="the planar solver of batches"),
-    Group("the arm's environments", arm_environments, after="the arm's solver"),
+    Group("the planar environments", planar_environments, after="the planar solver of batches", family="planar"),
+    Group("the arm's environments", arm_environments, after="the arm's solver", family="arm"),
 )

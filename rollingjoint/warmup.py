@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import IO
@@ -29,13 +29,18 @@ from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve
 ENTRY_POINTS = "rollingjoint.kernels"
 _PAUSE = 0.05  # s between two looks at the processes
 _PROGRAM = """
-import importlib, os, signal, sys, threading
+import importlib, os, queue, signal, sys, threading
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
-def end_with_parent():
-    os.read(0, 1)  # nothing comes until the parent closes the pipe, or is gone
-    os._exit(1)
-threading.Thread(target=end_with_parent, daemon=True).start()
-getattr(importlib.import_module(sys.argv[1]), sys.argv[2])()
+done, sys.stdout = sys.stdout, sys.stderr
+functions = queue.SimpleQueue()
+def listen():
+    while line := os.read(0, 4096):  # the next line is written when the function of the last one has returned
+        functions.put(line.decode().split())
+    os._exit(1)  # the parent has closed the pipe, or is gone
+threading.Thread(target=listen, daemon=True).start()
+while function := functions.get():
+    getattr(importlib.import_module(function[0]), function[1])()
+    print(end=".", file=done, flush=True)
 """
 
 
@@ -47,11 +52,13 @@ class Group:
         title: what they belong to, for people.
         use: a function at the top level of a module, which calls them all.
         after: title of a group whose kernels it needs, too; empty if there is none.
+        family: groups of one family have parts in common, which a process that compiles several of them types once.
     """
 
     title: str
     use: Callable[[], object]
     after: str = ""
+    family: str = ""
 
     @property
     def is_kept(self) -> bool:
@@ -89,31 +96,51 @@ def missing(groups: Sequence[Group]) -> list[Group]:
 
 
 def compile_kernels(groups: Sequence[Group], progress: Progress | None = None) -> bool:
-    """Compile the kernels of some groups, each in a process, as many at once as there are processors.
+    """Compile the kernels of some groups, in as many processes as there are processors.
 
-    However it ends, none of the processes goes on.
+    A process that has compiled a group goes on with one of the same family if it can. However it ends, none of the
+    processes goes on.
 
     Returns:
         whether all could be compiled.
     """
     progress = progress or Progress()
     waiting, well = list(groups), True
-    with _processes() as running:
-        while waiting or running:
-            busy = {group.title for group in [*waiting, *(one.group for one in running)]}
-            ready = [group for group in waiting if group.after not in busy]
-            for group in ready[: max(0, _processors() - len(running))]:
+    with _compilers() as compilers:
+        while waiting or any(one.group for one in compilers):
+            while (pair := _next(waiting, compilers)) is not None:
+                one, group = pair
                 waiting.remove(group)
-                running.append(_Running(group))
+                one.begin(group)
                 progress.started(group)
-            for one in [one for one in running if one.process.poll() is not None]:
-                running.remove(one)
-                error = one.error()
-                well = well and not error
-                progress.ended(one.group, time.perf_counter() - one.begin, error)
+            for one in [one for one in compilers if one.has_ended]:
+                group, seconds, error = one.end_group()
+                if error:
+                    compilers.remove(one)
+                    well = False
+                progress.ended(group, seconds, error)
             progress.waits()
             time.sleep(_PAUSE)
+        for one in compilers:
+            one.dismiss()
     return well
+
+
+def _next(waiting: Sequence[Group], compilers: list[_Compiler]) -> tuple[_Compiler, Group] | None:
+    """A process that has nothing to do, started if need be, and a group for it; None if there is nothing to begin."""
+    busy = {group.title for group in waiting} | {one.group.title for one in compilers if one.group}
+    ready = [group for group in waiting if group.after not in busy]
+    idle = [one for one in compilers if one.group is None]
+    if not ready:
+        return None
+    for one in idle:
+        for group in ready:
+            if group.family == one.family:
+                return one, group
+    if not idle and len(compilers) < _processors():
+        idle.append(_Compiler())
+        compilers += idle
+    return (idle[0], ready[0]) if idle else None
 
 
 def _processors() -> int:
@@ -122,35 +149,67 @@ def _processors() -> int:
 
 
 @dataclass
-class _Running:
-    """A process that compiles a group."""
+class _Compiler:
+    """A process that compiles one group after the other."""
 
-    group: Group
     said: IO[bytes] = field(default_factory=tempfile.TemporaryFile)
-    begin: float = field(default_factory=time.perf_counter)  # s
+    done: IO[bytes] = field(default_factory=tempfile.TemporaryFile)  # a byte for every group
+    group: Group | None = None  # what it compiles now
+    family: str = ""  # of the group it began last
+    started: float = 0.0  # when it began that [s]
+    n_groups: int = 0  # how many it has begun
 
     def __post_init__(self) -> None:
-        use = self.group.use
-        command = [sys.executable, "-P", "-c", _PROGRAM, use.__module__, use.__name__]
+        command = [sys.executable, "-P", "-c", _PROGRAM]
         self.process = subprocess.Popen(
-            command, env=_same_imports(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.said
+            command, env=_same_imports(), stdin=subprocess.PIPE, stdout=self.done, stderr=self.said
         )
+
+    def begin(self, group: Group) -> None:
+        """Have it compile a group."""
+        self.group, self.family, self.started = group, group.family, time.perf_counter()
+        self.n_groups += 1
+        self._tell(f"{group.use.__module__} {group.use.__name__}")
+
+    def dismiss(self) -> None:
+        """Tell it that there are no more groups."""
+        self._tell("")
+        self.process.wait()
+
+    def _tell(self, line: str) -> None:
+        assert self.process.stdin is not None
+        with suppress(OSError):  # it has died, which has_ended sees
+            os.write(self.process.stdin.fileno(), f"{line}\n".encode())
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has compiled its group, or died of it."""
+        return self.group is not None and (self._is_done() or self.process.poll() is not None)
+
+    def _is_done(self) -> bool:
+        return os.fstat(self.done.fileno()).st_size >= self.n_groups
+
+    def end_group(self) -> tuple[Group, float, str]:
+        """The group that it has ended, after how long [s], and why it could not be compiled, in one line, or ""."""
+        assert self.group is not None
+        group, self.group = self.group, None
+        error = "" if self._is_done() else self._error()
+        return group, time.perf_counter() - self.started, error
+
+    def _error(self) -> str:
+        """Why the process has ended, in one line."""
+        self.process.communicate()
+        with self.done, self.said:
+            self.said.seek(0)
+            lines = self.said.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else f"ended with exit code {self.process.returncode}"
 
     def end(self) -> None:
         """End the process, and wait for that."""
         self.process.kill()
         self.process.communicate()
+        self.done.close()
         self.said.close()
-
-    def error(self) -> str:
-        """Why the process, which has ended, has failed, in one line; empty if it has not."""
-        self.process.communicate()
-        with self.said:
-            self.said.seek(0)
-            lines = self.said.read().decode(errors="replace").strip().splitlines()
-        if not self.process.returncode:
-            return ""
-        return lines[-1].strip() if lines else f"ended with exit code {self.process.returncode}"
 
 
 def _same_imports() -> dict[str, str]:
@@ -159,13 +218,13 @@ def _same_imports() -> dict[str, str]:
 
 
 @contextmanager
-def _processes() -> Iterator[list[_Running]]:
+def _compilers() -> Iterator[list[_Compiler]]:
     """A list of processes; those that are still in it at the end are ended."""
-    running: list[_Running] = []
+    compilers: list[_Compiler] = []
     try:
-        yield running
+        yield compilers
     finally:
-        for one in running:
+        for one in compilers:
             one.end()
 
 
@@ -223,11 +282,11 @@ def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
 
 # Those that take longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
-    Group("the arm's solver with friction", arm_friction),
-    Group("the planar solver for special cases", planar_special_cases),
-    Group("the planar solver with friction for special cases", planar_friction_special_cases),
-    Group("the planar solver with friction", planar_friction),
-    Group("the planar solver", planar_solver),
-    Group("the planar solver of batches", planar_batches),
-    Group("the arm's solver", arm_solver),
+    Group("the arm's solver with friction", arm_friction, family="arm"),
+    Group("the planar solver for special cases", planar_special_cases, family="planar"),
+    Group("the planar solver with friction for special cases", planar_friction_special_cases, family="planar"),
+    Group("the planar solver with friction", planar_friction, family="planar"),
+    Group("the planar solver", planar_solver, family="planar"),
+    Group("the planar solver of batches", planar_batches, family="planar"),
+    Group("the arm's solver", arm_solver, family="arm"),
 )

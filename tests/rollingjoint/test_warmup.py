@@ -56,6 +56,35 @@ def test_no_more_processes_than_processors(monkeypatch):
     assert [told[0] for told in record.told] == ["started", "ended"] * 2
 
 
+@pytest.fixture
+def started(monkeypatch):
+    """The processes that are started."""
+    processes, popen = [], subprocess.Popen
+    monkeypatch.setattr(
+        warmup.subprocess, "Popen", lambda *args, **given: processes.append(popen(*args, **given)) or processes[-1]
+    )
+    return processes
+
+
+def test_a_process_goes_on_with_groups_of_its_family(monkeypatch, started):
+    monkeypatch.setattr(warmup, "_processors", lambda: 1)
+    record = Recorded()
+    chain, arm = {"family": "planar"}, {"family": "arm"}
+    groups = [Group("one", quick, **chain), Group("two", quick, **arm), Group("three", quick, **chain)]
+    assert compile_kernels(groups, record)
+    assert [told[1] for told in record.told if told[0] == "started"] == ["one", "three", "two"]
+    assert [process.returncode for process in started] == [0]
+
+
+def test_another_process_goes_on_after_one_that_has_failed(monkeypatch, started):
+    monkeypatch.setattr(warmup, "_processors", lambda: 1)
+    record = Recorded()
+    assert not compile_kernels([Group("dies", os.abort), Group("bad", wrong), Group("good", quick)], record)
+    errors = {told[1]: told[2] for told in record.told if told[0] == "ended"}
+    assert errors["dies"] and errors["bad"] == ERROR and not errors["good"]
+    assert len(started) == 3
+
+
 def test_an_error_is_one_line_and_the_others_go_on():
     record = Recorded()
     assert not compile_kernels([Group("bad", wrong), Group("good", quick), Group("next", late, after="bad")], record)
@@ -64,17 +93,12 @@ def test_an_error_is_one_line_and_the_others_go_on():
 
 
 @pytest.mark.posix
-def test_an_interrupt_ends_all_processes(monkeypatch):
+def test_an_interrupt_ends_all_processes(monkeypatch, started):
     class Interrupts(Progress):
         def waits(self):
             raise KeyboardInterrupt
 
-    started = []
-    popen = subprocess.Popen
     monkeypatch.setattr(warmup, "_processors", lambda: 2)
-    monkeypatch.setattr(
-        warmup.subprocess, "Popen", lambda *args, **given: started.append(popen(*args, **given)) or started[-1]
-    )
     with pytest.raises(KeyboardInterrupt):
         compile_kernels([Group("one", signal.pause), Group("other", signal.pause)], Interrupts())
     assert len(started) == 2 and all(process.returncode for process in started)
