@@ -49,8 +49,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         import rj_gym.warmup
         from rollingjoint.warmup import GROUPS, compile_kernels, missing
+        from tests import warmup
 
-        if not compile_kernels(missing((*GROUPS, *rj_gym.warmup.GROUPS))):
+        if not compile_kernels(missing((*GROUPS, *rj_gym.warmup.GROUPS, *warmup.GROUPS))):
             raise pytest.UsageError("the kernels do not compile")
 
 

@@ -8,6 +8,7 @@ import signal
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,11 +21,6 @@ from agents.runs.locks import file_lock
 from rollingjoint.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
-MODULES = {
-    path.relative_to(ROOT).as_posix(): ast.parse(path.read_text("utf-8"))
-    for top in ("rollingjoint", "rj_gym", "agents", "examples")
-    for path in sorted((ROOT / top).rglob("*.py"))
-}
 ONLY_SOMEWHERE = {"fcntl", "grp", "msvcrt", "posix", "pty", "pwd", "resource", "syslog", "termios", "winreg"}
 NOT_ON_WINDOWS = {
     "os": {"fork", "forkpty", "getuid", "geteuid", "getgid", "setsid", "killpg", "getpgid", "uname", "mkfifo", "wait",
@@ -33,6 +29,16 @@ NOT_ON_WINDOWS = {
                "pthread_sigmask", "pause"},
     "time": {"tzset", "clock_gettime"},
 }  # fmt: skip
+
+
+@cache
+def modules() -> dict[str, ast.Module]:
+    """The syntax trees of all modules, by path."""
+    return {
+        path.relative_to(ROOT).as_posix(): ast.parse(path.read_text("utf-8"))
+        for top in ("rollingjoint", "rj_gym", "agents", "examples")
+        for path in sorted((ROOT / top).rglob("*.py"))
+    }
 
 
 def unconditional(tree: ast.Module) -> Iterator[ast.stmt]:
@@ -44,7 +50,7 @@ def unconditional(tree: ast.Module) -> Iterator[ast.stmt]:
 
 def test_no_module_imports_what_only_some_systems_have():
     found = set()
-    for name, tree in MODULES.items():
+    for name, tree in modules().items():
         for statement in unconditional(tree):
             if isinstance(statement, ast.Import):
                 found |= {(name, alias.name.partition(".")[0]) for alias in statement.names}
@@ -57,7 +63,7 @@ def test_no_module_imports_what_only_some_systems_have():
 @pytest.mark.parametrize(("module", "names"), NOT_ON_WINDOWS.items())
 def test_functions_that_windows_lacks_are_used_where_they_are_there(module, names):
     found = set()
-    for name, tree in MODULES.items():
+    for name, tree in modules().items():
         asked = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)}
         used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and is_name(node.value, module)}
         found |= {(name, one) for one in used & names if f"hasattr({module}, {one!r})" not in asked}
@@ -78,14 +84,14 @@ def names_no_encoding(call: ast.Call) -> bool:
 
 
 def test_text_files_are_read_and_written_in_one_encoding_everywhere():
-    for name, tree in MODULES.items():
+    for name, tree in modules().items():
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         assert [f"{name}:{one.lineno}" for one in calls if names_no_encoding(one)] == []
 
 
 def test_processes_are_started_by_multiprocessing_alone():
     apart = {"start_new_session", "creationflags", "preexec_fn", "terminate"}
-    for name, tree in MODULES.items():
+    for name, tree in modules().items():
         words = {node.arg for node in ast.walk(tree) if isinstance(node, ast.keyword)}
         words |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
         assert not words & apart, name

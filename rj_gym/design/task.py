@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from rj_gym.design.config import DesignConfig, DesignRewardConfig
 from rj_gym.design.observation import design_observation_entries
 from rj_gym.design.options import DesignOptions, checked_options
 from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_pairs
-from rollingjoint.design import MARGINS
+from rollingjoint.design import MARGINS, DesignSpace
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
 from rollingjoint.errors import InvalidInput, naming_extras
@@ -79,7 +80,7 @@ class DesignTask(Task):
         shapes |= {"terms": (len(TERMS),), "case_errors": (config.cases,), "margins": (len(MARGINS),)}
         shapes |= {"design": (self.action_size,), "positions": (config.cases, self.moving, 2), "cases": (config.cases,)}
         self.columns = blocks_of(shapes)
-        config.space.sample(1, np.random.default_rng(0))
+        _check(config.space)
 
     def part(self, readings: Array, name: str) -> Array:
         """A part of the readings (B, columns), (B, ...), not copied."""
@@ -201,6 +202,12 @@ class DesignTask(Task):
         if fixed.start_design is not None:
             return fixed.start_design
         return self.space.reference() if self.config.start == "reference" else drawn
+
+
+@lru_cache
+def _check(space: DesignSpace) -> None:
+    """Raises InvalidInput for a space in which hardly any design is valid."""
+    space.sample(1, np.random.default_rng(0))
 
 
 def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> Array:

@@ -97,7 +97,8 @@ def test_nothing_is_learnt_where_the_model_has_no_equilibrium():
     np.testing.assert_array_equal(columns[1, 6:], 0.0)
     assert np.all(np.isfinite(values[0]))
     covariances, evidence, before = np.tile(np.eye(14), (2, 1, 1)), np.zeros(2), states.copy()
-    kalman.update(states, covariances, evidence, values[:, 6:], columns[:, 6:], np.ones((2, 2)), np.ones((2, 2)))
+    expected, changes = values[:, 6:].copy(), columns[:, 6:].copy()  # contiguous, as the kernel is compiled for
+    kalman.update(states, covariances, evidence, expected, changes, np.ones((2, 2)), np.ones((2, 2)))
     np.testing.assert_array_equal(states[1], before[1])
     assert evidence[1] == 2 * kalman.UNEXPECTED
     assert np.abs(states[0] - before[0]).max() > 0.01
