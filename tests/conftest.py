@@ -1,5 +1,6 @@
 """Settings for every test: no screen is needed, kernels are compiled once, programs start from the sources."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -53,6 +54,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
         if not compile_kernels(missing((*GROUPS, *rj_gym.warmup.GROUPS, *warmup.GROUPS))):
             raise pytest.UsageError("the kernels do not compile")
+
+
+def pytest_collection_finish() -> None:
+    """Let garbage collections leave out what all tests share: modules and tests are millions of objects."""
+    gc.collect()
+    gc.freeze()
 
 
 def sources_first() -> dict[str, str]:

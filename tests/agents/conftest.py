@@ -7,6 +7,7 @@ import pytest
 def no_pictures(monkeypatch):
     """Reports without pictures, which take longer than the short runs that they are of."""
     from agents.evaluation import output
+    from agents.search import report as search_report
     from agents.tuning import report
 
     def nothing(*anything):
@@ -16,3 +17,4 @@ def no_pictures(monkeypatch):
         monkeypatch.setattr(output, name, nothing)
     for name in ("history", "parameters"):
         monkeypatch.setattr(report, name, nothing)
+    monkeypatch.setattr(search_report, "draw", lambda search: {})

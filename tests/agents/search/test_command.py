@@ -187,7 +187,7 @@ def test_the_best_design_is_a_mechanism_file(finished):
     assert np.allclose(search.problem.space.vector(mechanism), search.winner.best_x, atol=1e-9)
 
 
-def test_finished_runs_stay_and_a_changed_search_is_refused(finished, tmp_path, capsys):
+def test_finished_runs_stay_and_a_changed_search_is_refused(finished, tmp_path, capsys, no_pictures):
     config = finished.parent.parent / "small.yaml"
     before = {path: path.stat().st_mtime_ns for path in finished.glob("*/*/evaluations.jsonl")}
     assert main([str(config), "--out", str(finished), "--jobs", "1", "--methods", "random"]) == 0

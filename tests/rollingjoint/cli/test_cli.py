@@ -66,7 +66,10 @@ def test_documented_commands_print_what_the_documentation_shows(
 
 
 @pytest.mark.parametrize("command", SHELL)
-def test_documented_commands_succeed_and_write_their_files(command: str, workplace: Path) -> None:
+def test_documented_commands_succeed_and_write_their_files(
+    command: str, workplace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rollingjoint.plotting.loops._FRAMES", 5)
     assert command.startswith("rj ")
     assert rj(command.removeprefix("rj ")) == 0
     for file in re.findall(r"--(?:out|plot) (\S+)", command):
