@@ -41,6 +41,7 @@ threading.Thread(target=listen, daemon=True).start()
 while function := functions.get():
     getattr(importlib.import_module(function[0]), function[1])()
     print(end=".", file=done, flush=True)
+os._exit(0)  # to give back what the compiler has allocated takes seconds
 """
 
 
@@ -98,8 +99,8 @@ def missing(groups: Sequence[Group]) -> list[Group]:
 def compile_kernels(groups: Sequence[Group], progress: Progress | None = None) -> bool:
     """Compile the kernels of some groups, in as many processes as there are processors.
 
-    A process that has compiled a group goes on with one of the same family if it can. However it ends, none of the
-    processes goes on.
+    Groups that others wait for come first, and a process that has compiled a group goes on with one of the same family
+    if it can. However it ends, none of the processes goes on.
 
     Returns:
         whether all could be compiled.
@@ -129,7 +130,9 @@ def compile_kernels(groups: Sequence[Group], progress: Progress | None = None) -
 def _next(waiting: Sequence[Group], compilers: list[_Compiler]) -> tuple[_Compiler, Group] | None:
     """A process that has nothing to do, started if need be, and a group for it; None if there is nothing to begin."""
     busy = {group.title for group in waiting} | {one.group.title for one in compilers if one.group}
+    awaited = {group.after for group in waiting}
     ready = [group for group in waiting if group.after not in busy]
+    ready.sort(key=lambda group: group.title not in awaited)
     idle = [one for one in compilers if one.group is None]
     if not ready:
         return None

@@ -46,13 +46,14 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the kernels before several workers would each compile all of them."""
+    """Compile the kernels before several workers would each compile all of them; collect no garbage before the tests."""
+    gc.disable()
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         import rj_gym.warmup
         from rollingjoint.warmup import GROUPS, compile_kernels, missing
         from tests import warmup
 
-        if not compile_kernels(missing((*GROUPS, *rj_gym.warmup.GROUPS, *warmup.GROUPS))):
+        if not compile_kernels(missing((*warmup.GROUPS, *rj_gym.warmup.GROUPS, *GROUPS))):
             raise pytest.UsageError("the kernels do not compile")
 
 
@@ -60,6 +61,7 @@ def pytest_collection_finish() -> None:
     """Let garbage collections leave out what all tests share: modules and tests are millions of objects."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def sources_first() -> dict[str, str]:

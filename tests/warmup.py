@@ -22,4 +22,4 @@ def baselines() -> None:
                 controller.act(Seen(seen.astype(np.float32), task))
 
 
-GROUPS = (Group("the baselines", baselines, after="the planar environments"),)
+GROUPS = (Group("the baselines", baselines, after="the planar environments", family="planar"),)

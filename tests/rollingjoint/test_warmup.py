@@ -49,6 +49,14 @@ def test_a_group_waits_for_the_one_that_it_needs(monkeypatch):
     assert record.told == first + second
 
 
+def test_groups_that_others_wait_for_come_first(monkeypatch):
+    monkeypatch.setattr(warmup, "_processors", lambda: 1)
+    record = Recorded()
+    groups = [Group("any", quick), Group("needed", quick), Group("last", late, after="needed")]
+    assert compile_kernels(groups, record)
+    assert [told[1] for told in record.told if told[0] == "started"] == ["needed", "any", "last"]
+
+
 def test_no_more_processes_than_processors(monkeypatch):
     monkeypatch.setattr(warmup, "_processors", lambda: 1)
     record = Recorded()

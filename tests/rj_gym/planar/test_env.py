@@ -68,11 +68,21 @@ def make(env_id="rj_gym/RollingJoint-v0", **settings):
     return gymnasium.make(env_id, **settings)
 
 
-@variants
-def test_gymnasium_checker_passes_without_a_warning(env_id, settings):
+def passes_checker(env_id, settings, renders):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(make(env_id, **settings).unwrapped)
+        check_env(make(env_id, **settings).unwrapped, skip_render_check=not renders)
+
+
+@variants
+def test_gymnasium_checker_passes_without_a_warning(env_id, settings):
+    passes_checker(env_id, settings, renders=not settings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("env_id", "settings"), [case for case in CASES.values() if case[1]])
+def test_gymnasium_checker_passes_with_pictures_of_every_variant(env_id, settings):
+    passes_checker(env_id, settings, renders=True)
 
 
 @variants
