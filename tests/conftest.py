@@ -46,7 +46,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the kernels before several workers would each compile all of them; collect no garbage before the tests."""
+    """Compile the kernels before several workers would each compile all; collect no garbage before the tests."""
     gc.disable()
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         import rj_gym.warmup

@@ -61,12 +61,18 @@ class Guest:
 
     def enter(self, name):
         self.page.get_by_role("button", name=name, exact=True).first.click()
-        until(lambda: self.is_open() and self.room is not None and self.room.name == name)
-        self.page.wait_for_timeout(500)
+        until(lambda: self.room is not None and self.room.name == name)
+        self.settle()
 
     def is_open(self):
         """Whether the room has been opened: nobody holds its door."""
         return not self.viewer.visits[self.id]._lock.locked()
+
+    def settle(self):
+        """Wait until the room is open and the page has drawn it; keys pressed before would mean nothing."""
+        until(lambda: self.room is not None and self.is_open())
+        self.viewer.visits[self.id].client.get_render(8, 8, timeout=60.0)
+        self.page.wait_for_timeout(500)
 
     def press(self, *keys):
         self.page.mouse.click(60, 740)  # the scene, not a field of the panel
@@ -96,7 +102,7 @@ def guests(browser, viewer):
     def come(room="Control", to=viewer, **size):
         guest = Guest(browser, to, **size)
         found.append(guest)
-        until(lambda: guest.room is not None and guest.is_open())
+        guest.settle()
         if guest.room.name != room:
             guest.enter(room)
         return guest
