@@ -40,7 +40,7 @@ import numba
 stub = types.ModuleType("rollingjoint")  # the layer is imported, and changed, before any kernel is
 stub.__path__ = ["rollingjoint"]
 sys.modules["rollingjoint"] = stub
-from rollingjoint._numba import borrowed, cache, jit
+from rollingjoint._numba import borrowed, cache, jit, parts
 {change}
 del sys.modules["rollingjoint"]
 """
@@ -124,6 +124,12 @@ def parts() -> tuple[str, float, float]:
     return "first compilation", fresh(with_change(PLAIN_PARTS, SOLVE)), fresh(SOLVE)
 
 
+def loops() -> tuple[str, float, float]:
+    """First compilation of both solvers, by numba's own passes, and by those that copy no loops."""
+    change = "from numba.core.codegen import JITCodeLibrary\nparts._UseShortLoopsLibrary.library = JITCodeLibrary"
+    return "first compilation", fresh(with_change(change, SOLVE)), fresh(SOLVE)
+
+
 def collector() -> tuple[str, float, float]:
     """First compilation of both solvers, while Python collects garbage, and while it does not."""
     collecting = with_change("import contextlib\njit._no_garbage_collection = contextlib.nullcontext", SOLVE)
@@ -191,6 +197,7 @@ def borrow() -> tuple[str, float, float]:
 
 ROWS: dict[str, Callable[[], tuple[str, float, float]]] = {
     "parts": parts,
+    "loops": loops,
     "collector": collector,
     "disk": disk,
     "load": load,

@@ -2,7 +2,8 @@
 
 Kernels:
     kernel: a decorator; the function is compiled for plain arrays and numbers with IEEE arithmetic, and kept on disk
-        until a source that it is made of changes. kernel(nogil=True) releases Python's lock.
+        until a source that it is made of changes. kernel(nogil=True) releases Python's lock; kernel(short_loops=True)
+        compiles faster where no loop is worth being unrolled or vectorised.
     part: a decorator for what only kernels call; part(inline=True) where a call would cost as much as the work.
     standalone: a part that Python can call, for tests.
     machine_code: a kernel for arguments of declared kinds, without numba's look at them. Nothing checks the arguments

@@ -85,7 +85,7 @@ class Solved(NamedTuple):
     status: Annotated[Integers, "B"]
 
 
-@kernel(nogil=True, title="the arm's environments")
+@kernel(nogil=True, short_loops=True, title="the arm's environments")
 def prepare(rules, course, state, hardware, inputs, first, last):
     """Begin a step of lanes: commands, starts and loads.
 
@@ -105,7 +105,7 @@ def prepare(rules, course, state, hardware, inputs, first, last):
     return last - first
 
 
-@kernel(nogil=True, title="the arm's environments")
+@kernel(nogil=True, short_loops=True, title="the arm's environments")
 def finish(rules, course, state, hardware, solved, observation, first, last):
     """End a step after the solve: state, readings and the flat observation (B x entries,), float32."""
     _settle(rules, course, state, hardware, solved, first, last)
@@ -118,7 +118,7 @@ def finish(rules, course, state, hardware, solved, observation, first, last):
     observe_all(rules, course, state, hardware, observation, first, last)
 
 
-@kernel(title="the arm's environments")
+@kernel(short_loops=True, title="the arm's environments")
 def observe(rules, course, state, hardware, observation):
     """Fill the flat observation anew."""
     observe_all(rules, course, state, hardware, observation, 0, observation.size // rules.low.size)

@@ -29,7 +29,7 @@ AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 REFUSED = -1  # what a step returns instead of a number of lanes
 
 
-@kernel(title="what all environments share")
+@kernel(short_loops=True, title="what all environments share")
 def all_finite(values):
     """Whether no value (B, m) is NaN or infinite."""
     return finite(borrow(values), 0, len(values))
@@ -45,7 +45,7 @@ def finite(values, first, last):
     return fine
 
 
-@kernel(title="what all environments share")
+@kernel(short_loops=True, title="what all environments share")
 def fill_uniforms(sources, rows):
     """Fill rows (B, K) with numbers in [0, 1) from bit generators: (B, 2), next_double and the state it works on."""
     for row in range(len(rows)):
@@ -99,7 +99,7 @@ def friction_columns(n_joints: int, n_tendons: int) -> int:
     return STICKING + 2 * n_joints * n_tendons
 
 
-@kernel(nogil=True, title="what all environments share")
+@kernel(nogil=True, short_loops=True, title="what all environments share")
 def keep_history(friction, crossed, status, readings, first, last):
     """End steps with friction: where one stands, the next goes on from it; elsewhere the history stays as it was.
 

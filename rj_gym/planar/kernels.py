@@ -109,7 +109,7 @@ class TaskArrays(NamedTuple):
     solved: Solved
 
 
-@kernel(nogil=True, title="the planar environments")
+@kernel(nogil=True, short_loops=True, title="the planar environments")
 def step(pins, solver, problem, observation, first, last):
     """One step of lanes, into the flat observation (B x entries,), float32.
 
@@ -130,14 +130,14 @@ def step(pins, solver, problem, observation, first, last):
     return left
 
 
-@kernel(nogil=True, title="the planar environments")
+@kernel(nogil=True, short_loops=True, title="the planar environments")
 def finish(pins, observation, first, last):
     """End a step after the solve: state, readings and the flat observation."""
     rules, course, state, hardware, _, solved = unpin(pins, TaskArrays)
     _finish(rules, course, state, hardware, solved, observation, first, last)
 
 
-@kernel(title="the planar environments")
+@kernel(short_loops=True, title="the planar environments")
 def observe(pins, observation):
     """Fill the flat observation anew."""
     rules, course, state, hardware, _, _ = unpin(pins, TaskArrays)

@@ -13,21 +13,25 @@ import numba
 from rollingjoint._numba import layout
 from rollingjoint._numba.bounds import CHECKED
 from rollingjoint._numba.cache import keep_on_disk
-from rollingjoint._numba.parts import PartCompiler, PartDispatcher
+from rollingjoint._numba.parts import PartCompiler, PartDispatcher, ShortLoopsCompiler
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "boundscheck": CHECKED}
 PART_OPTIONS = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
 """What numba compiles a part with."""
 
 
-def kernel(function: Callable[..., Any] | None = None, *, title: str = "", **options: Any) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None, *, title: str = "", short_loops: bool = False, **options: Any
+) -> Any:
     """Compile a function of plain arrays: IEEE arithmetic that never raises, cached on disk.
 
     `title`: what a person who waits for it is told that it belongs to, such as "the planar solver".
+    `short_loops`: all its loops are short, or over SIMD lanes, and not worth being unrolled or vectorised.
     """
     if function is None:
-        return functools.partial(kernel, title=title, **options)
-    dispatcher = numba.njit(**_OPTIONS, **options)(function)
+        return functools.partial(kernel, title=title, short_loops=short_loops, **options)
+    compiler: dict[str, Any] = {"pipeline_class": ShortLoopsCompiler} if short_loops else {}
+    dispatcher = numba.njit(**_OPTIONS, **compiler, **options)(function)
     keep_on_disk(dispatcher, title or f"{function.__module__}.{function.__name__}")
     return dispatcher
 

@@ -50,7 +50,7 @@ def store(chain, state, outcome, results, lane):
     results.status[lane], results.iterations[lane], results.residual[lane] = outcome
 
 
-@kernel(nogil=True, title="the planar solver for special cases")
+@kernel(nogil=True, short_loops=True, title="the planar solver for special cases")
 def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
     """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
     _solve_each(chain, designs, laws, loads, starts, results, lanes, new_state(starts.shape[1], laws.command.shape[1]))
@@ -71,7 +71,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
         store(one, state, outcome, results, lane)
 
 
-@kernel(title="the planar solver for special cases")
+@kernel(short_loops=True, title="the planar solver for special cases")
 def stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
     state = new_state(angles.shape[1], tensions.shape[1])

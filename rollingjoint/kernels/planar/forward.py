@@ -10,7 +10,7 @@ from rollingjoint.kernels.planar.chain import evaluate_poses
 from rollingjoint.kernels.planar.joint import arc_length, evaluate_joints
 
 
-@kernel(title="the geometry of planar chains")
+@kernel(short_loops=True, title="the geometry of planar chains")
 def arc_lengths_of(chain, designs, phi):
     """s at joint angles phi, (B, J) both, of every lane's design."""
     s = np.empty_like(phi)
@@ -21,7 +21,7 @@ def arc_lengths_of(chain, designs, phi):
     return s
 
 
-@kernel(title="the geometry of planar chains")
+@kernel(short_loops=True, title="the geometry of planar chains")
 def poses_of(chain, phi):
     """(poses (B, n, 3), tendon lengths (B, m)) at joint angles phi, (B, J), clipped to the surface limits."""
     n_lanes, n_joints = phi.shape

@@ -19,7 +19,7 @@ from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, rememb
 from rollingjoint.kernels.shared.rubbed_lanes import begin_each, stiffness_each
 
 
-@kernel(nogil=True, title="the planar solver with friction")
+@kernel(nogil=True, short_loops=True, title="the planar solver with friction")
 def step_lanes(chain, designs, laws, loads, starts, results, friction, lanes):
     """Solve the steps of the given lanes; all inputs carry a leading lane axis."""
     sizes = MemorySizes(starts.shape[1], laws.command.shape[1])
@@ -59,7 +59,7 @@ def _step_each(chain, designs, laws, loads, starts, results, friction, lanes, st
                 results.contact_forces[lane, i, 0], results.contact_forces[lane, i, 1] = along, across
 
 
-@kernel(title="the planar solver with friction")
+@kernel(short_loops=True, title="the planar solver with friction")
 def begin_histories(chain, designs, law, tensions, angles, history):
     """Fill the histories of lanes that have never slipped, at joint angles (B, J) under tensions (B, m)."""
     sizes = MemorySizes(angles.shape[1], tensions.shape[1])
@@ -67,7 +67,7 @@ def begin_histories(chain, designs, law, tensions, angles, history):
     begin_each(chain, designs, law, tensions, angles, history, state, memory, sizes, np.zeros((0, N_COLUMNS)))
 
 
-@kernel(title="the planar solver with friction")
+@kernel(short_loops=True, title="the planar solver with friction")
 def rubbed_stiffness_of(chain, designs, law, tensions, elastic, loads, angles, history, A, torques):
     """Fill A, (B, J, J), and d residual / d tension, (B, J, m), at the angles after a step that left this history."""
     sizes = MemorySizes(history.angles.shape[1], tensions.shape[1])

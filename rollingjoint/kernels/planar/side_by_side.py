@@ -268,7 +268,7 @@ def store_row(block, batch, friction, lane, row):
     store_lane(block, lane, batch.results, row)
 
 
-@kernel(nogil=True, title="the planar solver")
+@kernel(nogil=True, short_loops=True, title="the planar solver")
 def solve_pinned(pins, first, last):
     """Solve lanes first to last - 1 of a pinned BatchArrays; returns how many are PENDING."""
     batch = unpin(pins, BatchArrays)
@@ -277,7 +277,7 @@ def solve_pinned(pins, first, last):
     return _solve_in(aligned_simd(borrow(memory)), sizes, batch, first, last)
 
 
-@kernel(title="the planar solver of single chains")
+@kernel(short_loops=True, title="the planar solver of single chains")
 def solve_alone(pins, first, last):
     """As solve_pinned in a single lane, one row after the other; keeps Python's lock: releasing it takes 50 ns."""
     batch = unpin(pins, BatchArrays)

@@ -309,7 +309,7 @@ def store_row(rubbed, batch, friction, lane, row):
     friction.work[row] = numbers(rubbed.work)[0, lane]
 
 
-@kernel(nogil=True, title="the planar solver with friction")
+@kernel(nogil=True, short_loops=True, title="the planar solver with friction")
 def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of rows first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
