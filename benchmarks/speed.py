@@ -26,6 +26,7 @@ SECTIONS = (
     "solver",
     "batch",
     "growth",
+    "pieces",
     "long_chain",
     "friction",
     "arm",

@@ -74,6 +74,16 @@ def _wander(rng: np.random.Generator, count: int, steps: tuple[float, float], re
     return places
 
 
+def batch_arrays(walk: Walk) -> BatchArrays:
+    """The steps of the walk as the kernels take them, and where their answers go."""
+    count, mechanism = len(walk), walk.mechanism
+    low, high = (np.full((count, mechanism.n_tendons), limit) for limit in TENSION_LIMITS)
+    laws = TendonLaw(walk.commands, np.tile(mechanism.stiffnesses, (count, 1)), low, high)
+    results = new_results(count, mechanism.n_joints, mechanism.n_tendons)
+    designs = np.zeros(count, np.int64)
+    return BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, results)
+
+
 def _row(problem: BatchArrays, row: int) -> BatchArrays:
     """A batch of one of the rows, in the same memory."""
     mechanism, designs, laws, loads, starts, results = problem
@@ -82,21 +92,13 @@ def _row(problem: BatchArrays, row: int) -> BatchArrays:
 
 
 class CompiledWalk:
-    """The walk as the kernels take it, prepared once; every step is solved on this thread, into `results`.
-
-    The only place of the benchmarks that goes below the public functions.
-    """
+    """The walk as the kernels take it, prepared once; every step is solved on this thread, into `results`."""
 
     def __init__(self, walk: Walk) -> None:
-        count, mechanism = len(walk), walk.mechanism
-        low, high = (np.full((count, mechanism.n_tendons), limit) for limit in TENSION_LIMITS)
-        laws = TendonLaw(walk.commands, np.tile(mechanism.stiffnesses, (count, 1)), low, high)
-        self._count = count
-        self.results = new_results(count, mechanism.n_joints, mechanism.n_tendons)
-        designs = np.zeros(count, np.int64)
-        problem = BatchArrays(mechanism.arrays, designs, laws, walk.load_tables(), walk.starts, self.results)
+        problem = batch_arrays(walk)
+        self._count, self.results = len(walk), problem.results
         self._solve = PinnedRange(problem)
-        self._steps = [PinnedRange(_row(problem, step)) for step in range(count)]
+        self._steps = [PinnedRange(_row(problem, step)) for step in range(len(walk))]
 
     def one_by_one(self) -> None:
         """Solve the steps one after the other, a call each, as single solves are."""

@@ -77,7 +77,7 @@ SHORTEST = 1.0 / 64.0  # of a Newton step
 
 
 @part(inline=True)
-def _evaluate_joints(chain, designs, state, rows):
+def evaluate_joints(chain, designs, state, rows):
     """Fill state.joint from the tables of each lane's design."""
     angle, joint = numbers(state.angle), state.joint
     cells, joints, buckets = of_width(chain.cells, 4), of_width(chain.joints, 3), of_width(chain.buckets, EDGES)
@@ -99,7 +99,7 @@ def _evaluate_joints(chain, designs, state, rows):
 def evaluate_lanes(chain, designs, block):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state = block.state
-    _evaluate_joints(chain, designs, state, as_rows(block.rows))
+    evaluate_joints(chain, designs, state, as_rows(block.rows))
     evaluate_poses(block.holes, block.channels, chain.tendon_joints, state)
     energy, magnitude = evaluate_tendons(block.law, state)
     load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
@@ -122,7 +122,7 @@ def hold_ends(block):
 
 
 @part(inline=True)
-def _factor_stiffness(tendon_joints, loads, state, free, H, per_pivot):
+def factor_stiffness(tendon_joints, loads, state, free, H, per_pivot):
     """Fill H with the factor L of dr/dphi = L D Lᵀ on the free joints; returns (smallest, largest diagonal entry)."""
     sums, contact, gap, elastic, tension = state.sums, state.contact, state.gap, state.elastic, state.tension
     n_joints = per_pivot.size
@@ -155,7 +155,7 @@ def _factor_stiffness(tendon_joints, loads, state, free, H, per_pivot):
 
 
 @part(inline=True)
-def _newton_step(L, per_pivot, residual, free, step):
+def newton_step(L, per_pivot, residual, free, step):
     """Solve L D Lᵀ step = -residual on the free joints; zero elsewhere. May be done in place."""
     n_joints = step.size
     for i in range(n_joints):
@@ -209,7 +209,7 @@ def _fill_responses(block):
     for j in range(elastic.size):
         for i in range(block.state.angle.size):
             responses[j, i] = -(elastic[j] * gap[i, j, 1])
-        _newton_step(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
+        newton_step(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
 
 
 @formula(block_formulas.advance, Block)
@@ -232,11 +232,11 @@ def advance(block, chain, designs):
     goal = RELATIVE_GOAL * scale
     goal = where(goal < RESIDUAL_GOAL, goal, RESIDUAL_GOAL)
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
-    smallest, largest = _factor_stiffness(chain.tendon_joints, block.loads, block.state, free, block.L, per_pivot)
+    smallest, largest = factor_stiffness(chain.tendon_joints, block.loads, block.state, free, block.L, per_pivot)
     stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
     tried, passes = keep(search, accepted, energy, magnitude, worst, held)
     goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
-    _newton_step(block.L, per_pivot, residual, free, solution)
+    newton_step(block.L, per_pivot, residual, free, solution)
     move(block, accepted, tried, running & ~at_rest)
     left = where(goes_on, RUNNING, LEFT)
     search[PHASE] = where(running, where(at_rest, where(stable, ARRIVED, LEFT), left), search[PHASE])
