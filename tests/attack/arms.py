@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.attack.law import capstan_tensions, turns_of_links
+from tests.attack.law import gap_tensions
 
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -88,10 +88,7 @@ class ArmGeometry:
 
     def gap_tensions(self, cuts, motor, before, rolling):
         """(tensions of every gap, friction states, slips); without a history the motor's in every gap."""
-        if before is None:
-            return np.where(self.crossed, motor[:, None, :], 0.0), None, None
-        laws = [tendon.friction or self.chain.friction for tendon in self.chain.tendons]
-        return capstan_tensions(laws, self.ends, cuts.gaps, turns_of_links(cuts.turns), motor, before)
+        return gap_tensions(self, cuts, motor, before)
 
     def imbalance(self, cuts, table, tensions, before=None):
         """(moment about the hinge that is not balanced, sum of its terms, None), (B, J) each."""

@@ -30,6 +30,14 @@ def capstan_tensions(laws, ends, gaps, turns, motor, before):
     return tensions, states, slips
 
 
+def gap_tensions(structure, cuts, motor, before):
+    """capstan_tensions of an arm or a chain (`structures.py`); without a history the motor's tension in every gap."""
+    if before is None:
+        return np.where(structure.crossed, motor[:, None, :], 0.0), None, None
+    laws = [tendon.friction or structure.chain.friction for tendon in structure.chain.tendons]
+    return capstan_tensions(laws, structure.ends, cuts.gaps, turns_of_links(cuts.turns), motor, before)
+
+
 def tendon_tensions(lengths, inputs, given, stiffnesses, limits):
     """Tensions at the motors, (B, m): those given, or those of stretched tendons within their limits."""
     if given == "tensions":

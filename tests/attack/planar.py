@@ -9,7 +9,7 @@ import numpy as np
 
 from rollingjoint import OnSurface
 from tests.attack.curve import Curve
-from tests.attack.law import capstan_tensions, turns_of_links
+from tests.attack.law import gap_tensions
 
 ROLLING_PRESLIDING = 1e-3  # rad
 
@@ -125,10 +125,7 @@ class PlanarGeometry:
 
     def gap_tensions(self, cuts, motor, before, rolling):
         """(tensions of every gap, friction states, slips); without a history the motor's in every gap."""
-        if before is None:
-            return np.where(self.crossed, motor[:, None, :], 0.0), None, None
-        laws = [tendon.friction or self.chain.friction for tendon in self.chain.tendons]
-        return capstan_tensions(laws, self.ends, cuts.gaps, turns_of_links(cuts.turns), motor, before)
+        return gap_tensions(self, cuts, motor, before)
 
     def imbalance(self, cuts, table, tensions, before=None):
         """(torque that is not balanced, sum of its terms, contact force along the normal), (B, J) each."""

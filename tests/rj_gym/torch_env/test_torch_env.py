@@ -18,6 +18,8 @@ from rollingjoint.differentiable import as_on_a_device  # noqa: E402
 from tests.host_reads import no_host_reads  # noqa: E402
 from tests.rj_gym.watched_solver import watch_solver  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 PLAIN, GOAL = "rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"
 EQUAL = 1e-9  # mm, N, mm of commands
 MISMATCH = {"stiffness_spread": 0.2, "actuator_offset_mm": 0.5}
@@ -79,14 +81,6 @@ INSTRUMENTS = {
         },
     ),
 }
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def pair(env_id=PLAIN, lanes=6, **settings):

@@ -15,15 +15,9 @@ torch = pytest.importorskip("torch")
 from rollingjoint.differentiable import SideBySide, as_on_a_device  # noqa: E402 - needs torch
 from tests.host_reads import no_host_reads  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 LIMITS = (0.5, 15.0)
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def solved(chains, commands, loads, starts, passes=40):

@@ -18,6 +18,8 @@ from rollingjoint.differentiable import (  # noqa: E402 - needs torch
 )
 from tests.host_reads import no_host_reads  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
 ENOUGH = 25
 DEAD = [rj.WorldForce(2, (0.3, -0.4), point=(1.0, 2.0))]
 EVERY = [*DEAD, rj.Spring(1, 0.02, (30.0, 50.0), (0.5, 1.0)), rj.TorsionSpring(2, 4.0, 0.1, 1)]
@@ -26,14 +28,6 @@ CASES = {  # solver, tensions or lengths less the neutral ones, loads
     "lengths": (solve_lengths, [[-2.0, -1.5], [-1.0, 3.0], [-3.0, -2.0]], EVERY),
     "a surface limit": (solve_tensions, [[0.4, 0.5], [0.5, 0.4]], [rj.WorldForce(-1, (-1.0, -0.1))]),
 }
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def problem(name):
