@@ -5,6 +5,7 @@ so that a campaign dies with all it has started.
 """
 
 import contextlib
+import gc
 import json
 import multiprocessing
 import os
@@ -12,6 +13,7 @@ import shutil
 import tempfile
 import time
 import zipfile
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from tests.attack.child import Child
@@ -230,11 +232,19 @@ def _campaign(rng, report, folder):
 
     (folder / "near.yaml").write_text(_CAMPAIGN_RUN)
     (folder / "list.yaml").write_text("runs:\n  - {config: near.yaml, seeds: [1, 2]}\n")
-    out = folder / "out"
+    out, serve = folder / "out", local.serve
+
+    def alone_with_pipe(pipe):
+        """Serve, without the other ends of pipes that a fork inherits: while they are open no pipe ends."""
+        for one in gc.get_objects():
+            if isinstance(one, Connection) and one is not pipe:
+                one.close()
+        serve(pipe)
 
     def start():
         forked = multiprocessing.get_context("fork")
         local.get_context, os.setsid = lambda _: forked, lambda: None  # workers begin at once, and die with it
+        local.serve = alone_with_pipe
         return command.main([str(folder / "list.yaml"), "--out", str(out), "--jobs", "2"])
 
     if _interrupted(rng, report, "campaign", start, folder / "log"):
