@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    from agents.adaptation.trial import Plan, adaptable, trial_table, tried
+    from agents.adaptation.trial import Plan, adaptable, leads, trial_table, tried
     from agents.robots.robot import robot
 
     plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
@@ -55,6 +55,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
         trials.append(tried(robot(number), chosen, plan, lambda line: print(line, flush=True)))
         _keep(trials, plan, arguments, command)
     print(f"{trial_table(trials)}\nlast 10 steps, {plan.scored} episodes of every robot; intervals over robots")
+    if len(chosen) > 1:
+        print(f"After adapting:\n{leads(trials)}")
     return 0
 
 

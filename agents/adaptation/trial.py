@@ -161,16 +161,33 @@ def gains(trials: Sequence[Trial], name: str) -> tuple[Interval, Interval, Inter
     return resampled.mean(before), resampled.mean(after), resampled.compare(after, before).difference
 
 
+def _ranked(trials: Sequence[Trial]) -> list[str]:
+    """The controllers, the best adapted one first."""
+    return sorted(trials[0].outcomes, key=lambda name: gains(trials, name)[1].value)
+
+
 def trial_table(trials: Sequence[Trial]) -> str:
     """One row per controller, for a terminal: means over robots, the best adapted one first."""
     rows = []
-    for name in sorted(trials[0].outcomes, key=lambda name: gains(trials, name)[1].value):
+    for name in _ranked(trials):
         better = sum(trial.outcomes[name].after.mean() < trial.outcomes[name].before.mean() for trial in trials)
         seconds = np.mean([trial.outcomes[name].seconds for trial in trials])
         cells = [with_interval(each, mm) for each in gains(trials, name)]
         rows.append([name, *cells, f"{better} of {len(trials)}", f"{seconds:.0f} s"])
     head = ["controller", "before [mm]", "after [mm]", "change [mm]", "better on", "adapting"]
     return text_table(head, rows, ruled=True)
+
+
+def leads(trials: Sequence[Trial]) -> str:
+    """A line per adapted controller that the best one is compared with, on the same robots."""
+    best, *others = _ranked(trials)
+    own = np.array([trial.outcomes[best].after.mean() for trial in trials])
+    lines = []
+    for name in others:
+        other = np.array([trial.outcomes[name].after.mean() for trial in trials])
+        difference = with_interval(Bootstrap(len(trials)).compare(own, other).difference, mm)
+        lines.append(f"{best} minus {name}: {difference} mm, better on {(own < other).sum()} of {len(trials)}")
+    return "\n".join(lines)
 
 
 def _plain(values: Array) -> list[float]:

@@ -14,7 +14,7 @@ from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
 from agents.adaptation.identify import Identified, _Misfit, identify
 from agents.adaptation.informed import Informed
-from agents.adaptation.trial import Outcome, Plan, Trial, gains, trial_table
+from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
 from agents.adaptation.twin import BELIEFS, Space
 from agents.adaptation.world import LikelyRobots, likely
 from agents.baselines.opponents import opponents
@@ -212,6 +212,7 @@ def test_gains_are_over_robots_and_the_best_adapted_controller_comes_first(known
     assert (before.value, after.value) == (4.0, 2.0) and change == (-2.0, -3.0, -1.0)
     first, second = trial_table(trials).splitlines()[2:]
     assert first.split()[0] == "a" and "2 of 2" in first and second.split()[0] == "b" and "0 of 2" in second
+    assert leads(trials) == "a minus b: -1.00 [-2.50, 0.500] mm, better on 1 of 2"
 
 
 @pytest.fixture
