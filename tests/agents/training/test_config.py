@@ -10,6 +10,7 @@ import rj_gym
 from agents.runs.algorithms import PARAMETERS, constructor_arguments
 from agents.runs.config import TrainConfig, load_config
 from agents.runs.schedules import Linear
+from agents.runs.seeds import TEST, TUNING, VALIDATION
 from rollingjoint.errors import ConfigError
 from rollingjoint.presets import PRESETS
 
@@ -29,6 +30,12 @@ def test_every_shipped_config_loads_and_survives_a_round_trip_through_yaml(path,
     assert again == config
     if config.env.id in rj_gym.IDS:
         assert config.env.settings["mechanism"] in PRESETS
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_runs_of_every_shipped_config_can_be_scored(path):
+    """agents.results refuses runs that have seen the episodes of its tables, or those that choose the best."""
+    assert set(load_config(path).evaluation.seeds).isdisjoint((*VALIDATION, *TEST, *TUNING))
 
 
 def test_the_configs_named_in_the_documentation_exist():
