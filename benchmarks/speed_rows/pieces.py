@@ -39,11 +39,12 @@ it has iterations, and is filled in and stored once; contact forces of all eight
 arrived. Everything lies in the nearest cache here, and no branch is mispredicted.
 
 Nearly half of it goes into the tables of the joints: ten rows of eight numbers for every joint and lane, accurate to
-2e-12, and their transposition into lanes. Cosine and sine by a polynomial of the angle would leave two of the eight columns
-out, and save nothing, since a row of eight is one register. A lower degree needs more cells: eight coefficients in
-place of ten, twice as many, 86 kB in place of 43, where the nearest cache holds 32 or 48. The derivatives of fewer
-columns take as many operations as those columns. The lengths of the gaps cost a square root and a division each. The
-bare kernel reads two rows for a joint, gaps included: cubics, accurate to 5e-9, of this mechanism's own holes.
+2e-12, and their transposition into lanes. Cosine and sine by a polynomial of the angle would leave two of the eight
+columns out, and save nothing, since a row of eight is one register. A lower degree needs more cells: eight
+coefficients in place of ten, twice as many, 86 kB in place of 43, where the nearest cache holds 32 or 48. The
+derivatives of fewer columns take as many operations as those columns. The lengths of the gaps cost a square root and a
+division each. The bare kernel reads two rows for a joint, gaps included: cubics, accurate to 5e-9, of this mechanism's
+own holes.
 
 Tried without gain: Horner's scheme in two halves, and cells looked up without a branch. Lengths of axes that
 are known when the kernel is compiled bring 8 %, for a compilation of every shape."""
