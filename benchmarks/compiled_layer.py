@@ -66,7 +66,7 @@ CALLS = """
 from typing import Annotated
 import rollingjoint as rj
 from benchmarks.on_arrays import solve_on_arrays
-from rollingjoint.compiled import BatchArrays, Integers, PinnedRange
+from rollingjoint.compiled import BatchArrays, Integers, Pinned, PinnedRange
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
@@ -166,13 +166,14 @@ from functools import partial
 env = gymnasium.make("rj_gym/RollingJoint-v0").unwrapped
 env.reset(seed=0)
 buffer = next(value for value in vars(env).values() if hasattr(value, "_bind_step"))
-flat = np.empty(buffer._entries, np.float32)
+flat = buffer._seen.ctypes.data
 """
 
 
 def address() -> tuple[str, float, float]:
     """A step's compiled part: solve called from Python between two kernels, and by the kernel itself."""
-    from_python = "s = buffer._step.func, buffer._pins\ndef work():\n    s[0](s[1], 0, 0, flat, 0, 1)\n"
+    from_python = "apart = Pinned(buffer._pinned._kept._replace(solver=0, problem=0))\n"
+    from_python += "def work():\n    buffer._step.func(apart.address, flat, 0, 1)\n"
     from_python += "    buffer._solve(0, 1)\n    buffer._finish(flat, 0, 1)\n"
     slow = warm(STEP + from_python + "print(least(work, 2000))", 1)
     return "compiled step", slow, warm(STEP + "print(least(lambda: buffer._step(flat, 0, 1), 2000))", 1)

@@ -14,6 +14,7 @@ Arrays in kernels:
     borrow: arrays, and NamedTuples of them, without reference counts. Whoever owns them must outlive what is borrowed:
         borrow from arguments, not from arrays that the same function makes.
     carve: an array of a shape from one-dimensional borrowed memory.
+    singles_at: an array of a shape of float32 at an address, which a call takes in less time than an array.
     next_uniform: the next number of a NumPy bit generator.
 Arrays that stay where they are:
     Floats, Singles, Integers: for declarations, `field: Annotated[Floats, "B", 3]` in a NamedTuple; its other fields
@@ -22,7 +23,7 @@ Arrays that stay where they are:
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
 Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
-    call_range: in a kernel, call_range(entry, pins, BatchArrays, first, last) with those of a PinnedRange; how many
+    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
         rows are left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
@@ -30,7 +31,8 @@ Solvers:
         module. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
         N_COEFFICIENTS columns.
     new_friction_arrays: those of a FrictionLaw and a History.
-    run_in_threads: work on ranges of rows, on the threads of this process.
+    run_in_threads: work on ranges of rows, on the threads of this process. runs_at_once: whether it does a single row
+        without a thread of its own.
 
 ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
 """
@@ -40,7 +42,7 @@ from rollingjoint._numba.cache import cache_directory
 from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, standalone
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
-from rollingjoint._numba.views import carve
+from rollingjoint._numba.views import carve, singles_at
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import (
     CONSTANT,
@@ -52,8 +54,8 @@ from rollingjoint.kernels.shared.friction import (
     History,
     new_friction_arrays,
 )
-from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedRange
-from rollingjoint.threads import run_in_threads
+from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedBatch, PinnedRange
+from rollingjoint.threads import run_in_threads, runs_at_once
 
 __all__ = [
     "CONSTANT",
@@ -68,6 +70,7 @@ __all__ = [
     "History",
     "Integers",
     "Pinned",
+    "PinnedBatch",
     "PinnedRange",
     "Singles",
     "TendonLaw",
@@ -83,6 +86,8 @@ __all__ = [
     "next_uniform",
     "part",
     "run_in_threads",
+    "runs_at_once",
+    "singles_at",
     "standalone",
     "unpin",
 ]

@@ -14,7 +14,7 @@ from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
 from rollingjoint.kernels.planar import block_formulas
-from rollingjoint.kernels.planar.arrays import EDGES, BatchArrays
+from rollingjoint.kernels.planar.arrays import EDGES, PinnedBatch
 from rollingjoint.kernels.planar.block import PHASE, RUNNING, Block, begin_lane, block_sizes
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate
@@ -68,8 +68,8 @@ NAMES = {
 def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
     """Rows of the section."""
     walk = random_walk(sizes.walk)
-    pinned = Pinned(batch_arrays(walk))
-    repeat = partial(machine_code(repeat_piece, int, int, int), pinned.address_for(BatchArrays))
+    pinned = Pinned(PinnedBatch(batch_arrays(walk), np.zeros(0)))
+    repeat = partial(machine_code(repeat_piece, int, int, int), pinned.address_for(PinnedBatch))
     empty = fastest(lambda: repeat(EMPTY, ROUNDS), ROUNDS * WIDTH, sizes.repeats).seconds
     for piece, name in NAMES.items():
         timing = fastest(partial(repeat, piece, ROUNDS), ROUNDS * WIDTH, sizes.repeats)
@@ -79,7 +79,7 @@ def measure(sizes: Sizes, images: Path) -> Iterator[Row]:
 @kernel(nogil=True, short_loops=True, title="a benchmark")
 def repeat_piece(pins, piece, rounds):
     """Do a piece of the work of a solve so many times, in eight lanes that hold the first eight rows."""
-    batch = unpin(pins, BatchArrays)
+    batch = unpin(pins, PinnedBatch).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
     memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
     _repeat_in(aligned_simd(borrow(memory)), sizes, borrow(batch), piece, rounds)

@@ -14,10 +14,8 @@ from rj_gym.arm.kernels import FX, Course, Inputs, RunningEpisodes, Solved
 from rj_gym.arm.render import ArmCanvas, ArmScene
 from rj_gym.arm.sampling import ArmDraws
 from rj_gym.arm.task import ArmTask
-from rj_gym.core.bound_episodes import FLAT
 from rj_gym.core.columns import FORCE, TENSIONS
 from rj_gym.core.draws import over_time
-from rj_gym.core.episodes import Observation
 from rj_gym.core.hardware import Hardware
 from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.kernels import AT_LIMIT
@@ -126,11 +124,11 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         position, rotation = tips[:, :3, 3], tips[:, :3, :3].reshape(count, 9)
         return np.concatenate([position, rotation], axis=1) if self.task.config.orientation else position
 
-    def _step(self, observation: Observation, first: int, last: int) -> int:
+    def _step(self, address: int, first: int, last: int) -> int:
         return self._begin_step(first, last)
 
-    def _observe(self, observation: Observation) -> None:
-        self._fill(observation)
+    def _observe(self, address: int) -> None:
+        self._fill(address)
 
     def _bind_step(self) -> None:
         solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
@@ -141,6 +139,6 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             machine_code(kernels.prepare, *kinds, Hardware, Inputs, int, int), *known, hardware, inputs
         )
         self._finish = partial(
-            machine_code(kernels.finish, *kinds, Hardware, Solved, FLAT, int, int), *known, hardware, solved
+            machine_code(kernels.finish, *kinds, Hardware, Solved, int, int, int), *known, hardware, solved
         )
-        self._fill = partial(machine_code(kernels.observe, *kinds, Hardware, FLAT), *known, hardware)
+        self._fill = partial(machine_code(kernels.observe, *kinds, Hardware, int), *known, hardware)

@@ -107,7 +107,7 @@ def prepare(rules, course, state, hardware, inputs, first, last):
 
 @kernel(nogil=True, short_loops=True, title="the arm's environments")
 def finish(rules, course, state, hardware, solved, observation, first, last):
-    """End a step after the solve: state, readings and the flat observation (B x entries,), float32."""
+    """End a step after the solve: state, readings and the observations (B, entries) at an address, float32."""
     _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(rules, course, state, first, last)
     reward_terms(rules, state, first, last)
@@ -120,8 +120,8 @@ def finish(rules, course, state, hardware, solved, observation, first, last):
 
 @kernel(short_loops=True, title="the arm's environments")
 def observe(rules, course, state, hardware, observation):
-    """Fill the flat observation anew."""
-    observe_all(rules, course, state, hardware, observation, 0, observation.size // rules.low.size)
+    """Fill the observations at an address anew."""
+    observe_all(rules, course, state, hardware, observation, 0, state.readings.shape[0])
 
 
 @part(inline=True)

@@ -22,7 +22,7 @@ from rj_gym.core.hardware import (
     tendon_truth,
     within_bounds,
 )
-from rollingjoint.compiled import borrow, carve, part
+from rollingjoint.compiled import part, singles_at
 
 
 @part(inline=True)
@@ -103,11 +103,11 @@ def _payload(readings, lane, own):
 
 
 @part(inline=True)
-def observe_all(rules, course, state, hardware, flat, first, last):
-    """The observations, all entries within their bounds; the order is that of observation.arm_observation_entries."""
+def observe_all(rules, course, state, hardware, address, first, last):
+    """The observations at an address, within their bounds, in the order of observation.arm_observation_entries."""
     readings, m = state.readings, state.actions.shape[2]
     own = TENSIONS + 2 * m
-    observation = carve(borrow(flat), 0, (flat.size // rules.low.size, rules.low.size))
+    observation = singles_at(address, (readings.shape[0], rules.low.size))
     R, at = np.empty((3, 3)), np.empty(3)
     for lane in range(first, last):
         entry = 0

@@ -32,7 +32,7 @@ from rollingjoint.spatial.chain import HingeChain
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class ArmDraws(TrackingDraws):
     """What was drawn for B episodes of the arm's task: see TrackingDraws, and the fields below.
 

@@ -115,7 +115,7 @@ class ArmTask(TrackingTask):
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        said = info.state_info(readings[:, : self._columns], info.IN_SPACE)
+        said = info.state_info(readings, self._places)
         return said | self._own_info(readings) | self.truth_info(readings) | self.friction_info(readings)
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
@@ -126,7 +126,7 @@ class ArmTask(TrackingTask):
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
         own = self._columns
-        said = info.single_info(readings[:own], numbers[:own], info.IN_SPACE)
+        said = info.single_info(readings, numbers, self._places)
         if self.config.orientation:
             said["angle_error_rad"] = numbers[own + ANGLE]
             said["reward_terms"]["orientation"] = numbers[own + ORIENTATION]

@@ -22,16 +22,15 @@ from rollingjoint.compiled import (
     Floats,
     FrictionArrays,
     Integers,
-    Singles,
     TendonLaw,
     machine_code,
     run_in_threads,
+    runs_at_once,
 )
 from rollingjoint.errors import InvalidInput
 from rollingjoint.mechanism import Variations, stack
 
 Array = NDArray[np.float64]
-FLAT = Annotated[Singles, "B x entries"]  # observations as kernels fill them
 _COUNTS, _STATUS = Annotated[Integers, "B", "m"], Annotated[Integers, "B"]
 _READINGS = Annotated[Floats, "B", "columns"]
 
@@ -49,8 +48,8 @@ class BoundEpisodes(EpisodeBuffer):
     _results: Any
     _solve: Any  # a PinnedRange, or a LaneByLane; without friction
     _rub: Any  # steps with friction: FrictionSteps, or None
-    _step: Callable[..., int]  # (observation, first, last) -> lanes whose solve and `_finish` remain to be done
-    _finish: Callable[..., object]  # (observation, first, last)
+    _step: Callable[..., int]  # (address, first, last) -> lanes whose solve and `_finish` remain to be done
+    _finish: Callable[..., object]  # (address, first, last); the address is that of observations (B, entries)
     _finite: Callable[[], bool]
 
     def __init__(self, task: TrackingTask, capacity: int, goal: bool = False) -> None:
@@ -59,7 +58,8 @@ class BoundEpisodes(EpisodeBuffer):
         self.mechanisms: Sequence[Any] = (task.mechanism,)
         self.designs = np.zeros(capacity, np.int64)
         self._rules: Any = task.rules(goal)
-        self._entries = len(self._rules.low)
+        self._entries, self._action_shape = len(self._rules.low), (m,)
+        self._at_once = runs_at_once(n_joints)
         self._starts = np.zeros((capacity, n_joints))
         self._kept_rest: tuple[tuple[Any, bytes], tuple[Array, Array, Array]] | None = None
         self._spare: Any = None
@@ -70,8 +70,8 @@ class BoundEpisodes(EpisodeBuffer):
         self._bind()
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("readings", "_finite", "_step", "_solve", "_rub", "_finish", "_action", "_row", *self._BOUND)
-        return {name: value for name, value in self.__dict__.items() if name not in bound}
+        bound = {"readings", "_finite", "_step", "_solve", "_rub", "_finish", "_action", "_row", "_seen", "_at"}
+        return {name: value for name, value in self.__dict__.items() if name not in bound.union(self._BOUND)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
@@ -90,20 +90,29 @@ class BoundEpisodes(EpisodeBuffer):
         """The kernels that go around the solve: `_step`, `_finish`."""
 
     def _advance(self, count: int) -> Observation:
-        """A step of the first lanes; their fresh observations, flat."""
-        observation = np.empty(count * self._entries, np.float32)
+        """A step of the first lanes; their fresh observations, (count, entries)."""
+        if count == 1 and self._at_once:
+            if self._step(self._at, 0, 1):
+                self._complete(self._at, 0, 1)
+            return self._seen[None].copy()
+        observations = self._room(count)
+        address = observations.ctypes.data
 
         def work(first: int, last: int) -> None:
-            if self._step(observation, first, last):
-                self._complete(observation, first, last)
+            if self._step(address, first, last):
+                self._complete(address, first, last)
 
         run_in_threads(work, count, self.state.angles.shape[1])
-        return observation
+        return observations
 
-    def _complete(self, observation: Observation, first: int, last: int) -> None:
+    def _room(self, count: int) -> Observation:
+        """Room for the observations of so many lanes."""
+        return np.empty((count, self._entries), np.float32)
+
+    def _complete(self, address: int, first: int, last: int) -> None:
         """A step after lanes were left to the solver for all cases, or to steps with friction."""
         (self._rub or self._solve).solve_the_rest(first, last)
-        self._finish(observation, first, last)
+        self._finish(address, first, last)
 
     def _solve_at(self, tensions: Array, forces: Array | float = 0.0) -> None:
         """Solve the first lanes under tensions (count, m) and forces (count, d), from their neutral poses."""
@@ -111,7 +120,8 @@ class BoundEpisodes(EpisodeBuffer):
         self._laws.command[:count] = 0.0
         self._laws.low[:count] = self._laws.high[:count] = tensions
         self._loads[:count, -1, self._FORCE] = forces
-        self._starts[:count] = self._neutral_angles[self.designs[:count]]
+        alike = len(self._neutral_angles) == 1
+        self._starts[:count] = self._neutral_angles if alike else self._neutral_angles[self.designs[:count]]
         if count == 1:
             self._solve(0, 1)
         else:
@@ -145,6 +155,8 @@ class BoundEpisodes(EpisodeBuffer):
         self._solve = self._on_lanes([self._batch.PinnedRange(batch) for batch in batches])
         self._rub = None if self._friction is None else self._bound_friction(self._friction, batches)
         self._bind_step()
+        self._seen = self._room(1)[0]
+        self._at: int = self._seen.ctypes.data
 
     def _batches(self) -> list[Any]:
         """What is solved: one batch, or one per mechanism where their tendons end on different links."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -198,13 +199,13 @@ class TaskConfig(Settings):
         nested = self._NESTED | {"sensing": SensingConfig, "actuation": ActuationConfig}
         self._check_nested(nested | ({} if self.friction is None else {"friction": FrictionConfig}))
 
-    @property
+    @cached_property
     def lags(self) -> tuple[int, ...]:
         """How many steps ago the observed past readings are from."""
         past = self.observe_history
         return tuple(range(1, past + 1)) if isinstance(past, int) else tuple(past)
 
-    @property
+    @cached_property
     def is_instrumented(self) -> bool:
         """Whether readings can differ from the truth, motors from tendons, or more than the present is to be read."""
         plain = self.sensing == _PLAIN_SENSING and self.actuation == _PLAIN_ACTUATION

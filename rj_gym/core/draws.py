@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 D = TypeVar("D", bound="TrackingDraws")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class TrackingDraws:
     """What was drawn for B episodes of any tracking task; T is the number of steps, time 0 the start.
 
@@ -145,7 +145,8 @@ class Uniforms:
 
     def __getitem__(self, name: str) -> Array:
         start, stop, shape = self._blocks[name]
-        return self._rows[:, start:stop].reshape(-1, *shape)
+        block = self._rows[:, start:stop]
+        return block if len(shape) == 1 else block.reshape(-1, *shape)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -242,11 +243,15 @@ def start_tensions(config: TaskConfig, uniforms: Array) -> Array:
     """Tensions before the load acts, (B, m) [N]."""
     if config.start == "random":
         return log_uniform(uniforms, config.start_tension_range)
-    return np.full(uniforms.shape, config.start_tension)
+    tensions = np.empty(uniforms.shape)
+    tensions.fill(config.start_tension)
+    return tensions
 
 
 def symmetric(bound: float | Array, uniforms: Array) -> Array:
     """Uniform numbers in [-bound, bound)."""
+    if isinstance(bound, float) and bound == 0.0:
+        return np.zeros(uniforms.shape)
     return 2 * bound * uniforms - bound
 
 

@@ -52,6 +52,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self.observation_space = observation_space(self.task, self.goal)
         self._buffer = self.buffer(self.task, 1, self.goal)
         self._steps, self._last_status = self.config.episode_steps, self.task.last_status
+        self._plain = not self.goal and not self.task.observes_truth
         self._begun = False
         self._over = True
         self._trail: list[NDArray[np.float64]] = []
@@ -78,7 +79,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         except InvalidInput:
             self._np_random, self._np_random_seed = before
             raise
-        readings = self._buffer.read_alone()
+        readings = self._buffer.readings[0].copy()
         self._begun, self._over = True, False
         self._trail = []
         if self.render_mode is not None:
@@ -97,15 +98,13 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """
         if self._over:
             raise ResetNeeded("No episode is running: call reset() before step().")
-        buffer = self._buffer
-        vector = buffer.step_alone(action)
-        readings = buffer.read_alone()
+        vector, readings = self._buffer.step_alone(action)
         numbers = readings.tolist()
         terminated, truncated = numbers[STATUS] > self._last_status, numbers[STEP] >= self._steps
         self._over = terminated or truncated
         if self.render_mode is not None:
             self._show(readings)
-        observation = self._observation(vector, readings)
+        observation = vector if self._plain else self._observation(vector, readings)
         return observation, numbers[REWARD], terminated, truncated, self.task.single_info(readings, numbers)
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -56,16 +56,15 @@ class EpisodeBuffer(ABC):
         """
 
     @abstractmethod
-    def step_alone(self, action: ArrayLike) -> Observation:
-        """One step of the only lane, with an action (m,); its fresh observation, (entries,). Raises as `accept`."""
+    def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
+        """One step of the only lane, with an action (m,): its observation, (entries,), and readings, (columns,), fresh.
+
+        Raises as `accept`.
+        """
 
     @abstractmethod
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator: what was drawn, and observations (len(rows), entries)."""
-
-    def read_alone(self) -> Array:
-        """The readings of the only lane, (columns,): a copy."""
-        return self.readings[0].copy()
 
     def tangent(self) -> Any:
         """How the last step answers its actions; raises InvalidInput for tasks that are not tracking."""

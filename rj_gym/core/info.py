@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,31 +33,38 @@ _STATUS_NAMES = [status.name for status in Status]
 STATUS_NAMES = np.array(_STATUS_NAMES, dtype=object)
 """Name of every status."""
 
-Places = tuple[slice, slice, slice]
-IN_PLANE: Places = slice(TIP, TIP + 2), slice(TARGET, TARGET + 2), slice(FORCE, FORCE + 2)
-IN_SPACE: Places = slice(TIP, TIP + 3), slice(TARGET, TARGET + 3), slice(FORCE, FORCE + 3)
-"""Columns of tip, target and force."""
+
+class Places(NamedTuple):
+    """Columns of readings."""
+
+    tip: slice
+    target: slice
+    force: slice
+    tensions: slice
+    command: slice
+
+    @classmethod
+    def of(cls, dimension: int, n_tendons: int) -> Self:
+        """Those of a task's readings."""
+        middle, end = TENSIONS + n_tendons, TENSIONS + 2 * n_tendons
+        tip, target, force = (slice(first, first + dimension) for first in (TIP, TARGET, FORCE))
+        return cls(tip, target, force, slice(TENSIONS, middle), slice(middle, end))
+
 
 _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
 
 
-def state_info(readings: Array, places: Places = IN_PLANE) -> dict[str, Any]:
-    """What info says in every step of every tracking task, arrays (B, ...): parts of the readings, and copies.
-
-    Args:
-        readings: (B, columns) without those that a task has of its own.
-        places: IN_PLANE or IN_SPACE.
-    """
-    tip, target, force = places
-    m = (readings.shape[1] - TENSIONS) // 2
+def state_info(readings: Array, places: Places) -> dict[str, Any]:
+    """What info says in every step of every tracking task, arrays (B, ...): parts of the readings, and copies."""
+    tip, target, force, tensions, command = places
     return {
         "error_mm": readings[:, ERROR],
         "status": STATUS_NAMES[readings[:, STATUS].astype(np.intp)],
         "tip": readings[:, tip],
         "target": readings[:, target],
         "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
-        "tensions": readings[:, TENSIONS : TENSIONS + m],
-        "command": readings[:, TENSIONS + m :],
+        "tensions": readings[:, tensions],
+        "command": readings[:, command],
     }
 
 
@@ -77,18 +84,17 @@ def reward_info(readings: Array) -> dict[str, Array]:
     return {name: readings[:, column] for name, column in _TERMS.items()}
 
 
-def single_info(readings: Array, numbers: list[float], places: Places = IN_PLANE) -> dict[str, Any]:
+def single_info(readings: Array, numbers: list[float], places: Places) -> dict[str, Any]:
     """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-    tip, target, force = places
-    m = (len(numbers) - TENSIONS) // 2
+    tip, target, force, tensions, command = places
     return {
         "error_mm": numbers[ERROR],
         "status": _STATUS_NAMES[int(numbers[STATUS])],
         "tip": readings[tip],
         "target": readings[target],
         "load": {"link": int(numbers[LINK]), "force": readings[force]},
-        "tensions": readings[TENSIONS : TENSIONS + m],
-        "command": readings[TENSIONS + m :],
+        "tensions": readings[tensions],
+        "command": readings[command],
         "reward_terms": {
             "tracking": numbers[TRACKING],
             "effort": numbers[EFFORT],

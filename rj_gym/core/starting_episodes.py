@@ -47,17 +47,18 @@ class StartingEpisodes(BoundEpisodes):
             if draws.hardware is not None:
                 self.hardware.friction[:count] = self._friction.law.tendons[:count, :, MU]
         self._laws.low[:count], self._laws.high[:count] = self.task.config.tension_range
-        observation = self._advance(count)
+        observations = self._advance(count)
         readings[:, REWARDS] = 0.0
-        return draws, observation.reshape(count, -1)
+        return draws, observations
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         times, count = self.task.config.episode_steps + 1, len(draws)
         rubbing = {} if self._friction is None else {"friction_mu": self._friction.law.tendons[:count, :, MU].copy()}
-        names = np.array([mechanism.name for mechanism in distinct(draws.mechanisms)], dtype=object)
+        names = [mechanism.name for mechanism in distinct(draws.mechanisms)]
+        each = names * count if len(names) == 1 else [names[design] for design in draws.designs]
         return {
-            "mechanism": names[draws.designs if len(names) > 1 else np.zeros(count, np.int64)],
+            "mechanism": np.array(each, dtype=object),
             "targets": over_time(self.course.targets[:count, :, : self.task.dimension], times),
             "link": draws.links,
             "forces": over_time(self.course.forces[:count], times),

@@ -49,6 +49,7 @@ class TrackingTask(Task):
         self.action_size = self.mechanism.n_tendons
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
+        self._places = info.Places.of(self.dimension, self.action_size)
         self.has_friction = bool(config.has_friction(self.mechanism))
         self._goal_size = len(self.goal_bounds())
         self.observes_truth = config.privileged == "observation"

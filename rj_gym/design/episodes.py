@@ -48,12 +48,12 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         self._enter(rows, before[:, STEP] + 1, designs, judged, terms)
         return self.observe()
 
-    def step_alone(self, action: ArrayLike) -> Observation:
-        """One step of the only lane, with an action (d,); its fresh observation, (entries,). Raises as `accept`."""
+    def step_alone(self, action: ArrayLike) -> tuple[Observation, Array]:
+        """One step of the only lane, with an action (d,): its observation and readings, fresh. Raises as `accept`."""
         self._accept("action", action, self._actions[0])
         if not self._finite():
             raise InvalidInput("action", action, self._allowed(self._actions[0].shape))
-        return self.advance()[0]
+        return self.advance()[0], self.readings[0].copy()
 
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
         """New episodes in these lanes, one per generator. Where it raises, nothing has changed here."""

@@ -8,9 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.bound_episodes import FLAT
 from rj_gym.core.columns import FORCE, LINK
-from rj_gym.core.episodes import Observation
 from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.planar import kernels
@@ -87,15 +85,16 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     def _tips(self, count: int) -> Array:
         return self._results.poses[:count, -1, :2]
 
-    def _observe(self, observation: Observation) -> None:
-        kernels.observe(self._pins, observation)
+    def _observe(self, address: int) -> None:
+        kernels.observe(self._pins, address)
 
     def _bind_step(self) -> None:
         results = self._results
         solved = Solved(*(getattr(results, name) for name in Solved._fields))
         inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        self._pinned = Pinned(TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved))
-        self._pins = self._pinned.address_for(TaskArrays)
         solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
-        self._step = partial(machine_code(kernels.step, int, int, int, FLAT, int, int), self._pins, *solver)
-        self._finish = partial(machine_code(kernels.finish, int, FLAT, int, int), self._pins)
+        arrays = TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved, *solver)
+        self._pinned = Pinned(arrays)
+        self._pins = self._pinned.address_for(TaskArrays)
+        self._step = partial(machine_code(kernels.step, int, int, int, int), self._pins)
+        self._finish = partial(machine_code(kernels.finish, int, int, int, int), self._pins)

@@ -15,15 +15,14 @@ from rj_gym.core.kernels import REFUSED, finite, pull_tendons, reward_terms, set
 from rj_gym.planar.measuring import measure, observe_links, observe_rest
 from rollingjoint.compiled import (
     PENDING,
-    BatchArrays,
     Floats,
     Integers,
+    PinnedBatch,
     Singles,
-    borrow,
     call_range,
-    carve,
     kernel,
     part,
+    singles_at,
     unpin,
 )
 from rollingjoint.load import LOAD_COLUMNS
@@ -107,20 +106,22 @@ class TaskArrays(NamedTuple):
     hardware: Hardware
     inputs: Inputs
     solved: Solved
+    solver: int  # a PinnedRange's entry and pins; 0: every lane is left to its solve_the_rest
+    problem: int
 
 
 @kernel(nogil=True, short_loops=True, title="the planar environments")
-def step(pins, solver, problem, observation, first, last):
-    """One step of lanes, into the flat observation (B x entries,), float32.
+def step(pins, observation, first, last):
+    """One step of lanes, into the observations (B, entries) at an address, float32.
 
-    Returns how many lanes the solver has left to PinnedRange.solve_the_rest (`solver` and `problem` are its entry and
-    pins); if any, `finish` remains to be done after that. REFUSED, and nothing done, where an action is not finite.
+    Returns how many lanes the solver has left to PinnedRange.solve_the_rest; if any, `finish` remains to be done after
+    that. REFUSED, and nothing done, where an action is not finite.
     """
-    rules, course, state, hardware, inputs, solved = unpin(pins, TaskArrays)
+    rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
     if not finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
-    left = last - first if solver == 0 else call_range(solver, problem, BatchArrays, first, last)
+    left = last - first if solver == 0 else call_range(solver, problem, PinnedBatch, first, last)
     if left < 0:  # no memory: the solver for all cases has what it needs, or raises
         left = last - first
         for lane in range(first, last):
@@ -132,16 +133,16 @@ def step(pins, solver, problem, observation, first, last):
 
 @kernel(nogil=True, short_loops=True, title="the planar environments")
 def finish(pins, observation, first, last):
-    """End a step after the solve: state, readings and the flat observation."""
-    rules, course, state, hardware, _, solved = unpin(pins, TaskArrays)
+    """End a step after the solve: state, readings and the observations at an address."""
+    rules, course, state, hardware, _, solved, _, _ = unpin(pins, TaskArrays)
     _finish(rules, course, state, hardware, solved, observation, first, last)
 
 
 @kernel(short_loops=True, title="the planar environments")
 def observe(pins, observation):
-    """Fill the flat observation anew."""
-    rules, course, state, hardware, _, _ = unpin(pins, TaskArrays)
-    vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
+    """Fill the observations at an address anew."""
+    rules, course, state, hardware, _, _, _, _ = unpin(pins, TaskArrays)
+    vectors = singles_at(observation, (state.readings.shape[0], rules.low.size))
     observe_links(rules, course, state, hardware, vectors, 0, vectors.shape[0])
     observe_rest(rules, course, state, hardware, vectors, 0, vectors.shape[0])
 
@@ -182,8 +183,8 @@ def _predict(state, inputs, course, lane):
 
 @part(inline=True)
 def _finish(rules, course, state, hardware, solved, observation, first, last):
-    """End a step: state, readings, the flat observation."""
-    vectors = carve(borrow(observation), 0, (observation.size // rules.low.size, rules.low.size))
+    """End a step: state, readings, the observations."""
+    vectors = singles_at(observation, (state.readings.shape[0], rules.low.size))
     _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(course, state, first, last)
     reward_terms(rules, state, first, last)

@@ -38,7 +38,7 @@ from rollingjoint.planar.variations import ChainVariations
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class PlanarDraws(TrackingDraws):
     """What was drawn for B episodes of the planar task: see TrackingDraws, and the fields below.
 
@@ -115,7 +115,9 @@ def load_forces(config: LoadConfig, uniforms: Uniforms) -> Array:
     angle = 2 * math.pi * uniforms["direction"]
     magnitude = low + (high - low) * uniforms["magnitude"]
     drawn = np.empty((*angle.shape, 2))
-    drawn[..., 0], drawn[..., 1] = magnitude * np.cos(angle), magnitude * np.sin(angle)
+    np.cos(angle, out=drawn[..., 0])
+    np.sin(angle, out=drawn[..., 1])
+    drawn *= magnitude[..., None]
     return loads_over_time(config, drawn, uniforms)
 
 

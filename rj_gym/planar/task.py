@@ -43,16 +43,15 @@ class PlanarTask(TrackingTask):
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
-        if self.columns == self._columns:
-            return info.state_info(readings)
-        said = info.state_info(readings[:, : self._columns])
+        said = info.state_info(readings, self._places)
         return said | self.truth_info(readings) | self.friction_info(readings)
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
+        said = info.single_info(readings, numbers, self._places)
         if len(numbers) == self._columns:
-            return info.single_info(readings, numbers)
-        said, row = info.single_info(readings[: self._columns], numbers[: self._columns]), readings[None]
+            return said
+        row = readings[None]
         return said | info.only_lane(self.truth_info(row) | self.friction_info(row))
 
     def rules(self, goal: bool = False) -> Rules:

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numba
@@ -104,6 +105,12 @@ def leaves(cls: type) -> tuple[Leaf, ...]:
 def layout_hash(cls: type) -> int:
     """A number that two layouts share only if names, dtypes and axes of all their fields are the same."""
     return int.from_bytes(hashlib.sha256(repr(leaves(cls)).encode()).digest()[:7], "little")
+
+
+def size(cls: type, lengths: Mapping[str, int]) -> int:
+    """How many numbers the arrays of a layout take, from the lengths of its named axes: pins.size_of, in Python."""
+    axes = (leaf.axes or () for leaf in leaves(cls))
+    return sum(math.prod(axis if isinstance(axis, int) else lengths[axis] for axis in each) for each in axes)
 
 
 def flat(value: Any) -> Iterator[Any]:

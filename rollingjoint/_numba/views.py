@@ -116,6 +116,18 @@ def carved(context: Any, builder: Any, result: Any, memory: Any, value: Any, at:
     return make(context, builder, result, builder.gep(data, [at]), shape), end
 
 
+@intrinsic
+def singles_at(typing_context, address, shape):  # type: ignore[no-untyped-def]
+    """Numbers of 32 bits at an address, an array of a shape (a tuple); whoever passes the address keeps them alive."""
+    result = BorrowedType(types.float32, (None,) * len(shape))
+
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = builder.inttoptr(args[0], context.get_value_type(types.CPointer(types.float32)))
+        return make(context, builder, result, data, cgutils.unpack_tuple(builder, args[1]))
+
+    return result(address, shape), lower
+
+
 @intrinsic(prefer_literal=True)
 def carve(typing_context, memory, at, shape):  # type: ignore[no-untyped-def]
     """An array of a shape (a tuple) from the elements of one-dimensional memory that begin at `at`."""

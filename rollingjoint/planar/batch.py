@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from rollingjoint._numba.jit import entry_address, machine_code
 from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
-from rollingjoint.kernels.planar.arrays import BatchArrays, Results, new_results
+from rollingjoint.kernels.planar.arrays import BatchArrays, PinnedBatch, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
-from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, solve_alone, solve_pinned
+from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, PENDING, memory_alone, solve_alone, solve_pinned
 from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 __all__ = [
     "PENDING",
     "BatchArrays",
+    "PinnedBatch",
     "PinnedRange",
     "TendonLaw",
     "begin_range",
@@ -113,7 +114,7 @@ def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., int]:
 class PinnedRange:
     """Solves ranges of rows of arrays that stay where they are; Python's lock is released while there are several.
 
-    Kernels call it by call_range(entry, pins, BatchArrays, first, last), which returns how many rows it leaves to
+    Kernels call it by call_range(entry, pins, PinnedBatch, first, last), which returns how many rows it leaves to
     `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
 
     Raises:
@@ -121,11 +122,12 @@ class PinnedRange:
     """
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._batch, self._pinned = batch, Pinned(batch)
-        self._long, self.entry = batch.starts.shape[1] > MOST_JOINTS, 0
-        self.pins = self._pinned.address_for(BatchArrays)
+        alone, self._long = len(batch.starts) == 1, batch.starts.shape[1] > MOST_JOINTS
+        memory = memory_alone(batch) if alone and not self._long else np.zeros(0)
+        self._batch, self._pinned, self.entry = batch, Pinned(PinnedBatch(batch, memory)), 0
+        self.pins = self._pinned.address_for(PinnedBatch)
         if not self._long:
-            kernel = solve_pinned if len(batch.starts) > 1 else solve_alone
+            kernel = solve_alone if alone else solve_pinned
             self.entry = entry_address(kernel, int, int, int)
             self._solve = partial(machine_code(kernel, int, int, int), self.pins)
 

@@ -90,6 +90,13 @@ class BatchArrays(NamedTuple):
     results: Results
 
 
+class PinnedBatch(NamedTuple):
+    """A batch as kernels take it that are called again and again."""
+
+    batch: BatchArrays
+    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
+
+
 def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:
     """Empty outputs, with or without contacts, rates and contact forces, and responses."""
     detailed = n_lanes if contacts else 0

@@ -9,7 +9,6 @@ import pytest
 from rj_gym import TrackingConfig
 from rj_gym.core.draws import Uniforms, over_time
 from rj_gym.core.generators import Generators
-from rj_gym.core.info import state_info
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
 from rj_gym.planar.options import PlanarOptions
 from rj_gym.planar.sampling import load_forces, uniform_blocks
@@ -188,7 +187,7 @@ def test_start_commands_give_the_start_tensions_when_nothing_pulls():
     task, _ = episodes(1, start="random", load={"magnitude": (0, 0)})
     lanes = PlanarEpisodeBuffer(task, 3, goal=False)
     drawn, _ = lanes.begin([np.random.default_rng(seed) for seed in range(3)])
-    info = state_info(lanes.state.readings)
+    info = lanes.task.state_info(lanes.state.readings)
     assert np.allclose(info["tensions"], drawn.start_tensions, atol=1e-7)
     again = solve_lengths(task.mechanism, info["command"][0])
     assert np.allclose(again.tensions, drawn.start_tensions[0], atol=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 from rj_gym import TrackingConfig, observation_entries
 from rj_gym.core.columns import REWARD
-from rj_gym.core.info import reward_info, state_info
+from rj_gym.core.info import reward_info
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
 from rj_gym.planar.task import PlanarTask
 from rollingjoint.compiled import entry_address, kernel
@@ -37,7 +37,7 @@ def now(lanes, observation):
     """Copies of everything that the lanes say of themselves."""
     readings = lanes.state.readings.copy()
     return SimpleNamespace(
-        **state_info(readings),
+        **lanes.task.state_info(readings),
         terms=reward_info(readings),
         reward=readings[:, REWARD],
         poses=lanes.state.poses.copy(),
