@@ -54,12 +54,12 @@ class Mechanism(ABC, Generic[S]):
     def n_links(self) -> int:
         """Number of links, the base included."""
 
-    @property
+    @cached_property
     def n_joints(self) -> int:
         """Number of joints."""
         return self.n_links - 1
 
-    @property
+    @cached_property
     def n_tendons(self) -> int:
         """Number of tendons."""
         return len(self.tendons)

@@ -240,8 +240,8 @@ class Solution(ABC):
                 object.__setattr__(self, name, read_only(value.copy()))
 
     @classmethod
-    def filled(cls, **values: Any) -> Self:
-        """The equilibrium of these fields, which kernels have filled: nothing is checked or copied."""
+    def filled(cls, values: dict[str, Any]) -> Self:
+        """The equilibrium of these fields, which kernels have filled: it keeps them, unchecked and uncopied."""
         made = object.__new__(cls)
         object.__setattr__(made, "__dict__", values)  # as it is: copying it takes a microsecond
         return made
@@ -273,7 +273,8 @@ class Solution(ABC):
         mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
         friction = None if self.friction is None else self.friction.row(index)
         status = Status(int(np.asarray(self.status)[index]))
-        return self.filled(mechanism=mechanism, loads=self.loads[index], status=status, friction=friction, **plain)
+        rest = {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
+        return self.filled(plain | rest)
 
     @property
     @abstractmethod

@@ -57,21 +57,23 @@ def pack(
         for outcome in (residual, iterations, status):
             outcome.setflags(write=False)
     return Equilibrium.filled(
-        mechanism=mechanism,
-        loads=table,
-        joint_angles=angles,
-        poses=poses,
-        tensions=tensions,
-        lengths=lengths,
-        tendon_rates=rates,
-        tendon_stiffness=elastic,
-        residual=residual,
-        iterations=iterations,
-        status=status,
-        contact_points=contacts[..., :2],
-        contact_tangents=contacts[..., 2:],
-        contact_forces=forces,
-        friction=friction,
+        {
+            "mechanism": mechanism,
+            "loads": table,
+            "joint_angles": angles,
+            "poses": poses,
+            "tensions": tensions,
+            "lengths": lengths,
+            "tendon_rates": rates,
+            "tendon_stiffness": elastic,
+            "residual": residual,
+            "iterations": iterations,
+            "status": status,
+            "contact_points": contacts[..., :2],
+            "contact_tangents": contacts[..., 2:],
+            "contact_forces": forces,
+            "friction": friction,
+        }
     )
 
 
@@ -80,14 +82,16 @@ def pack_outputs(
 ) -> Equilibrium:
     """One equilibrium whose arrays are made from its outputs, fields as of Results, when they are asked for."""
     return Equilibrium.filled(
-        mechanism=mechanism,
-        loads=table,
-        joint_angles=outputs[0],
-        residual=residual,
-        iterations=iterations,
-        status=STATUSES[status],
-        friction=None,
-        _outputs=outputs,
+        {
+            "mechanism": mechanism,
+            "loads": table,
+            "joint_angles": outputs[0],
+            "residual": residual,
+            "iterations": iterations,
+            "status": STATUSES[status],
+            "friction": None,
+            "_outputs": outputs,
+        }
     )
 
 

@@ -53,20 +53,22 @@ def pack(
         for outcome in (residual, iterations, status, escapes):
             outcome.setflags(write=False)
     return HingeEquilibrium.filled(
-        mechanism=mechanism,
-        loads=table,
-        joint_angles=angles,
-        poses=poses,
-        tensions=tensions,
-        lengths=lengths,
-        tendon_rates=rates,
-        tendon_stiffness=elastic,
-        residual=residual,
-        iterations=iterations,
-        status=status,
-        tendon_torques=torques,
-        escapes=escapes,
-        friction=friction,
+        {
+            "mechanism": mechanism,
+            "loads": table,
+            "joint_angles": angles,
+            "poses": poses,
+            "tensions": tensions,
+            "lengths": lengths,
+            "tendon_rates": rates,
+            "tendon_stiffness": elastic,
+            "residual": residual,
+            "iterations": iterations,
+            "status": status,
+            "tendon_torques": torques,
+            "escapes": escapes,
+            "friction": friction,
+        }
     )
 
 
@@ -75,15 +77,17 @@ def pack_outputs(
 ) -> HingeEquilibrium:
     """One equilibrium whose arrays are made from its outputs, fields as of HingeResults, when they are asked for."""
     return HingeEquilibrium.filled(
-        mechanism=mechanism,
-        loads=table,
-        joint_angles=outputs[0],
-        residual=residual,
-        iterations=iterations,
-        status=STATUSES[status],
-        escapes=escapes,
-        friction=None,
-        _outputs=outputs,
+        {
+            "mechanism": mechanism,
+            "loads": table,
+            "joint_angles": outputs[0],
+            "residual": residual,
+            "iterations": iterations,
+            "status": STATUSES[status],
+            "escapes": escapes,
+            "friction": None,
+            "_outputs": outputs,
+        }
     )
 
 

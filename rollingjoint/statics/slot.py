@@ -54,7 +54,7 @@ class Slot:
         self.arrays = mechanism.arrays
         arrays = family.batch.BatchArrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
         self._solve, self._at_once = family.batch.PinnedRange(arrays), runs_at_once(n_joints)
-        self._numbers = [array for array in results if array.ndim == 1]
+        self._numbers = [array.item for array in results if array.ndim == 1]
 
     def enter(self, law: Law, table: Array, start: Array) -> None:
         """Fill everything in."""
@@ -72,7 +72,7 @@ class Slot:
         outputs = self._outputs.copy()
         outputs.setflags(write=False)  # and so are all views of it
         found = outputs[: self._n_joints], outputs, self._places
-        return self._pack(mechanism, table, found, *[number.item() for number in self._numbers])
+        return self._pack(mechanism, table, found, *[number() for number in self._numbers])
 
 
 def full_law(law: Law, n_tendons: int) -> TendonLaw:
