@@ -63,9 +63,10 @@ def network_of(model: BaseAlgorithm, normaliser: Any = None) -> PolicyNetwork:
     else:
         extractor, modules = policy.pi_features_extractor, [policy.mlp_extractor.policy_net, policy.action_net]
     modules, output = _without_clip(modules, "tanh" if policy.squash_output else "clip")
-    layers, activation = _layers(modules)
+    convolves = type(extractor).__name__ == "PastConvolution"
+    layers, activation = _layers([extractor.layers, *modules] if convolves else modules)
     inputs = _inputs(extractor)
-    normalised = _normaliser(normaliser, inputs, extractor.features_dim)
+    normalised = _normaliser(normaliser, inputs, extractor.entries if convolves else extractor.features_dim)
     space: Any = model.action_space
     low, high = (np.asarray(bound, np.float32) for bound in (space.low, space.high))
     if hasattr(policy, "lstm_actor"):
@@ -164,8 +165,8 @@ def _layers(modules: Iterable[Any]) -> tuple[list[tuple[Vectors, Vectors]], str]
         kind = type(module).__name__
         if kind == "BatchRenorm1d" and renorm is None:
             renorm = module
-        elif kind == "Linear" and len(layers) == len(between):
-            layers.append(_folded(module, renorm))
+        elif kind in ("Linear", "SharedLinear") and len(layers) == len(between):
+            layers.append(_folded(module if kind == "Linear" else module.dense(), renorm))
             renorm = None
         elif kind in _ACTIVATIONS and len(layers) > len(between) and renorm is None:
             between.append(_ACTIVATIONS[kind])
@@ -201,13 +202,13 @@ def _folded(linear: Any, renorm: Any) -> tuple[Vectors, Vectors]:
 def _inputs(extractor: Any) -> dict[str, int]:
     """Entries by key of a dictionary observation, in SB3's order of concatenation; nothing for a vector.
 
-    ActorsPart, of a policy with a privileged critic, sees the vector alone.
+    ActorsPart, of a policy with a privileged critic, sees the vector alone, and so does PastConvolution.
     """
     kind = type(extractor).__name__
-    if kind in ("FlattenExtractor", "ActorsPart"):
+    if kind in ("FlattenExtractor", "ActorsPart", "PastConvolution"):
         return {}
     if kind != "CombinedExtractor":
-        raise PolicyError("features extractor", kind, "FlattenExtractor or CombinedExtractor")
+        raise PolicyError("features extractor", kind, "FlattenExtractor, CombinedExtractor or PastConvolution")
     return {key: int(np.prod(extractor._observation_space[key].shape)) for key in extractor.extractors}
 
 

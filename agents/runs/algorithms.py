@@ -90,6 +90,8 @@ PARAMETERS: dict[str, dict[str, Check]] = {
     "distill": _LESSONS,
 }
 HINDSIGHT = ("sac", "tqc")
+CONVOLVING = ("ppo", "sac", "tqc", "crossq")
+"""Those whose networks may begin with a convolution over past readings."""
 ON_POLICY = {"ppo": (2048, 64), "recurrent_ppo": (128, 128)}
 """Algorithms that learn from whole rollouts, with their default n_steps and batch_size."""
 OWN = ("apg", "distill")

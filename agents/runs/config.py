@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from agents.runs.algorithms import ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
+from agents.runs.algorithms import CONVOLVING, ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
 from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
@@ -30,6 +30,8 @@ class PolicyConfig:
         memory: width of the LSTM (recurrent_ppo), or of all layers (apg, distill).
         critic: what the value function sees in training (ppo, recurrent_ppo): the "observation", or the "privileged"
             state of the environment as well. The policy always sees the observation alone.
+        convolution: width of a temporal convolution over past readings, before the hidden layers (ppo, sac, tqc,
+            crossq); None: the hidden layers see all readings at once.
     """
 
     hidden: Sequence[int] = (64, 64)
@@ -38,6 +40,7 @@ class PolicyConfig:
     log_std_init: float = 0.0
     memory: int = 128
     critic: str = "observation"
+    convolution: int | None = None
 
     def __post_init__(self) -> None:
         widths = integers(1, 4096)
@@ -45,6 +48,7 @@ class PolicyConfig:
         check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
         check_fields(self, "policy.", log_std_init=number(-10.0, 3.0), memory=integer(1, 4096))
         check_fields(self, "policy.", critic=choice("observation", PRIVILEGED))
+        check_fields(self, "policy.", convolution=optional(integer(1, 4096)))
 
     @property
     def critic_is_privileged(self) -> bool:
@@ -129,6 +133,8 @@ class TrainConfig:
             self._check_start()
         if self.policy.critic_is_privileged:
             self._check_privileged_critic()
+        if self.policy.convolution is not None:
+            self._check_convolution()
 
     def _check_start(self) -> None:
         checked_text("start_from", self.start_from)
@@ -152,6 +158,16 @@ class TrainConfig:
         if not self.env.is_tracking or self.env.has_goals:
             allowed = f"observation, or {PRIVILEGED} in a tracking environment without goals"
             raise ConfigError(what, critic, allowed, "Only there the true state can be read.")
+
+    def _check_convolution(self) -> None:
+        what, width = "policy.convolution", self.policy.convolution
+        if self.algorithm not in CONVOLVING:
+            raise ConfigError(what, width, f"null, or a width with {', '.join(CONVOLVING)}", "Others have a memory.")
+        if not self.env.is_tracking or not self.env.observes_past:
+            hint = "Set env.settings.observe_history."
+            raise ConfigError(what, width, "null where no past readings are observed", hint)
+        if self.residual is not None:
+            raise ConfigError(what, width, "null with residual")
 
     @property
     def training_env(self) -> EnvConfig:

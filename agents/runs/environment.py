@@ -79,6 +79,11 @@ class EnvConfig:
         """Steps of an episode; None for an environment that is not one of rj_gym."""
         return self.arguments()["config"].episode_steps if self.is_ours else None
 
+    @property
+    def observes_past(self) -> bool:
+        """Whether observations of this tracking task hold past readings."""
+        return bool(self.arguments()["config"].lags)
+
     def complete_settings(self) -> dict[str, Any]:
         """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
         if not self.is_tracking:

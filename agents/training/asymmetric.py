@@ -5,6 +5,7 @@ Source: Pinto et al., Asymmetric Actor Critic for Image-Based Robot Learning, 20
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import torch
@@ -16,7 +17,11 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 ACTOR = "observation"  # the part of the observation that the policy sees
-_APART: dict[str, Any] = {"features_extractor_class": CombinedExtractor, "share_features_extractor": False}
+_APART: dict[str, Any] = {
+    "features_extractor_class": CombinedExtractor,
+    "features_extractor_kwargs": {},
+    "share_features_extractor": False,
+}
 
 
 class ActorsPart(BaseFeaturesExtractor):
@@ -60,14 +65,16 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
     Args:
         space, actions, rate: the spaces and the learning rate's schedule, as for ActorCriticPolicy.
-        arguments: of ActorCriticPolicy.
+        arguments: of ActorCriticPolicy; `features_extractor_class` is that of the policy.
     """
 
     def __init__(self, space: spaces.Dict, actions: spaces.Box, rate: Schedule, **arguments: Any) -> None:
+        kind, more = arguments.get("features_extractor_class", ActorsPart), arguments.get("features_extractor_kwargs")
+        self.actors_part = partial(kind, space, **(more or {}))
         super().__init__(space, actions, rate, **(arguments | _APART))
 
     def _build_mlp_extractor(self) -> None:
-        _see_apart(self)
+        _see_apart(self, self.actors_part())
         self.mlp_extractor = ValueApart(
             self.features_dim,
             self.vf_features_extractor.features_dim,
@@ -87,11 +94,11 @@ class AsymmetricRecurrentPolicy(RecurrentActorCriticPolicy):
         self.optimizer = self.optimizer_class(self.parameters(), **({"lr": rate(1)} | self.optimizer_kwargs))
 
     def _build_mlp_extractor(self) -> None:
-        _see_apart(self)
+        _see_apart(self, ActorsPart(self.observation_space))  # type: ignore[arg-type]
         super()._build_mlp_extractor()
 
 
-def _see_apart(policy: ActorCriticPolicy) -> None:
-    """Let the policy see its own part alone; the value function keeps all."""
-    policy.features_extractor = policy.pi_features_extractor = ActorsPart(policy.observation_space)  # type: ignore[arg-type]
-    policy.features_dim = policy.features_extractor.features_dim
+def _see_apart(policy: ActorCriticPolicy, extractor: BaseFeaturesExtractor) -> None:
+    """Let the policy see its own part alone, by this extractor; the value function keeps all."""
+    policy.features_extractor = policy.pi_features_extractor = extractor
+    policy.features_dim = extractor.features_dim

@@ -16,8 +16,10 @@ from agents.runs.algorithms import ON_POLICY, OWN, algorithm_class, constructor_
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
+from agents.training.convolution import PastConvolution, past_places
 from agents.training.residual import AdvisedVecEnv
 from agents.training.teaching import ControllerTeacher
+from rj_gym.core.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 
@@ -109,6 +111,14 @@ def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
         value = "vf" if config.algorithm in ON_POLICY else "qf"
         layers = {"pi": layers, value: list(config.policy.value_hidden)}
     arguments: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
+    if config.policy.convolution is not None:
+        past = past_places(task_of(config.env.arguments()["config"]).entries())
+        arguments["features_extractor_class"] = PastConvolution
+        arguments["features_extractor_kwargs"] = {
+            "past": past,
+            "width": config.policy.convolution,
+            "activation": activation,
+        }
     if config.algorithm in ON_POLICY:
         arguments["log_std_init"] = config.policy.log_std_init
     if config.algorithm == "recurrent_ppo":

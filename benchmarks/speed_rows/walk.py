@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, solve_lengths
+from rollingjoint.kernels.planar.side_by_side import memory_alone
 from rollingjoint.load import load_table
 from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 
@@ -98,7 +99,9 @@ class CompiledWalk:
         problem = batch_arrays(walk)
         self._count, self.results = len(walk), problem.results
         self._solve = PinnedRange(problem)
-        self._steps = [PinnedRange(_row(problem, step)) for step in range(len(walk))]
+        rows = [_row(problem, step) for step in range(len(walk))]
+        memory = memory_alone(rows[0])
+        self._steps = [PinnedRange(row, memory) for row in rows]
 
     def one_by_one(self) -> None:
         """Solve the steps one after the other, a call each, as single solves are."""

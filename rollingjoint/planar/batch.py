@@ -121,13 +121,18 @@ class PinnedRange:
     Kernels call it by call_range(entry, pins, PinnedBatch, first, last), which returns how many rows it leaves to
     `solve_the_rest`. `entry` is 0 where those are all of them. The arrays are kept alive.
 
+    Args:
+        batch: what is solved.
+        memory: of memory_alone, for a batch of one row: shared by ranges of which only one is solved at a time; None:
+            memory of its own.
     Raises:
         InvalidInput: an array of another type or shape than BatchArrays declares.
     """
 
-    def __init__(self, batch: BatchArrays) -> None:
+    def __init__(self, batch: BatchArrays, memory: Array | None = None) -> None:
         alone, self._long = len(batch.starts) == 1, batch.starts.shape[1] > MOST_JOINTS
-        memory = memory_alone(batch) if alone and not self._long else np.zeros(0)
+        if memory is None:
+            memory = memory_alone(batch) if alone and not self._long else np.zeros(0)
         self._batch, self._pinned, self.entry = batch, Pinned(PinnedBatch(batch, memory)), 0
         self.pins = self._pinned.address_for(PinnedBatch)
         if not self._long:
