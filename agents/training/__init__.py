@@ -2,6 +2,7 @@
 
 Modules:
     asymmetric: networks whose critic sees more than the policy.
+    convolution: a temporal convolution over past readings, before the hidden layers.
     residual: environments with the advice of a controller.
     build: environments and model of a configuration.
     teaching: controllers as teachers.
