@@ -110,6 +110,8 @@ def tendon_stiffnesses(mechanisms: Sequence[Any]) -> Array:
     """Tendon stiffnesses of every mechanism, (D, m) [N/mm]."""
     if isinstance(mechanisms, Variations):
         return mechanisms.stiffnesses
+    if len(mechanisms) == 1:
+        return mechanisms[0].stiffnesses[None]
     return np.array([mechanism.stiffnesses for mechanism in mechanisms])
 
 
@@ -268,6 +270,4 @@ def normal(uniforms: Array) -> Array:
 
 def over_time(series: Array, times: int) -> Array:
     """A fresh series (..., times, d) from one that has one entry where nothing changes, (..., 1 or times, d)."""
-    spread = np.empty((*series.shape[:-2], times, series.shape[-1]))
-    spread[...] = series
-    return spread
+    return series.repeat(times, axis=-2) if series.shape[-2] == 1 else series.copy()
