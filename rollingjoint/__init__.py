@@ -23,6 +23,7 @@ Modules:
     presets: named mechanisms of every family.
     profile: contact surfaces and their curvature.
     solution: the base class of all equilibria, and their status.
+    friction_step: what friction did in a step, and the history with which it begins.
     spatial: arms of beads on elastic hinges.
     statics: the solvers of every family, and derivatives.
     tables: tables as text and Markdown.

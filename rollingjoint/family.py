@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.friction import FrictionState
+from rollingjoint.friction_step import FrictionStep, friction_laws
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History, new_friction_arrays
 from rollingjoint.load import Gravity, Load
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import FrictionStep, friction_laws, friction_step
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
@@ -162,4 +162,4 @@ class Family:
         arrays = self.batch.BatchArrays(chain, designs, laws, tables, starts, results)
         steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
         run_in_threads(partial(self.batch.step_range, arrays, steps), len(starts), starts.shape[1], abandon=True)
-        return self.batch.pack(mechanism, tables, results, friction_step(steps))
+        return self.batch.pack(mechanism, tables, results, FrictionStep.of(steps))

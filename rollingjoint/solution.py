@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History
-from rollingjoint.mechanism import AnyMechanism, designs_of, read_only
+from rollingjoint.friction_step import FrictionStep, check_shape, friction_laws, virgin_state
+from rollingjoint.kernels.shared.friction import History
+from rollingjoint.mechanism import designs_of, read_only
 
 Array = NDArray[np.float64]
 _S = TypeVar("_S")
@@ -59,58 +60,9 @@ _AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
 _FAR = 1e15  # eigenvalue assigned to joints that are held
 
 
-def friction_laws(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) -> FrictionLaw:
-    """The coefficients of friction of every row of a batch."""
-    if isinstance(mechanism, Sequence):
-        tendons = np.array([each.friction_coefficients for each in mechanism])
-        return FrictionLaw(tendons, np.array([each.rolling_coefficients for each in mechanism]))
-    tendons, rolling = mechanism.friction_coefficients[None], mechanism.rolling_coefficients[None]
-    if n_rows == 1:
-        return FrictionLaw(tendons.copy(), rolling.copy())  # for arrays that are read-only kernels are compiled again
-    return FrictionLaw(np.repeat(tendons, n_rows, axis=0), np.repeat(rolling, n_rows, axis=0))
-
-
 def strictly_within(angles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     """Whether joint angles are between their limits and not at them, all of one shape [rad]."""
     return (angles > low + _AT_LIMIT) & (angles < high - _AT_LIMIT)
-
-
-def virgin_state(
-    begin_histories: Callable[..., None],
-    mechanism: AnyMechanism | Sequence[AnyMechanism],
-    designs: tuple[Any, NDArray[np.int64]],
-    tensions: Array,
-    joint_angles: Array,
-) -> FrictionState:
-    """What friction remembers at equilibria in which nothing has ever slipped, (..., m) and (..., n - 1) [N, rad]."""
-    shape, n_joints, n_tendons = joint_angles.shape[:-1], joint_angles.shape[-1], tensions.shape[-1]
-    angles, tensions = joint_angles.reshape(-1, n_joints).copy(), tensions.reshape(-1, n_tendons).copy()
-    states, slips, grips = (np.zeros((len(angles), n_joints, n_tendons)) for _ in range(3))
-    history = History(states, slips, grips, angles, np.zeros_like(angles))
-    begin_histories(*designs, friction_laws(mechanism, len(angles)), tensions, angles, history)
-    return FrictionState(*(array.reshape(*shape, *array.shape[1:]) for array in history))
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionStep:
-    """What friction did in the step from a history to an equilibrium, or in many with a leading axis B.
-
-    Attributes:
-        gap_tensions: (n - 1, m) tension of every tendon in every gap, 0 beyond its end [N].
-        slip: (n - 1, m) slip of every tendon in links 0 to n - 2 during the step, towards the tip positive [mm].
-        work: what friction has taken up in the step [N·mm].
-        state: what it remembers.
-    """
-
-    gap_tensions: Array
-    slip: Array
-    work: float | Array
-    state: FrictionState
-
-    def row(self, index: int) -> FrictionStep:
-        """That of one row of a batch."""
-        work = self.work[index].item()  # type: ignore[index]
-        return FrictionStep(self.gap_tensions[index], self.slip[index], work, self.state.row(index))
 
 
 def stacked(solutions: Sequence[Any]) -> Any:
@@ -131,30 +83,6 @@ def stacked(solutions: Sequence[Any]) -> Any:
 
 def _no_friction(one: Solution) -> FrictionStep:
     return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
-
-
-def _check_shape(name: str, value: Any, expected: tuple[int, ...]) -> None:
-    """Raise InvalidInput unless a field of an equilibrium has the shape of its mechanism."""
-    if np.shape(value) != expected or (expected and not isinstance(value, np.ndarray)):
-        raise InvalidInput(f"{name} of an equilibrium", value, f"an array of shape {expected}, as of its mechanism")
-
-
-def _check_friction(step: FrictionStep, rows: tuple[int, ...], n_joints: int, n_tendons: int) -> None:
-    holes = (*rows, n_joints, n_tendons)
-    joints = (*rows, n_joints)
-    for name in ("gap_tensions", "slip"):
-        _check_shape(name, getattr(step, name), holes)
-    for name, value, shape in zip(step.state._fields, step.state, (holes, holes, holes, joints, joints), strict=True):
-        _check_shape(f"friction state ({name})", value, shape)
-
-
-def friction_step(arrays: FrictionArrays) -> FrictionStep:
-    """What friction did, from the outputs of a batch."""
-    before = arrays.before.slips
-    slip = np.subtract(arrays.after.slips, before, out=np.zeros_like(before), where=np.isfinite(before))
-    for array in (arrays.tension, slip, *arrays.after):
-        array.setflags(write=False)
-    return FrictionStep(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
 
 
 Outputs = tuple[Array, Array, dict[str, tuple[tuple[int, ...], int]]]
@@ -229,9 +157,9 @@ class Solution(ABC):
         one = self.mechanism[0] if isinstance(self.mechanism, tuple) else self.mechanism
         rows = np.shape(self.status)
         for name, shape in self._shapes(one.n_joints, one.n_tendons).items():
-            _check_shape(name, getattr(self, name), (*rows, *shape))
+            check_shape(name, getattr(self, name), (*rows, *shape))
         if self.friction is not None:
-            _check_friction(self.friction, rows, one.n_joints, one.n_tendons)
+            self.friction.check(rows, one.n_joints, one.n_tendons)
         if np.ndim(self.loads) != len(rows) + 2 or np.shape(self.loads)[:-2] != rows:
             raise InvalidInput("shape of loads", np.shape(self.loads), f"{(*rows, 'rows', 'columns')}")
         self._check_loads(self.loads, one.n_links)

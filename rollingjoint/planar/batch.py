@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rollingjoint._numba.jit import entry_address, machine_code
 from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
+from rollingjoint.friction_step import FrictionStep
 from rollingjoint.kernels.planar.arrays import BatchArrays, PinnedBatch, Results, new_results
 from rollingjoint.kernels.planar.batch import solve_lanes
 from rollingjoint.kernels.planar.rubbed import begin_histories, step_lanes
@@ -25,7 +26,7 @@ from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.solution import STATUSES, FrictionStep, Outputs
+from rollingjoint.solution import STATUSES, Outputs
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from rollingjoint._numba.jit import machine_code
 from rollingjoint._numba.layout import fields
+from rollingjoint.friction_step import FrictionStep
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
-from rollingjoint.solution import STATUSES, FrictionStep, Outputs, strictly_within
+from rollingjoint.solution import STATUSES, Outputs, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
 

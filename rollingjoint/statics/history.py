@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
+from rollingjoint.friction_step import virgin_state
 from rollingjoint.mechanism import AnyMechanism, designs_of
-from rollingjoint.solution import Solution, virgin_state
+from rollingjoint.solution import Solution
 
 Start = ArrayLike | Solution | None
 """Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
