@@ -65,10 +65,10 @@ class Problem(Generic[S]):
         except IndexError:
             slot = self._new_slot()
         if self.given == "lengths":
-            slot.law.command[:] = command
+            slot.law.command[...] = command  # [:] takes half as long again
         else:
-            slot.law.low[:] = slot.law.high[:] = command
-        slot.start[:] = angles
+            slot.law.low[...] = slot.law.high[...] = command
+        slot.start[...] = angles
         found: S = slot.solve(self.mechanism, self.loads)
         spares.append(slot)  # not after an interrupt: a thread that was abandoned may still be writing into it
         return found

@@ -25,6 +25,7 @@ Law = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 """The fields of a TendonLaw, numbers for all tendons or (m,)."""
 
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
+_item = np.ndarray.item
 
 
 class Slot:
@@ -54,14 +55,14 @@ class Slot:
         self.arrays = mechanism.arrays
         arrays = family.batch.BatchArrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
         self._solve, self._at_once = family.batch.PinnedRange(arrays), runs_at_once(n_joints)
-        self._numbers = [array.item for array in results if array.ndim == 1]
+        self._numbers = [array for array in results if array.ndim == 1]
 
     def enter(self, law: Law, table: Array, start: Array) -> None:
         """Fill everything in."""
         command, stiffness, low, high = self.law
-        command[:], stiffness[:], low[:], high[:] = law
-        self.loads[:] = table
-        self.start[:] = start
+        command[...], stiffness[...], low[...], high[...] = law  # [:] takes half as long again
+        self.loads[...] = table
+        self.start[...] = start
 
     def solve(self, mechanism: AnyMechanism, table: Array) -> Any:
         """The equilibrium for what has been filled in; table: the loads that it shows, read-only."""
@@ -70,9 +71,9 @@ class Slot:
         else:
             run_in_threads(self._solve, 1, self._n_joints, abandon=True)
         outputs = self._outputs.copy()
-        outputs.setflags(write=False)  # and so are all views of it
+        outputs.setflags(False)  # read-only, and so are all views of it; by its name the argument takes twice as long
         found = outputs[: self._n_joints], outputs, self._places
-        return self._pack(mechanism, table, found, *[number() for number in self._numbers])
+        return self._pack(mechanism, table, found, *map(_item, self._numbers))
 
 
 def full_law(law: Law, n_tendons: int) -> TendonLaw:
