@@ -85,8 +85,8 @@ def _no_friction(one: Solution) -> FrictionStep:
     return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
 
 
-Outputs = tuple[Array, Array, dict[str, tuple[tuple[int, ...], int]]]
-"""The arrays of one equilibrium: joint angles, the memory of all, read-only, and the shape and first byte of each.
+Outputs = tuple[Array, bytes, dict[str, tuple[tuple[int, ...], int]]]
+"""The arrays of one equilibrium: joint angles, the memory of all, and the shape and first byte of each.
 
 A plain tuple: a NamedTuple takes four times as long to make.
 """

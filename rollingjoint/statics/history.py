@@ -23,8 +23,8 @@ _ALLOWED = "an equilibrium or its friction_state"
 
 def start_of(start: Start, history: History) -> ArrayLike | None:
     """The joint angles to start from: those of the history if there is no other start."""
-    if start is not None:
-        return getattr(start, "joint_angles", start)  # without a look at its type, which takes four times as long
+    if start is not None:  # isinstance takes four times as long
+        return getattr(start, "joint_angles", start)  # type: ignore[arg-type]
     if isinstance(history, Solution):  # a step that failed leaves its own history as it was
         return history.joint_angles if history.friction is None else history.friction.state.angles
     return getattr(history, "angles", None)
