@@ -100,6 +100,27 @@ class RollingChain(Mechanism["Equilibrium"]):
         return read_only(self.joint_angles(np.zeros(self.n_joints)))
 
     @cached_property
+    def neutral_lengths(self) -> Array:
+        """Tendon lengths at s = 0, (m,) [mm].
+
+        From the surfaces themselves: many a program asks for them first, and would wait for a kernel.
+        """
+        lengths = self._channels.copy()
+        for i, (below, above) in enumerate(itertools.pairwise(self.links)):
+            angle, contact = self.neutral_angles[i], below.child.point(0.0)
+            turned = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])  # of row vectors
+            for j, points in enumerate(self.hole_points):
+                if len(points) > i + 1:
+                    across = contact + (points[i + 1, 0] - above.parent.point(0.0)) @ turned - points[i, 1]
+                    lengths[j] += np.linalg.norm(across)
+        return read_only(lengths)
+
+    @cached_property
+    def _channels(self) -> Array:
+        """Lengths of the tendons inside the links, (m,) [mm]."""
+        return np.array([np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum() for points in self.hole_points])
+
+    @cached_property
     def arrays(self) -> Chain:
         """Tables for the kernels, a stack of one design."""
         pairs = itertools.pairwise(self.links)
@@ -113,18 +134,15 @@ class RollingChain(Mechanism["Equilibrium"]):
             buckets[i] = before + first
             before += len(table.cells)
         holes, directions = np.zeros((2, n_joints, n_tendons, 4))
-        channels = np.zeros(n_tendons)
         crossed = np.zeros(n_tendons, np.int64)
         for j, points in enumerate(self.hole_points):
             crossed[j] = len(points) - 1
             holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
-            through = points[:, 1] - points[:, 0]
-            channels[j] = np.linalg.norm(through, axis=1).sum()
-            directions[: crossed[j], j] = _unit_pairs(through)
+            directions[: crossed[j], j] = _unit_pairs(points[:, 1] - points[:, 0])
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
         per_design = (
             holes[None],
-            channels[None],
+            self._channels[None],
             directions[None],
             crossed,
             load_table(self.springs, self.n_links)[None],

@@ -76,6 +76,13 @@ def test_lengths_are_gaps_and_channels():
     assert np.linalg.norm(np.diff(left, axis=0), axis=1).sum() == pytest.approx(chain.neutral_lengths[0])
 
 
+def test_neutral_lengths_from_the_surfaces_are_those_of_the_tables():
+    rng = np.random.default_rng(0)
+    for chain in (five_link(), two_segment(), *(random_chain(rng) for _ in range(20))):
+        assert chain.neutral_lengths == pytest.approx(chain.tendon_lengths(chain.neutral_angles), abs=1e-11)
+        assert not chain.neutral_lengths.flags.writeable
+
+
 def test_a_tendon_that_ends_early_does_not_see_the_joints_beyond():
     chain = two_segment()
     moved = chain.joint_angles([0, 0, 0, 2.0, 1.0, -3.0])
