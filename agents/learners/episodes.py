@@ -1,8 +1,8 @@
 """Episodes of a tracking environment with gradients: errors and actions as functions of the policy's parameters.
 
-The environment computes; torch repeats what connects its steps. In a step motors move by the actions, tendons follow
-through play, and tip and tensions answer with the rates of the equilibrium (`TaskVectorEnv.tangent`). Values are always
-the environment's own, so nothing drifts; only derivatives are torch's.
+The environment computes; torch connects its steps. In a step motors move by the actions, tendons follow through play,
+and tip and tensions answer with the rates of the equilibrium (`TaskVectorEnv.tangent`). Values are always the
+environment's own, so nothing drifts; only derivatives are ours.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.learners.observing import Observing, Readings
+from agents.learners.motion import Motion, Motors, at_rest, moved
+from agents.learners.observing import Observing
 from rj_gym.core.tangent import Tangent
 from rj_gym.core.vector import TaskVectorEnv
 
@@ -55,15 +56,6 @@ class Played:
     hidden: torch.Tensor
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Motors of B lanes with gradients: position q, where they are going, tendon command p, (B, m) [mm]."""
-
-    motor: torch.Tensor
-    goal: torch.Tensor
-    command: torch.Tensor
-
-
 class DifferentiableEpisodes:
     """Whole episodes of all lanes of a native vector environment.
 
@@ -84,24 +76,24 @@ class DifferentiableEpisodes:
         advisor: Advisor | None = None,
     ) -> None:
         self.env, self.normalise, self.lane_gradient, self.advisor = env, normalise, lane_gradient, advisor
-        self.observing = Observing(env.task)
+        self.observing, config = Observing(env.task), env.task.config
+        self.motors = Motors(config.action_scale_mm, config.actuation.rate_limit_mm)
 
     def play(self, act: Act, watch: Callable[[Any], bool] = lambda step: True) -> Played | None:
         """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so."""
         env, task = self.env, self.env.task
         observation, info = env.reset()
-        self.observing.begin()
         if self.advisor is not None:
             self.advisor.begin(env.num_envs)
         tangent, memory = env.tangent(), None
-        motion = Motion(*(_values(x) for x in (tangent.motors, tangent.motors, tangent.commands)))
+        motion, taken = at_rest(tangent), torch.zeros(env.num_envs, task.action_size)
+        self.observing.begin()
         actions: list[torch.Tensor] = []
-        readings = [_readings(torch.zeros_like(motion.motor), motion, tangent)]
         errors, running, alive = [], [], np.ones(env.num_envs, bool)
         memories, hidden = [], []
         for _ in range(task.config.episode_steps):
             advice = self._advice(observation)
-            own, memory = act(self._seen(observation, advice, readings), memory)
+            own, memory = act(self._seen(observation, advice, taken, motion), memory)
             self._bound_gradient(own)
             action = own if self.advisor is None else own + _values(advice[:, : task.action_size])
             actions.append(action)
@@ -110,9 +102,8 @@ class DifferentiableEpisodes:
             taken = action.clamp(-1.0, 1.0)
             observation, rewards, terminated, truncated, info = env.step(taken.detach().numpy())
             tangent = env.tangent()
-            motion = self._moved(motion, actions, tangent)
-            readings.append(_readings(taken, motion, tangent))
-            errors.append(_errors(readings[-1].tip, info["target"]))
+            motion = moved(motion, self._due(actions), tangent, self.motors)
+            errors.append(_errors(motion.tip, info["target"]))
             running.append(alive.copy())
             alive &= ~(terminated | truncated)
             if not watch((info, rewards, terminated | truncated)):
@@ -129,50 +120,23 @@ class DifferentiableEpisodes:
             return np.zeros((len(observation), 0))
         return self.advisor.advise(observation)
 
-    def _seen(self, observation: NDArray[np.float32], advice: NDArray[Any], readings: list[Readings]) -> torch.Tensor:
-        """The normalised observation with gradients, the advice behind it."""
-        shown = torch.cat([self.observing(_values(observation), readings), _values(advice)], 1)
+    def _seen(
+        self, observation: NDArray[np.float32], advice: NDArray[Any], taken: torch.Tensor, motion: Motion
+    ) -> torch.Tensor:
+        """The normalised observation with the gradients of the last actions and the motion, the advice behind it."""
+        shown = torch.cat([self.observing(_values(observation), taken, motion), _values(advice)], 1)
         mean, scale = (_values(each) for each in self.normalise(shown.detach().numpy()))
         return ((shown - mean) / scale).clamp(-10.0, 10.0)
 
-    def _moved(self, before: Motion, actions: list[torch.Tensor], tangent: Tangent) -> Motion:
-        """Motors and tendons after a step with the actions so far: the values are the environment's."""
-        config = self.env.task.config
-        late = len(actions) - 1 - config.actuation.delay
-        due = actions[late].clamp(-1.0, 1.0) if late >= 0 else torch.zeros_like(before.motor)
-        goal = before.goal - config.action_scale_mm * due
-        way, limit = goal - before.motor, config.actuation.rate_limit_mm
-        motor = before.motor + (way if limit is None else way.clamp(-limit, limit))
-        half, held = _values(tangent.half_play), torch.as_tensor(tangent.held)
-        command = torch.minimum(torch.maximum(before.command, motor - half), motor + half)
-        motor, command = _given_way(motor, command, held, tangent)
-        motor, command = _anchored(motor, tangent.motors), _anchored(command, tangent.commands)
-        goal = motor if limit is None else torch.where(held, motor, goal)
-        return Motion(motor, goal, command)
+    def _due(self, actions: list[torch.Tensor]) -> torch.Tensor:
+        """The actions so far that reach the motors now."""
+        late = len(actions) - 1 - self.env.task.config.actuation.delay
+        return actions[late] if late >= 0 else torch.zeros_like(actions[0])
 
     def _bound_gradient(self, action: torch.Tensor) -> None:
         if self.lane_gradient is not None and action.requires_grad:
             most = self.lane_gradient / len(action)
             action.register_hook(lambda g: g * (most / (g.norm(dim=1, keepdim=True) + 1e-12)).clamp(max=1.0))
-
-
-def _given_way(
-    motor: torch.Tensor, command: torch.Tensor, held: torch.Tensor, tangent: Tangent
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Motors and commands up to constants: at a tension limit they move with the tendon's length."""
-    moved = torch.where(held, 0.0, command - command.detach())
-    follows = torch.where(held, _times(_values(tangent.length_rates), moved), command)
-    return torch.where(held, motor - command + follows, motor), follows
-
-
-def _readings(action: torch.Tensor, motion: Motion, tangent: Tangent) -> Readings:
-    """What follows from the motion, with the rates of the equilibrium."""
-    change = torch.where(torch.as_tensor(tangent.held), 0.0, motion.command - motion.command.detach())
-    tip = _values(tangent.tips) + _times(_values(tangent.tip_rates), change)
-    tension = _values(tangent.tensions) + _times(_values(tangent.tension_rates), change)
-    half, sheath = _values(tangent.half_play), _values(tangent.sheath)
-    place = torch.where(half > 0, (motion.command - motion.motor) / half.clamp(min=1e-9), 0.0).clamp(-1.0, 1.0)
-    return Readings(action, motion.motor, tension * torch.exp(sheath * place), tip)
 
 
 def _hidden(tangent: Tangent, info: Mapping[str, Any]) -> torch.Tensor:
@@ -183,15 +147,6 @@ def _hidden(tangent: Tangent, info: Mapping[str, Any]) -> torch.Tensor:
 
 def _errors(tips: torch.Tensor, targets: NDArray[Any]) -> torch.Tensor:
     return torch.sqrt(((tips - _values(targets)) ** 2).sum(1) + SMOOTH)
-
-
-def _anchored(tracked: torch.Tensor, values: NDArray[Any]) -> torch.Tensor:
-    """These values with the gradient of what was computed for them."""
-    return _values(values) + (tracked - tracked.detach())
-
-
-def _times(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
-    return (matrices @ vectors[..., None])[..., 0]
 
 
 def _values(array: NDArray[Any]) -> torch.Tensor:

@@ -1,0 +1,134 @@
+"""One step of motors, tendons, tensions and tip, as a node with a derivative written by hand.
+
+Values are those of the environment; derivatives follow from the play operator and from the rates of the equilibrium
+(`rj_gym.core.tangent.Tangent`). One node takes the place of some forty of torch's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rj_gym.core.tangent import Tangent
+
+Array = NDArray[np.float32]
+
+NO_PLAY = 1e-9  # mm: half a play below which tendons follow their motors
+
+
+class Motion(NamedTuple):
+    """B lanes after a step, with gradients.
+
+    Position q of the motors, where they are going, and tendon commands p, (B, m) [mm]; measured tensions (B, m) [N];
+    tips (B, d) [mm].
+    """
+
+    motor: torch.Tensor
+    goal: torch.Tensor
+    command: torch.Tensor
+    tension: torch.Tensor
+    tip: torch.Tensor
+
+
+@dataclass(frozen=True)
+class Motors:
+    """What motors make of actions.
+
+    Args:
+        scale: of actions [mm]. limit: the largest move of a step [mm]; None: any.
+    """
+
+    scale: float
+    limit: float | None
+
+
+def at_rest(tangent: Tangent) -> Motion:
+    """Where episodes begin."""
+    arrays = (tangent.motors, tangent.motors, tangent.commands, _measured(tangent), tangent.tips)
+    return Motion(*(_single(each) for each in arrays))
+
+
+def moved(before: Motion, due: torch.Tensor, tangent: Tangent, motors: Motors) -> Motion:
+    """The environment's motion after a step in which the actions `due` (B, m) reached the motors."""
+    return Motion(*_Step.apply(tangent, motors, due, before.motor, before.goal, before.command))
+
+
+class _Step(torch.autograd.Function):
+    """Gradients by actions, motors, goals and commands before the step. Names: `by_x` is the gradient by x."""
+
+    @staticmethod
+    def forward(ctx: Any, tangent: Tangent, motors: Motors, *before: torch.Tensor) -> Any:
+        due, motor, goal, command = (each.numpy() for each in before)
+        ctx.tangent, ctx.motors = tangent, motors
+        goal = goal - motors.scale * np.clip(due, -1.0, 1.0)
+        way = goal - motor
+        after = goal if motors.limit is None else motor + np.clip(way, -motors.limit, motors.limit)
+        ctx.heard = np.abs(due) <= 1.0
+        ctx.free = True if motors.limit is None else np.abs(way) <= motors.limit
+        ctx.taken_along = np.abs(after - command) >= tangent.half_play
+        goal = tangent.motors if motors.limit is None else np.where(tangent.held, tangent.motors, goal)
+        return tuple(
+            _single(each) for each in (tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips)
+        )
+
+    @staticmethod
+    def backward(ctx: Any, *by: torch.Tensor) -> Any:
+        by_motor, by_goal, by_command, by_measured, by_tip = (each.numpy() for each in by)
+        tangent, held = ctx.tangent, ctx.tangent.held
+        by_command, by_motor = _through_readings(tangent, by_motor, by_command, by_measured, by_tip)
+        if ctx.motors.limit is None:
+            by_motor, by_goal = by_motor + by_goal, 0.0
+        else:
+            by_motor, by_goal = by_motor + np.where(held, by_goal, 0.0), np.where(held, 0.0, by_goal)
+        if held.any():
+            by_command = _through_limits(tangent, by_motor, by_command)
+        by_motor = by_motor + np.where(ctx.taken_along, by_command, 0.0)
+        by_command = np.where(ctx.taken_along, 0.0, by_command)
+        by_goal, by_motor = by_goal + np.where(ctx.free, by_motor, 0.0), np.where(ctx.free, 0.0, by_motor)
+        by_due = np.where(ctx.heard, -ctx.motors.scale * by_goal, 0.0)
+        return None, None, *(_single(each) for each in (by_due, by_motor, by_goal, by_command))
+
+
+def _place(tangent: Tangent) -> NDArray[np.float64]:
+    """Where tendons are in their play, from -1 to 1 within it, (B, m)."""
+    half = tangent.half_play
+    return np.where(half > 0.0, (tangent.commands - tangent.motors) / np.maximum(half, NO_PLAY), 0.0)
+
+
+def _measured(tangent: Tangent) -> NDArray[np.float64]:
+    measured: NDArray[np.float64] = tangent.tensions * np.exp(tangent.sheath * np.clip(_place(tangent), -1.0, 1.0))
+    return measured
+
+
+def _through_readings(
+    tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array
+) -> tuple[Any, Any]:
+    """Gradients by commands and motors, those of what is read included."""
+    place, half = _place(tangent), tangent.half_play
+    rubbed = np.exp(tangent.sheath * np.clip(place, -1.0, 1.0))
+    shifts = (np.abs(place) <= 1.0) & (half > 0.0)
+    by_shift = np.where(
+        shifts, by_measured * tangent.tensions * rubbed * tangent.sheath / np.maximum(half, NO_PLAY), 0.0
+    )
+    answers = _transposed(tangent.tip_rates, by_tip) + _transposed(tangent.tension_rates, by_measured * rubbed)
+    return by_command + by_shift + np.where(tangent.held, 0.0, answers), by_motor - by_shift
+
+
+def _through_limits(tangent: Tangent, by_motor: Any, by_command: Any) -> Any:
+    """By commands before tendons at a tension limit gave way: there motors and commands move with the lengths."""
+    held, by_length = tangent.held, by_command + by_motor
+    answers = _transposed(tangent.length_rates, np.where(held, by_length, 0.0))
+    return np.where(held, -by_motor, by_command + answers)
+
+
+def _transposed(rates: NDArray[np.float64], by: Any) -> Any:
+    """Gradients by what was multiplied with the rates (B, k, m), from those by the products (B, k)."""
+    return np.einsum("bkm,bk->bm", rates, by)
+
+
+def _single(array: Any) -> torch.Tensor:
+    return torch.as_tensor(np.ascontiguousarray(array, np.float32))
