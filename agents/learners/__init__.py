@@ -7,6 +7,7 @@ Modules:
     episodes: whole episodes of a native vector environment, with gradients.
     learner: what the learners share: whole episodes of all lanes, again and again.
     motion: what a step does to motors, tendons, tensions and tip, with its derivative.
+    muon: an optimiser for matrices.
     observing: how observations answer motors, tensions and tip.
     policy: a RecurrentActor as Stable-Baselines3 keeps policies.
     recurrent: a policy with memory as a torch module.

@@ -31,7 +31,7 @@ class APG(Distill):
 
     Args:
         policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
-        learning_rate: of Adam, or a schedule.
+        learning_rate: of the optimiser, or a schedule.
         settled_steps: steps at the end of an episode that count most.
         whole_weight: weight of the whole episode.
         estimate_weight: weight of the error with which a linear readout of the memory estimates what is hidden [mm]: it

@@ -27,7 +27,7 @@ class Distill(EpisodeLearner):
 
     Args:
         policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
-        learning_rate: of Adam, or a schedule.
+        learning_rate: of the optimiser, or a schedule.
         teacher: whom it imitates; None: a Teacher, which sees the true state.
         taught: the share of lanes that the teacher drives falls from 1 to 0 over this share of training.
         delta: where the Huber loss goes from squares to absolute values.

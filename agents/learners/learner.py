@@ -35,8 +35,9 @@ class EpisodeLearner(BaseAlgorithm):
 
     Args:
         policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
-        learning_rate: of Adam, or a schedule.
+        learning_rate: of the optimiser, or a schedule.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
+        optimizer: "adam" or "muon".
     """
 
     policy_aliases: ClassVar[dict[str, Any]] = dict.fromkeys(("MlpPolicy", "MultiInputPolicy"), RecurrentPolicy)
@@ -49,6 +50,7 @@ class EpisodeLearner(BaseAlgorithm):
         learning_rate: float | Schedule,
         max_grad_norm: float,
         stats_window_size: int = 100,
+        optimizer: str = "adam",
         policy_kwargs: dict[str, Any] | None = None,
         tensorboard_log: str | None = None,
         verbose: int = 0,
@@ -60,12 +62,13 @@ class EpisodeLearner(BaseAlgorithm):
             policy, env, learning_rate, policy_kwargs, stats_window_size, tensorboard_log, verbose, device,
             seed=seed, supported_action_spaces=(spaces.Box,), support_multi_env=True,
         )  # fmt: skip
-        self.max_grad_norm, self.n_updates = max_grad_norm, 0
+        self.max_grad_norm, self.optimizer, self.n_updates = max_grad_norm, optimizer, 0
         if _init_setup_model:
             self._setup_model()
 
     def _setup_model(self) -> None:
         self._setup_lr_schedule()
+        self.policy_kwargs["optimizer"] = self.optimizer
         if self.env is not None:
             task = native_env(self.env).task
             self.policy_kwargs["hidden"] = 2 * task.dimension + 3 * task.action_size

@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 
+from agents.learners.muon import Muon
 from agents.learners.recurrent import WIDTH, RecurrentActor
 
 
 class RecurrentPolicy(BasePolicy):
-    """A RecurrentActor with its optimiser (Adam).
+    """A RecurrentActor with its optimiser.
 
     Args:
         observation_space: vectors. action_space: within [-1, 1].
         lr_schedule: learning rate over the share of training that remains.
         width: of the actor's layers.
         hidden: how many hidden numbers `readout` estimates from the memory, in training.
-        betas: of Adam.
+        betas: of Adam. optimizer: "adam", or "muon" (agents.learners.muon).
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class RecurrentPolicy(BasePolicy):
         width: int = WIDTH,
         hidden: int = 1,
         betas: tuple[float, float] = (0.9, 0.999),
+        optimizer: str = "adam",
         **_: Any,
     ) -> None:
         super().__init__(observation_space, action_space)
@@ -40,7 +42,13 @@ class RecurrentPolicy(BasePolicy):
             self.actor.head[-1].weight.mul_(0.1)
             self.actor.head[-1].bias.zero_()
         self.readout = torch.nn.Linear(width, hidden)
-        self.optimizer = torch.optim.Adam(self.parameters(), lr_schedule(1), betas=betas)
+        if optimizer == "muon":
+            gates = [self.actor.cell.weight_ih_l0, self.actor.cell.weight_hh_l0]
+            others = [each for each in self.parameters() if not any(each is gate for gate in gates)]
+            groups = [{"params": gates, "blocks": 3}, {"params": others}]
+            self.optimizer: torch.optim.Optimizer = Muon(groups, lr_schedule(1), betas=betas)
+        else:
+            self.optimizer = torch.optim.Adam(self.parameters(), lr_schedule(1), betas=betas)
 
     def forward(self, observation: torch.Tensor, memory: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """One step: actions before clipping (B, m), and the memory after it, from normalised observations."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.checks import Check, boolean, integer, number, optional
+from agents.runs.checks import Check, boolean, choice, integer, number, optional
 from agents.runs.schedules import built, schedule
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.errors import ConfigError
@@ -64,6 +64,7 @@ _ON_POLICY: dict[str, Check] = _COMMON | {
 }
 _LESSONS: dict[str, Check] = {
     "learning_rate": schedule(),
+    "optimizer": choice("adam", "muon"),
     "teacher": optional(text),
     "taught": _share,
     "delta": number(1e-6),
