@@ -41,7 +41,8 @@ class APG(Distill):
         lessons: the share of training, at its beginning, in which the policy imitates the teacher instead: see Distill,
             also for `teacher`, `taught` (a share of the lessons), `delta`, `gradient_steps`, `batch_size`,
             `kept_rollouts`.
-        stats_window_size: episodes behind the errors in the log. common: what every EpisodeLearner takes besides.
+        stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
+        common: what every EpisodeLearner takes besides.
     """
 
     def __init__(
@@ -62,13 +63,14 @@ class APG(Distill):
         batch_size: int = 128,
         kept_rollouts: int = 60,
         stats_window_size: int = 100,
+        optimizer: str = "adam",
         **common: Any,
     ) -> None:
         self.settled_steps, self.whole_weight, self.estimate_weight = settled_steps, whole_weight, estimate_weight
         self.lane_gradient = lane_gradient
         super().__init__(
             policy, env, learning_rate, teacher, taught, delta, gradient_steps, batch_size, kept_rollouts, lessons,
-            max_grad_norm, stats_window_size, **common,
+            max_grad_norm, stats_window_size, optimizer, **common,
         )  # fmt: skip
 
     def _episodes(self) -> Episodes:

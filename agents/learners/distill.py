@@ -35,7 +35,8 @@ class Distill(EpisodeLearner):
         kept_rollouts: how many rollouts, the newest ones, it learns from.
         lessons: the share of training in which it learns like this: all of it, but for learners built upon this one.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
-        stats_window_size: episodes behind the errors in the log. common: what every EpisodeLearner takes besides.
+        stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
+        common: what every EpisodeLearner takes besides.
     Raises:
         ConfigError: an environment that is not of a tracking task; without `teacher`, one whose motors have a delay or
             a rate limit.
@@ -55,12 +56,13 @@ class Distill(EpisodeLearner):
         lessons: float = 1.0,
         max_grad_norm: float = 1.0,
         stats_window_size: int = 100,
+        optimizer: str = "adam",
         **common: Any,
     ) -> None:
         self.teacher, self.lessons, self.taught, self.delta = teacher, lessons, taught, delta
         self.gradient_steps, self.batch_size, self.kept_rollouts = gradient_steps, batch_size, kept_rollouts
         self.demonstrations: list[Demonstrations] = []
-        super().__init__(policy, env, learning_rate, max_grad_norm, stats_window_size, **common)
+        super().__init__(policy, env, learning_rate, max_grad_norm, stats_window_size, optimizer, **common)
 
     def _setup_model(self) -> None:
         if self.env is not None and self.teacher is None and self.lessons > 0.0:

@@ -1,9 +1,9 @@
 """Muon: momentum whose every matrix is made orthogonal, so that all directions of a layer learn at one pace.
 
 In gradients of whole recurrent episodes a few directions are much larger than the rest, which Adam, entry by entry,
-learns slowly; docs/training.md has what it brings. Source: Jordan et al., Muon: An Optimizer for Hidden Layers in Neural
-Networks, 2024; the scale, by which learning rates are those of Adam: Liu et al., Muon is Scalable for LLM Training,
-2025.
+learns slowly; docs/training.md has what it brings. Source: Jordan et al., Muon: An Optimizer for Hidden Layers in
+Neural Networks, 2024; the scale, by which learning rates are those of Adam: Liu et al., Muon is Scalable for LLM
+Training, 2025.
 """
 
 from __future__ import annotations
