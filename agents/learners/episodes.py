@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.learners.motion import Motion, Motors, at_rest, moved
+from agents.learners.motion import Motion, Motors, at_rest, moved, single
 from agents.learners.observing import Observing
 from rj_gym.core.tangent import Tangent
 from rj_gym.core.vector import TaskVectorEnv
@@ -95,7 +95,7 @@ class DifferentiableEpisodes:
             advice = self._advice(observation)
             own, memory = act(self._seen(observation, advice, taken, motion), memory)
             self._bound_gradient(own)
-            action = own if self.advisor is None else own + _values(advice[:, : task.action_size])
+            action = own if self.advisor is None else own + single(advice[:, : task.action_size])
             actions.append(action)
             memories.append(memory)
             hidden.append(_hidden(tangent, info))
@@ -124,8 +124,8 @@ class DifferentiableEpisodes:
         self, observation: NDArray[np.float32], advice: NDArray[Any], taken: torch.Tensor, motion: Motion
     ) -> torch.Tensor:
         """The normalised observation with the gradients of the last actions and the motion, the advice behind it."""
-        shown = torch.cat([self.observing(_values(observation), taken, motion), _values(advice)], 1)
-        mean, scale = (_values(each) for each in self.normalise(shown.detach().numpy()))
+        shown = torch.cat([self.observing(single(observation), taken, motion), single(advice)], 1)
+        mean, scale = (single(each) for each in self.normalise(shown.detach().numpy()))
         return ((shown - mean) / scale).clamp(-10.0, 10.0)
 
     def _due(self, actions: list[torch.Tensor]) -> torch.Tensor:
@@ -142,12 +142,8 @@ class DifferentiableEpisodes:
 def _hidden(tangent: Tangent, info: Mapping[str, Any]) -> torch.Tensor:
     """What a policy without the pose cannot see, (B, k)."""
     way, behind = info["target"] - tangent.tips, tangent.commands - tangent.motors
-    return _values(np.hstack([way, behind, tangent.half_play, tangent.sheath, info["load"]["force"]]))
+    return single(np.hstack([way, behind, tangent.half_play, tangent.sheath, info["load"]["force"]]))
 
 
 def _errors(tips: torch.Tensor, targets: NDArray[Any]) -> torch.Tensor:
-    return torch.sqrt(((tips - _values(targets)) ** 2).sum(1) + SMOOTH)
-
-
-def _values(array: NDArray[Any]) -> torch.Tensor:
-    return torch.as_tensor(np.ascontiguousarray(array, np.float32))
+    return torch.sqrt(((tips - single(targets)) ** 2).sum(1) + SMOOTH)

@@ -49,7 +49,7 @@ class Motors:
 def at_rest(tangent: Tangent) -> Motion:
     """Where episodes begin."""
     arrays = (tangent.motors, tangent.motors, tangent.commands, _measured(tangent), tangent.tips)
-    return Motion(*(_single(each) for each in arrays))
+    return Motion(*(single(each) for each in arrays))
 
 
 def moved(before: Motion, due: torch.Tensor, tangent: Tangent, motors: Motors) -> Motion:
@@ -72,7 +72,7 @@ class _Step(torch.autograd.Function):
         ctx.taken_along = np.abs(after - command) >= tangent.half_play
         goal = tangent.motors if motors.limit is None else np.where(tangent.held, tangent.motors, goal)
         return tuple(
-            _single(each) for each in (tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips)
+            single(each) for each in (tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips)
         )
 
     @staticmethod
@@ -90,7 +90,7 @@ class _Step(torch.autograd.Function):
         by_command = np.where(ctx.taken_along, 0.0, by_command)
         by_goal, by_motor = by_goal + np.where(ctx.free, by_motor, 0.0), np.where(ctx.free, 0.0, by_motor)
         by_due = np.where(ctx.heard, -ctx.motors.scale * by_goal, 0.0)
-        return None, None, *(_single(each) for each in (by_due, by_motor, by_goal, by_command))
+        return None, None, *(single(each) for each in (by_due, by_motor, by_goal, by_command))
 
 
 def _place(tangent: Tangent) -> NDArray[np.float64]:
@@ -130,5 +130,6 @@ def _transposed(rates: NDArray[np.float64], by: Any) -> Any:
     return np.einsum("bkm,bk->bm", rates, by)
 
 
-def _single(array: Any) -> torch.Tensor:
+def single(array: Any) -> torch.Tensor:
+    """An array as a tensor of single precision."""
     return torch.as_tensor(np.ascontiguousarray(array, np.float32))

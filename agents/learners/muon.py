@@ -40,15 +40,16 @@ class Muon(torch.optim.Optimizer):
         super().__init__(parameters, defaults)
 
     @torch.no_grad()
-    def step(self, closure: Callable[[], Any] | None = None) -> None:
-        """Change the parameters by their gradients."""
-        if closure is not None:
-            raise NotImplementedError("Muon takes gradients as they are: call it without a closure.")
+    def step(self, closure: Callable[[], Any] | None = None) -> Any:
+        """Change the parameters by their gradients, which the closure, if there is one, takes anew; what it returns."""
+        with torch.enable_grad():
+            loss = None if closure is None else closure()
         for group in self.param_groups:
             for parameter in group["params"]:
                 if parameter.grad is not None:
                     update = self._orthogonal if _is_matrix(parameter) else self._adam
                     update(parameter, parameter.grad, group)
+        return loss
 
     def _orthogonal(self, parameter: torch.Tensor, gradient: torch.Tensor, group: dict[str, Any]) -> None:
         state, rate = self.state[parameter], 1.0 - group["momentum"]

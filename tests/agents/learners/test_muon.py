@@ -49,6 +49,15 @@ def test_biases_and_narrow_matrices_are_changed_as_by_adam() -> None:
         torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-7)
 
 
-def test_a_closure_is_refused() -> None:
-    with pytest.raises(NotImplementedError, match="without a closure"):
-        Muon([torch.nn.Parameter(torch.zeros(2))], lr=0.1).step(lambda: 0.0)
+def test_a_closure_takes_the_gradients_anew() -> None:
+    weight = torch.nn.Parameter(torch.ones(2))
+    optimizer = Muon([weight], lr=0.1)
+
+    def closure() -> torch.Tensor:
+        optimizer.zero_grad()
+        loss = weight.square().sum()
+        loss.backward()
+        return loss
+
+    assert optimizer.step(closure).item() == 2.0
+    assert weight.max() < 1.0
