@@ -34,6 +34,8 @@ from rollingjoint.tables import markdown_table
 
 Array = NDArray[np.float64]
 
+POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
+
 FIRST_SEED = 5_500_000  # of episodes that nothing was tuned, chosen or tested on
 ENCODER_SD = 1e-3  # mm: of motor positions, which are measured exactly
 REACH = 1e-3  # standard deviations: of the central differences
@@ -181,12 +183,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and controller."""
     parser = argparse.ArgumentParser(description="How well the tip can be known where nobody sees it.")
     parser.add_argument("--episodes", type=int, default=300)
-    parser.add_argument("--worlds", nargs="+", default=["Instrument", "InstrumentShift"])
+    parser.add_argument("--worlds", nargs="+", choices=POLICIES, default=list(POLICIES))
     arguments = parser.parse_args(argv)
     rows = []
     for world in arguments.worlds:
         env = EnvConfig(f"rj_gym/{world}-v0")
-        policy = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}[world]
+        policy = POLICIES[world]
         drivers = {"probing bank": opponents(env.id)["probing bank"], policy: load_policy(policy)}
         rows += [[world, name, *limits(env, each, arguments.episodes)] for name, each in drivers.items()]
     heads = ("world", "driven by", "its error [mm]", "limit [mm]", "limit, surfaces known [mm]", "episodes")
