@@ -238,7 +238,7 @@ def planar_solver() -> None:
     """Solve a planar chain."""
     chain = five_link()
     taut = solve_lengths(chain, chain.neutral_lengths - 0.5)
-    assert taut.arc_lengths.size and taut.friction_state.states.size
+    assert taut.arc_lengths.size and taut.friction_state.states.size and chain.poses(taut.joint_angles).size
 
 
 def planar_batches() -> None:
