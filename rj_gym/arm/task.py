@@ -126,7 +126,7 @@ class ArmTask(TrackingTask):
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
         own = self._columns
-        said = info.single_info(readings, numbers, self._places)
+        said = info.single_info(readings, numbers, self._parts)
         if self.config.orientation:
             said["angle_error_rad"] = numbers[own + ANGLE]
             said["reward_terms"]["orientation"] = numbers[own + ORIENTATION]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -84,17 +84,20 @@ def reward_info(readings: Array) -> dict[str, Array]:
     return {name: readings[:, column] for name, column in _TERMS.items()}
 
 
-def single_info(readings: Array, numbers: list[float], places: Places) -> dict[str, Any]:
-    """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-    tip, target, force, tensions, command = places
+def single_info(readings: Array, numbers: list[float], parts: Callable[[Array], Sequence[Array]]) -> dict[str, Any]:
+    """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,).
+
+    `parts` takes those at Places from the readings, all at once: 0.36 instead of 0.45 µs.
+    """
+    tip, target, force, tensions, command = parts(readings)
     return {
         "error_mm": numbers[ERROR],
         "status": _STATUS_NAMES[int(numbers[STATUS])],
-        "tip": readings[tip],
-        "target": readings[target],
-        "load": {"link": int(numbers[LINK]), "force": readings[force]},
-        "tensions": readings[tensions],
-        "command": readings[command],
+        "tip": tip,
+        "target": target,
+        "load": {"link": int(numbers[LINK]), "force": force},
+        "tensions": tensions,
+        "command": command,
         "reward_terms": {
             "tracking": numbers[TRACKING],
             "effort": numbers[EFFORT],

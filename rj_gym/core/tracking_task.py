@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from operator import itemgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -50,6 +51,7 @@ class TrackingTask(Task):
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
         self._places = info.Places.of(self.dimension, self.action_size)
+        self._parts = itemgetter(*self._places)
         self.has_friction = bool(config.has_friction(self.mechanism))
         self._goal_size = len(self.goal_bounds())
         self.observes_truth = config.privileged == "observation"

@@ -48,7 +48,7 @@ class PlanarTask(TrackingTask):
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        said = info.single_info(readings, numbers, self._places)
+        said = info.single_info(readings, numbers, self._parts)
         if len(numbers) == self._columns:
             return said
         row = readings[None]
