@@ -24,7 +24,7 @@ class Motion(NamedTuple):
     """B lanes after a step, with gradients.
 
     Position q of the motors, where they are going, and tendon commands p, (B, m) [mm]; measured tensions (B, m) [N];
-    tips (B, d) [mm].
+    tips (B, d) [mm] and poses (B, k) [mm, 1].
     """
 
     motor: torch.Tensor
@@ -32,6 +32,7 @@ class Motion(NamedTuple):
     command: torch.Tensor
     tension: torch.Tensor
     tip: torch.Tensor
+    pose: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,7 @@ class Motors:
 
 def at_rest(tangent: Tangent) -> Motion:
     """Where episodes begin."""
-    arrays = (tangent.motors, tangent.motors, tangent.commands, _measured(tangent), tangent.tips)
-    return Motion(*(single(each) for each in arrays))
+    return Motion(*_found(tangent, tangent.motors))
 
 
 def moved(before: Motion, due: torch.Tensor, tangent: Tangent, motors: Motors) -> Motion:
@@ -71,15 +71,13 @@ class _Step(torch.autograd.Function):
         ctx.free = True if motors.limit is None else np.abs(way) <= motors.limit
         ctx.taken_along = np.abs(after - command) >= tangent.half_play
         goal = tangent.motors if motors.limit is None else np.where(tangent.held, tangent.motors, goal)
-        return tuple(
-            single(each) for each in (tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips)
-        )
+        return _found(tangent, goal)
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> Any:
-        by_motor, by_goal, by_command, by_measured, by_tip = (each.numpy() for each in by)
+        by_motor, by_goal, by_command, *by_read = (each.numpy() for each in by)
         tangent, held = ctx.tangent, ctx.tangent.held
-        by_command, by_motor = _through_readings(tangent, by_motor, by_command, by_measured, by_tip)
+        by_command, by_motor = _through_readings(tangent, by_motor, by_command, *by_read)
         if ctx.motors.limit is None:
             by_motor, by_goal = by_motor + by_goal, 0.0
         else:
@@ -91,6 +89,12 @@ class _Step(torch.autograd.Function):
         by_goal, by_motor = by_goal + np.where(ctx.free, by_motor, 0.0), np.where(ctx.free, 0.0, by_motor)
         by_due = np.where(ctx.heard, -ctx.motors.scale * by_goal, 0.0)
         return None, None, *(single(each) for each in (by_due, by_motor, by_goal, by_command))
+
+
+def _found(tangent: Tangent, goal: NDArray[Any]) -> tuple[torch.Tensor, ...]:
+    """The fields of Motion."""
+    found = tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips, tangent.poses
+    return tuple(single(each) for each in found)
 
 
 def _place(tangent: Tangent) -> NDArray[np.float64]:
@@ -105,7 +109,7 @@ def _measured(tangent: Tangent) -> NDArray[np.float64]:
 
 
 def _through_readings(
-    tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array
+    tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array, by_pose: Array
 ) -> tuple[Any, Any]:
     """Gradients by commands and motors, those of what is read included."""
     place, half = _place(tangent), tangent.half_play
@@ -115,6 +119,7 @@ def _through_readings(
         shifts, by_measured * tangent.tensions * rubbed * tangent.sheath / np.maximum(half, NO_PLAY), 0.0
     )
     answers = _transposed(tangent.tip_rates, by_tip) + _transposed(tangent.tension_rates, by_measured * rubbed)
+    answers = answers + _transposed(tangent.pose_rates, by_pose)
     return by_command + by_shift + np.where(tangent.held, 0.0, answers), by_motor - by_shift
 
 

@@ -28,18 +28,18 @@ class _Entry:
 class Observing:
     """Adds gradients to the observations of a tracking task.
 
-    Entries of motors, tensions, past readings, the tip error and the tip itself have them; those of other links do not,
-    nor do rounding and noise. What can be read after a step is one row: its action, motors, measured tensions and the
-    tip in the picture that is seen. Observations are linear in the rows now and some steps ago.
+    Entries of motors, tensions, past readings, the tip error and of pictures have them; rounding and noise do not. What
+    can be read after a step is one row: its action, motors, measured tensions, and tip and poses in the picture that is
+    seen. Observations are linear in the rows now and some steps ago.
     """
 
     def __init__(self, task: TrackingTask) -> None:
         names = [entry.name for entry in task.entries()]
         self._age = names.index("picture age") if "picture age" in names else None
-        tip = "tip" if "tip x" in names else f"link {task.mechanism.n_links - 1}"
-        entries = [_entry(name, tip, task) for name in names]
+        entries = [_entry(name, task) for name in names]
         m, starts = task.action_size, {"action": 0, "motor": task.action_size, "tension": 2 * task.action_size}
-        starts["tip"], width = 3 * m, 3 * m + task.dimension
+        starts |= {"tip": 3 * m, "pose": 3 * m + task.dimension}
+        width = starts["pose"] + len(task.pictured)
         # An action is kept with the row that it led to: a step ago is now.
         ages = [entry.lag - 1 if entry.kind == "action" else entry.lag for entry in entries]
         self._ages = sorted({0, *ages})
@@ -55,25 +55,26 @@ class Observing:
     def begin(self) -> None:
         """Episodes begin."""
         self._rows: list[torch.Tensor] = []
-        self._tips: list[torch.Tensor] = []
+        self._pictures: list[torch.Tensor] = []
 
     def __call__(self, observation: torch.Tensor, action: torch.Tensor, motion: Motion) -> torch.Tensor:
         """The next observation (B, entries), with the gradients of this action, this motion and those before."""
-        self._tips.append(motion.tip)
-        tip = motion.tip if self._age is None else self._pictured(observation[:, self._age])
-        self._rows.append(torch.cat([action, motion.motor, motion.tension, tip], 1))
+        picture = torch.cat([motion.tip, motion.pose], 1)
+        self._pictures.append(picture)
+        seen = picture if self._age is None else self._pictured(observation[:, self._age])
+        self._rows.append(torch.cat([action, motion.motor, motion.tension, seen], 1))
         now = len(self._rows) - 1
         answer = torch.cat([self._rows[max(now - age, 0)] for age in self._ages], 1) @ self._linear
         return observation + (answer - answer.detach())
 
     def _pictured(self, age: torch.Tensor) -> torch.Tensor:
-        """The tips in the pictures that are seen now, (B, d)."""
-        now = len(self._tips) - 1
+        """The pictures that are seen now, (B, d + k)."""
+        now = len(self._pictures) - 1
         taken = now - torch.round(AGE * age).long()
-        return torch.stack(self._tips)[taken.clamp(0, now), torch.arange(len(age))]
+        return torch.stack(self._pictures)[taken.clamp(0, now), torch.arange(len(age))]
 
 
-def _entry(name: str, tip: str, task: TrackingTask) -> _Entry:
+def _entry(name: str, task: TrackingTask) -> _Entry:
     past = _PAST.fullmatch(name)
     lag = int(past["lag"]) if past else 0
     words = (past["name"] if past else name).split()
@@ -85,6 +86,6 @@ def _entry(name: str, tip: str, task: TrackingTask) -> _Entry:
         return _Entry(_KINDS[words[-1]], lag, units[words[-1]], int(words[1]))
     if words[:2] == ["tip", "error"]:
         return _Entry("tip", lag, -config.reward.error_scale_mm, "xyz".index(words[2]))
-    if " ".join(words[:-1]) == tip and words[-1] in ("x", "y", "z"):
-        return _Entry("tip", 0, task.length, "xyz".index(words[-1]))
+    if name in task.pictured:
+        return _Entry("pose", 0, task.length if words[-1] in ("x", "y", "z") else 1.0, task.pictured.index(name))
     return _Entry()

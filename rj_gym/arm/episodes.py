@@ -85,7 +85,8 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             return super()._rates(d)
         lengths = np.swapaxes(results.rates, 1, 2) @ angles
         tensions = results.elastic[..., None] * (lengths - eye)
-        rates = np.concatenate([self._tip_rates(batches[0]) @ angles, tensions, lengths], axis=1)
+        tips = self._tip_rates(batches[0]) @ angles
+        rates = np.concatenate([tips, tensions, lengths, tips[:, : len(self.task.pictured)]], axis=1)
         return np.where(usable[:, None, None], rates, 0.0)
 
     def _tip_rates(self, solved: batch.BatchArrays) -> Array:
@@ -123,6 +124,9 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         tips = self._results.poses[:count, -1]
         position, rotation = tips[:, :3, 3], tips[:, :3, :3].reshape(count, 9)
         return np.concatenate([position, rotation], axis=1) if self.task.config.orientation else position
+
+    def _pictured(self, poses: Array) -> Array:
+        return poses[:, -1, : len(self.task.pictured), 3].copy()
 
     def _step(self, address: int, first: int, last: int) -> int:
         return self._begin_step(first, last)

@@ -40,6 +40,11 @@ class ArmTask(TrackingTask):
         """The entries of the observation vector; `goal` leaves target and errors out."""
         return arm_observation_entries(self.config, self.mechanism, goal)
 
+    @property
+    def pictured(self) -> list[str]:
+        """The entries of the tip's position, where it is seen; those of its frame have no derivatives."""
+        return [f"tip {axis}" for axis in "xyz"] if self.config.sensing.pose != "none" else []
+
     def privileged_entries(self) -> list[Entry]:
         """The entries of the privileged state, whether or not the settings show it."""
         return arm_privileged_entries(self.config, self.mechanism)

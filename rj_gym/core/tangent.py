@@ -25,9 +25,11 @@ class Tangent(NamedTuple):
     commands: Array  # p, (B, m) mm
     tensions: Array  # T, (B, m) N
     tips: Array  # (B, d) mm
+    poses: Array  # what `TrackingTask.pictured` names, (B, k), mm and 1
     half_play: Array  # (B, m) mm
     sheath: Array  # (B, m)
     held: NDArray[np.bool_]  # (B, m)
     tip_rates: Array  # d tip / d command, (B, d, m) mm/mm
+    pose_rates: Array  # d pose / d command, (B, k, m) mm/mm, 1/mm
     tension_rates: Array  # d tension / d command, (B, m, m) N/mm
     length_rates: Array  # d length / d command, (B, m, m) mm/mm

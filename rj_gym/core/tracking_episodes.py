@@ -71,21 +71,25 @@ class TrackingEpisodeBuffer(StartingEpisodes):
             commands=commands,
             tensions=tensions,
             tips=readings[:, TIP : TIP + d],
+            poses=self._pictured(self.state.poses),
             half_play=self.hardware.half_play.copy() if active else nothing,
             sheath=self.hardware.sheath.copy() if active else nothing,
             held=(tensions <= low) | (tensions >= high),
             tip_rates=rates[:, :d],
+            pose_rates=rates[:, d + 2 * m :],
             tension_rates=rates[:, d : d + m],
-            length_rates=rates[:, d + m :],
+            length_rates=rates[:, d + m : d + 2 * m],
         )
 
     def _rates(self, d: int) -> Array:
-        """Tip, tensions and lengths by d command, (B, d + 2 m, m), as Tangent has them; 0 where unknown."""
+        """Tip, tensions, lengths and poses by d command, (B, d + 2 m + k, m), as Tangent has them; 0 where unknown."""
         held, found = self._held(), []
         usable = np.ones(self.capacity, bool)
         for change in np.vstack([np.zeros(held.shape[1]), REACH * np.eye(held.shape[1])]):
             self._solve_near(held + change)
-            found.append(np.hstack([self._tips(self.capacity)[:, :d], self._results.tensions, self._results.lengths]))
+            results = self._results
+            answers = self._tips(self.capacity)[:, :d], results.tensions, results.lengths
+            found.append(np.hstack([*answers, self._pictured(results.poses)]))
             usable &= self._results.status <= AT_LIMIT
         rates = np.stack([(changed - found[0]) / REACH for changed in found[1:]], axis=-1)
         return np.where(usable[:, None, None], rates, 0.0)
@@ -125,6 +129,10 @@ class TrackingEpisodeBuffer(StartingEpisodes):
                 mechanisms[row] = other.mechanisms[design]
             designs = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
+
+    @abstractmethod
+    def _pictured(self, poses: Array) -> Array:
+        """What `TrackingTask.pictured` names, of the poses of all lanes, (B, k) [mm, 1]."""
 
     @abstractmethod
     def _observe(self, address: int) -> None:

@@ -58,6 +58,11 @@ class TrackingTask(Task):
         self._truths = len(self.privileged_entries()) if config.privileged != "off" else 0
         self._blocks = self._uniform_blocks()
 
+    @property
+    @abstractmethod
+    def pictured(self) -> list[str]:
+        """Entries of the observation that pictures fill, in the order of `Tangent.poses`: those with derivatives."""
+
     @abstractmethod
     def privileged_entries(self) -> list[Entry]:
         """The entries of the privileged state, whether or not the settings show it."""

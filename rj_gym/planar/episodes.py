@@ -85,6 +85,11 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     def _tips(self, count: int) -> Array:
         return self._results.poses[:count, -1, :2]
 
+    def _pictured(self, poses: Array) -> Array:
+        seen = poses[:, 1 + self._rules.first_seen :]
+        columns = seen[..., 0], seen[..., 1], np.cos(seen[..., 2]), np.sin(seen[..., 2])
+        return np.stack(columns, axis=-1).reshape(len(poses), -1)
+
     def _observe(self, address: int) -> None:
         kernels.observe(self._pins, address)
 

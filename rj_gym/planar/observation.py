@@ -39,6 +39,11 @@ def first_seen(config: TrackingConfig, mechanism: RollingChain) -> int:
     return {"all": 0, "tip": mechanism.n_links - 2, "none": mechanism.n_links - 1}[config.sensing.pose]
 
 
+def pictured_entries(config: TrackingConfig, mechanism: RollingChain) -> list[str]:
+    """Names of the entries that come from pictures of the links."""
+    return [entry.name for entry in _pose_entries(range(1 + first_seen(config, mechanism), mechanism.n_links))]
+
+
 def planar_privileged_entries(config: TrackingConfig, mechanism: RollingChain) -> list[Entry]:
     """The entries of the privileged state, in order: true values of what can be hidden."""
     n, tendons = mechanism.n_links, range(mechanism.n_tendons)

@@ -15,7 +15,7 @@ from rj_gym.core.observation import Entry, load_scale
 from rj_gym.core.tracking_task import TrackingTask
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.kernels import Rules
-from rj_gym.planar.observation import first_seen, observation_entries, planar_privileged_entries
+from rj_gym.planar.observation import first_seen, observation_entries, pictured_entries, planar_privileged_entries
 from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions, checked_options
 from rj_gym.planar.sampling import PlanarDraws, sample_episodes, uniform_blocks
 from rollingjoint.load import LOAD_COLUMNS
@@ -36,6 +36,11 @@ class PlanarTask(TrackingTask):
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves target and tip error out."""
         return observation_entries(self.config, self.mechanism, goal)
+
+    @property
+    def pictured(self) -> list[str]:
+        """The entries of the poses of all links that are seen."""
+        return pictured_entries(self.config, self.mechanism)
 
     def privileged_entries(self) -> list[Entry]:
         """The entries of the privileged state, whether or not the settings show it."""

@@ -19,6 +19,8 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
         "rj_gym/Instrument-v0",
         {"actuation": {"play_mm": (0.1, 0.4), "rate_limit_mm": 0.7, "delay": 2}},
     ),
+    "links seen late": ("rj_gym/LatePose-v0", {}),
+    "links seen now and then": ("rj_gym/SlowCamera-v0", {}),
     "tip seen late": ("rj_gym/LatePose-v0", {"sensing": {"pose": "tip"}, "observe_history": 2}),
     "without motors of their own": ("rj_gym/RollingJoint-v0", {"sensing": {"pose": "tip"}, "observe_history": 1}),
     "arm": ("rj_gym/FlexibleArm-v0", {}),
@@ -31,7 +33,7 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
 
 @pytest.fixture(params=WORLDS, scope="module")
 def world(request: pytest.FixtureRequest) -> Any:
-    """A vector environment whose poses other than the tip's are not seen, or not used."""
+    """A vector environment."""
     env_id, settings = WORLDS[request.param]
     env = gymnasium.make_vec(
         env_id, LANES, "vector_entry_point", episode_steps=STEPS, autoreset_mode=AutoresetMode.DISABLED, **settings
@@ -40,23 +42,18 @@ def world(request: pytest.FixtureRequest) -> Any:
     env.close()
 
 
-def _used(env: Any) -> list[int]:
-    """Columns of the entries that have gradients."""
-    names = [entry.name for entry in env.task.entries()]
-    return [column for column, name in enumerate(names) if "angle" not in name and "axis" not in name]
-
-
 def _loss(env: Any, weights: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
     """Mean error of the last steps of a policy that is linear in what it sees and in a memory of it."""
     env.reset(seed=3)
-    columns = _used(env)
 
     def act(x: torch.Tensor, memory: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
-        seen = x[:, columns]
-        memory = 0.5 * seen + (0.0 if memory is None else 0.5 * memory)
+        memory = 0.5 * x + (0.0 if memory is None else 0.5 * memory)
         return memory @ weights + bias, memory
 
-    episodes = DifferentiableEpisodes(env, lambda seen: (np.zeros(seen.shape[1]), np.ones(seen.shape[1])))
+    # Poses are in units of the mechanism's length: a policy has to look at them closely to use them.
+    task = env.unwrapped.task
+    scale = np.array([0.2 if entry.name in task.pictured else 1.0 for entry in task.entries()])
+    episodes = DifferentiableEpisodes(env, lambda seen: (np.zeros(len(scale)), scale))
     played = episodes.play(act)
     assert played is not None
     return played.errors[-4:].mean()
@@ -66,14 +63,14 @@ def _loss(env: Any, weights: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
 def test_gradients_are_those_of_the_environment(world: Any) -> None:
     """Of the loss by every kind of parameter, against central differences of whole episodes."""
     rng, m = np.random.default_rng(0), world.single_action_space.shape[0]
-    count = len(_used(world))
+    count = world.single_observation_space.shape[0]
     weights = torch.tensor(0.15 * rng.standard_normal((count, m)), dtype=torch.float32, requires_grad=True)
     bias = torch.tensor(0.2 * rng.standard_normal(m), dtype=torch.float32, requires_grad=True)
     _loss(world, weights, bias).backward()
     for parameter in (weights, bias):
         assert parameter.grad is not None
         direction = torch.sign(parameter.grad)
-        step = 2e-4
+        step = 2e-5
         with torch.no_grad():
             losses = []
             for change in (step * direction, -step * direction):
@@ -81,4 +78,4 @@ def test_gradients_are_those_of_the_environment(world: Any) -> None:
                 losses.append(_loss(world, weights, bias).item())
                 parameter -= change
         expected = (losses[0] - losses[1]) / (2 * step)
-        assert float((parameter.grad * direction).sum()) == pytest.approx(expected, rel=0.02, abs=0.01)
+        assert float((parameter.grad * direction).sum()) == pytest.approx(expected, rel=0.02, abs=0.05)
