@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.utils import FloatSchedule
 
 from agents.learners.demonstrations import Demonstrations, Demonstrator
 from agents.learners.distill import Distill
@@ -41,6 +42,7 @@ class APG(Distill):
         lessons: the share of training, at its beginning, in which the policy imitates the teacher instead: see Distill,
             also for `teacher`, `taught` (a share of the lessons), `delta`, `gradient_steps`, `batch_size`,
             `kept_rollouts`.
+        lessons_rate: learning rate of the lessons, or a schedule over them; None: learning_rate.
         stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
         common: what every EpisodeLearner takes besides.
     """
@@ -56,6 +58,7 @@ class APG(Distill):
         lane_gradient: float | None = 2.0,
         max_grad_norm: float = 0.5,
         lessons: float = 0.0,
+        lessons_rate: float | Schedule | None = None,
         teacher: Demonstrator | None = None,
         taught: float = 0.05,
         delta: float = 0.3,
@@ -67,11 +70,16 @@ class APG(Distill):
         **common: Any,
     ) -> None:
         self.settled_steps, self.whole_weight, self.estimate_weight = settled_steps, whole_weight, estimate_weight
-        self.lane_gradient = lane_gradient
+        self.lane_gradient, self.lessons_rate = lane_gradient, lessons_rate
         super().__init__(
             policy, env, learning_rate, teacher, taught, delta, gradient_steps, batch_size, kept_rollouts, lessons,
             max_grad_norm, stats_window_size, optimizer, **common,
         )  # fmt: skip
+
+    def _setup_lr_schedule(self) -> None:
+        super()._setup_lr_schedule()
+        if self.lessons_rate is not None and self.lessons > 0.0:
+            self.lr_schedule = _RateOfLessons(FloatSchedule(self.lessons_rate), self.lessons, self.lr_schedule)
 
     def _episodes(self) -> Episodes:
         own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, advisor(self.env))
@@ -109,6 +117,19 @@ class APG(Distill):
         self.logger.record("train/loss", loss.item())
         self.logger.record("train/gradient_norm", norm)
         self.logger.record("train/n_updates", self.n_updates)
+
+
+@dataclass(frozen=True)
+class _RateOfLessons:
+    """A schedule that is another one in the lessons, the first `share` of the training."""
+
+    taught: Schedule
+    share: float
+    own: Schedule
+
+    def __call__(self, progress_remaining: float) -> float:
+        left = 1.0 - (1.0 - progress_remaining) / self.share
+        return self.taught(max(left, 0.0)) if left > -1e-9 else self.own(progress_remaining)
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,7 @@ PARAMETERS: dict[str, dict[str, Check]] = {
     "apg": _LESSONS
     | {
         "lessons": _share,
+        "lessons_rate": optional(schedule()),
         "settled_steps": _count,
         "whole_weight": _positive,
         "estimate_weight": _positive,
@@ -97,7 +98,7 @@ ON_POLICY = {"ppo": (2048, 64), "recurrent_ppo": (128, 128)}
 """Algorithms that learn from whole rollouts, with their default n_steps and batch_size."""
 OWN = ("apg", "distill")
 """Those of agents.learners, which train a RecurrentActor on whole episodes of all lanes."""
-_SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+_SCHEDULES = ("learning_rate", "lessons_rate", "clip_range", "clip_range_vf")
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:

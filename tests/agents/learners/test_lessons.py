@@ -64,6 +64,17 @@ def test_lessons_come_first_and_leave_nothing_behind() -> None:
     close(model)
 
 
+def test_lessons_have_a_learning_rate_of_their_own() -> None:
+    rates: dict[str, Any] = {"learning_rate": {"linear": [6e-4, 0.0]}, "lessons_rate": {"linear": [0.03, 0.0]}}
+    config = TrainConfig.from_dict(settings(6, parameters=LESSONS | rates))
+    model = build_model(config)
+    used, update = [], model._update
+    model._update = lambda played: update(played) or used.append(model.policy.optimizer.param_groups[0]["lr"])
+    learn(model, config, [])
+    assert used == pytest.approx([0.02, 0.01, 0.0, 2e-4, 1e-4, 0.0])
+    close(model)
+
+
 @pytest.mark.parametrize("stop", [2, 4])
 def test_a_run_that_was_stopped_ends_with_the_same_weights(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
