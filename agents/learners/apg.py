@@ -121,7 +121,7 @@ class APG(Distill):
 
 @dataclass(frozen=True)
 class _RateOfLessons:
-    """A schedule that is another one in the lessons, the first `share` of the training."""
+    """The schedule `taught` over the first `share` of the training, then `own`; what is left of 0 is rounding."""
 
     taught: Schedule
     share: float

@@ -118,8 +118,8 @@ def _through_readings(
     by_shift = np.where(
         shifts, by_measured * tangent.tensions * rubbed * tangent.sheath / np.maximum(half, NO_PLAY), 0.0
     )
-    answers = _transposed(tangent.tip_rates, by_tip) + _transposed(tangent.tension_rates, by_measured * rubbed)
-    answers = answers + _transposed(tangent.pose_rates, by_pose)
+    rates = tangent.tip_rates, tangent.tension_rates, tangent.pose_rates
+    answers = sum(map(_transposed, rates, (by_tip, by_measured * rubbed, by_pose)))
     return by_command + by_shift + np.where(tangent.held, 0.0, answers), by_motor - by_shift
 
 

@@ -42,7 +42,7 @@ class ArmTask(TrackingTask):
 
     @property
     def pictured(self) -> list[str]:
-        """The entries of the tip's position, where it is seen; those of its frame have no derivatives."""
+        """The entries of the tip's position, none where it is not seen; those of its frame have no derivatives."""
         return [f"tip {axis}" for axis in "xyz"] if self.config.sensing.pose != "none" else []
 
     def privileged_entries(self) -> list[Entry]:

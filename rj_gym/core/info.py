@@ -87,7 +87,7 @@ def reward_info(readings: Array) -> dict[str, Array]:
 def single_info(readings: Array, numbers: list[float], parts: Callable[[Array], Sequence[Array]]) -> dict[str, Any]:
     """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,).
 
-    `parts` takes those at Places from the readings, all at once: 0.36 instead of 0.45 µs.
+    `parts` takes those at Places from the readings: `operator.itemgetter`, which is faster than one subscript each.
     """
     tip, target, force, tensions, command = parts(readings)
     return {

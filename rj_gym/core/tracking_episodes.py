@@ -132,7 +132,7 @@ class TrackingEpisodeBuffer(StartingEpisodes):
 
     @abstractmethod
     def _pictured(self, poses: Array) -> Array:
-        """What `TrackingTask.pictured` names, of the poses of all lanes, (B, k) [mm, 1]."""
+        """What `TrackingTask.pictured` names, of these poses of all lanes, (B, k) [mm, 1]."""
 
     @abstractmethod
     def _observe(self, address: int) -> None:

@@ -61,7 +61,7 @@ class TrackingTask(Task):
     @property
     @abstractmethod
     def pictured(self) -> list[str]:
-        """Entries of the observation that pictures fill, in the order of `Tangent.poses`: those with derivatives."""
+        """Names of the observation's entries that pictures fill and `Tangent.poses` has, in its order."""
 
     @abstractmethod
     def privileged_entries(self) -> list[Entry]:

@@ -25,12 +25,12 @@ def observation_entries(config: TrackingConfig, mechanism: RollingChain, goal: b
         mechanism: the mechanism before randomisation.
         goal: entries of the Goal environment's "observation", which leaves out the target and the tip error.
     """
-    first, n, seen = first_seen(config, mechanism), mechanism.n_links, config.sensing.pose != "none"
-    entries = _pose_entries(range(1 + first, n)) + tendon_entries(config, mechanism.n_tendons)
+    seen = config.sensing.pose != "none"
+    entries = pictured_entries(config, mechanism) + tendon_entries(config, mechanism.n_tendons)
     if not goal:
         entries += position_entries("target", "xy") + (error_entries(config, "xy") if seen else [])
     if config.observe_load:
-        entries += _load_entries(config, n)
+        entries += _load_entries(config, mechanism.n_links)
     return entries + instrument_entries(config, mechanism.n_tendons, "xy")
 
 
@@ -39,9 +39,9 @@ def first_seen(config: TrackingConfig, mechanism: RollingChain) -> int:
     return {"all": 0, "tip": mechanism.n_links - 2, "none": mechanism.n_links - 1}[config.sensing.pose]
 
 
-def pictured_entries(config: TrackingConfig, mechanism: RollingChain) -> list[str]:
-    """Names of the entries that come from pictures of the links."""
-    return [entry.name for entry in _pose_entries(range(1 + first_seen(config, mechanism), mechanism.n_links))]
+def pictured_entries(config: TrackingConfig, mechanism: RollingChain) -> list[Entry]:
+    """The entries of the observed links' poses, in order."""
+    return _pose_entries(range(1 + first_seen(config, mechanism), mechanism.n_links))
 
 
 def planar_privileged_entries(config: TrackingConfig, mechanism: RollingChain) -> list[Entry]:

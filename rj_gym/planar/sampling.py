@@ -103,9 +103,7 @@ def _mechanisms(
 def load_links(config: LoadConfig, n_links: int, uniforms: Array) -> NDArray[np.int64]:
     """Link that the load pulls, (B,): the tip, or uniform over the moving links."""
     if config.link == "tip":
-        links = np.empty(len(uniforms), np.int64)
-        links.fill(n_links - 1)
-        return links
+        return np.full(len(uniforms), n_links - 1)
     return 1 + (uniforms[:, 0] * (n_links - 1)).astype(np.int64)
 
 

@@ -39,8 +39,8 @@ class PlanarTask(TrackingTask):
 
     @property
     def pictured(self) -> list[str]:
-        """The entries of the poses of all links that are seen."""
-        return pictured_entries(self.config, self.mechanism)
+        """The entries of the observed links' poses."""
+        return [entry.name for entry in pictured_entries(self.config, self.mechanism)]
 
     def privileged_entries(self) -> list[Entry]:
         """The entries of the privileged state, whether or not the settings show it."""

@@ -79,7 +79,9 @@ def test_lessons_have_a_learning_rate_of_their_own() -> None:
 def test_a_run_that_was_stopped_ends_with_the_same_weights(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    values = settings(6, evaluation={"every": stop * LANES * STEPS, "episodes": 2}, checkpoint_every=LANES * STEPS)
+    parameters = LESSONS | {"lessons_rate": {"linear": [0.01, 0.001]}}
+    every = {"evaluation": {"every": stop * LANES * STEPS, "episodes": 2}, "checkpoint_every": LANES * STEPS}
+    values = settings(6, parameters=parameters, **every)
     check_that_a_stopped_run_ends_with_the_same_weights(values, tmp_path, monkeypatch)
 
 
