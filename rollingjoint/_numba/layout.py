@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numba
@@ -113,13 +113,15 @@ def size(cls: type, lengths: Mapping[str, int]) -> int:
     return sum(math.prod(axis if isinstance(axis, int) else lengths[axis] for axis in each) for each in axes)
 
 
-def flat(value: Any) -> Iterator[Any]:
+def flat(value: Any) -> list[Any]:
     """The values of a (nested) NamedTuple in the order of `leaves`."""
+    values: list[Any] = []
     for one in value:
         if isinstance(one, tuple):
-            yield from flat(one)
+            values += flat(one)
         else:
-            yield one
+            values.append(one)
+    return values
 
 
 def check(value: Any) -> None:
@@ -128,7 +130,9 @@ def check(value: Any) -> None:
     lengths: dict[str, int] = {}
     for leaf, one in zip(leaves(cls), flat(value), strict=True):
         leaf.check(one)
-        for axis, length in zip(leaf.axes or (), np.shape(one), strict=True):
+        if leaf.axes is None:
+            continue
+        for axis, length in zip(leaf.axes, one.shape, strict=True):
             known = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
             if length != known:
                 raise InvalidInput(f"{leaf.path}, axis {axis}", length, f"{known}, as in the layout's other arrays")
