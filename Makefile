@@ -21,7 +21,7 @@ help:
 	@echo "make fuzz      the standing attack, three minutes with new seeds (MINUTES=1: one); docs/reliability.md"
 	@echo "make fuzz-long the same until its goals are reached (about an hour; again: goes on)"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
-	@echo "make campaign  train every run of docs/results.md into runs/results (about an hour; again: goes on)"
+	@echo "make campaign  train the runs of docs/results.md into runs/instrument (some hours; again: goes on)"
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
 	@echo "make docs      build the documentation site: site/index.html, which opens from disk"
 	@echo "make lint      style, types and import layers"
@@ -88,12 +88,12 @@ speed: setup
 	@$(BIN)/python benchmarks/speed.py
 
 campaign: setup
-	@echo "==> Training every run of the results page"
-	@$(BIN)/python -m agents.campaign configs/campaign/results.yaml --out runs/results
+	@echo "==> Training the runs of the results page"
+	@$(BIN)/python -m agents.campaign configs/campaign/instrument.yaml --out runs/instrument
 
 results: setup
 	@echo "==> Scoring them and rewriting docs/results.md"
-	@$(BIN)/python -m agents.results runs/results
+	@$(BIN)/python -m agents.results runs/instrument --per-point 100 --shipped
 
 docs: setup
 	@echo "==> Writing the pages"

@@ -1,4 +1,4 @@
-"""How well the tip can be known where nobody sees it: the limit of all controllers of the instrument worlds.
+"""How well the tip can be known where nobody sees it, from what controllers of the instrument worlds read.
 
     python benchmarks/information.py
 
@@ -6,10 +6,10 @@ A controller drives episodes. For each of them the motors' positions and the noi
 differentiated by everything that is hidden (displaced surfaces, load, offsets of the motors, stiffnesses, play, sheath
 friction, where tendons began in their play) at its true values, and so is the tip at the end. Taken as normal, with
 the variances that the world draws them with, the hidden numbers then have a distribution given the readings, and the
-tip has one: what is printed is the mean distance of the tip from where it is most likely. No controller can be nearer
-to its target on average, however it computes, but for what the derivatives leave out: they know on which side of its
-play every tendon is, which is in favour of the limit, and take uniform distributions as normal ones. Episodes in which
-a tendon comes to a limit of its tension, where the motor gives way, are left out.
+tip has one: what is printed is the mean distance of the tip from where it is most likely. No controller that moves so
+can be nearer to its target on average, however it computes, but for what the derivatives leave out: they know on which
+side of its play every tendon is, which is in favour of the limit, and take uniform distributions as normal ones.
+Episodes in which a tendon comes to a limit of its tension, where the motor gives way, are left out of both figures.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Driven(NamedTuple):
     hidden: Hidden
     motors: Array  # (B, T + 1, m) mm
     tips: Array  # (B, T + 1, 2) mm
-    error: float  # mm, mean of the last step
+    errors: Array  # of the last step, (B,) mm
 
 
 def spreads(config: TrackingConfig) -> Array:
@@ -115,7 +115,7 @@ def drive(env: EnvConfig, controller: Controller, episodes: int) -> Driven:
         tangents.append(envs.tangent())
     envs.close()
     motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
-    return Driven(envs.task.config, hidden, motors, tips, float(info["error_mm"].mean()))
+    return Driven(envs.task.config, hidden, motors, tips, info["error_mm"])
 
 
 def follow(config: TrackingConfig, hidden: Hidden, motors: Array) -> tuple[Array, Array, Array]:
@@ -176,7 +176,7 @@ def limits(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
     for known in (sds, exact):
         errors = np.array([least_error(config, truth[k], driven.motors[k], known) for k in usable])
         found.append(f"{errors.mean():.3f} ± {1.96 * errors.std() / np.sqrt(len(errors)):.3f}")
-    return [f"{driven.error:.3f}", *found, f"{len(usable)} of {episodes}"]
+    return [f"{driven.errors[usable].mean():.3f}", *found, f"{len(usable)} of {episodes}"]
 
 
 def main(argv: Sequence[str] | None = None) -> None:

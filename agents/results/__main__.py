@@ -1,11 +1,10 @@
 """Rebuild the results page from run folders, or from results files: python -m agents.results runs/results.
 
 It scores the policies of all finished runs, with --shipped also those that are shipped for other tasks, the baselines
-and the floor in the same episodes, and writes
-OUT/results.json with every episode's error, OUT/results.md, and its pictures OUT/images/results_*. With --from it reads
-results files instead of run folders, merges them and writes the same, with the animations that lie beside these files
-or are there already. The same runs, or the same files, give the same page. With --runs-only it scores further training
-seeds for a page that has their task and its opponents already.
+and the floor in the same episodes, and writes OUT/results.json.gz with every episode's error, OUT/results.md, and its
+pictures OUT/images/results_*. With --from it reads results files instead of run folders, merges them and writes the
+same, with the animations that lie beside these files or are there already. The same runs, or the same files, give the
+same page. With --runs-only it scores further training seeds for a page that has their task and its opponents already.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agents.executors.options import add_options
+from agents.results.file import FILE, read_results, write_results
 from agents.results.record import Results, ResultsError
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from agents.results.runs import Benchmark
     from agents.results.worlds import Plan
 
-FILE, OUT = "results.json", Path("docs")
+OUT = Path("docs")
 SIZES = {
     "episodes": (len(TEST), "of the tables"),
     "seed": (TEST.start, "of the first of them"),
@@ -70,7 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    from agents.results.file import read_results, write_results
 
     results = _merged(arguments) if arguments.files else _scored(arguments)
     if not any(record.of_role("test") for record in results.benchmarks):
@@ -87,7 +86,6 @@ def _command(arguments: argparse.Namespace) -> int:
 
 def _merged(arguments: argparse.Namespace) -> Results:
     """What the files hold; their animations are brought to the page, whose commands end with this one if they merge."""
-    from agents.results.file import read_results
     from agents.results.films import bring_films
     from agents.results.merging import merged
 

@@ -20,6 +20,7 @@ from rollingjoint.errors import RollingJointError
 
 FORMAT, SCHEMA = "rollingjoint results", 1
 PACKED = ".gz"
+FILE = "results.json" + PACKED  # beside a page
 _DIGITS = 4
 
 

@@ -25,7 +25,7 @@ from rollingjoint.errors import ConfigError
 
 
 def make_training_env(config: EnvConfig) -> VecEnv:
-    """The copies that training steps together: a native vector environment, else scalar ones in turn."""
+    """The lanes that training steps together: a native vector environment, else scalar ones in turn."""
     envs: VecEnv
     if config.is_ours:
         with making(config):
@@ -37,7 +37,7 @@ def make_training_env(config: EnvConfig) -> VecEnv:
 
 
 def _advised(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
-    """The copies with the advice of a controller; raises ConfigError for one that cannot act there."""
+    """The lanes with the advice of a controller; raises ConfigError for one that cannot act there."""
     try:
         return AdvisedVecEnv(envs, partial(guide_named, controller, config.id), advice_size(controller, config))
     except ConfigError:

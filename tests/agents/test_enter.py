@@ -13,7 +13,7 @@ from agents.evaluation.rollout import run_episodes
 from agents.results import __main__ as results
 from agents.results import read_results
 from agents.results.entry import Function, load_entrant
-from agents.results.file import write_results
+from agents.results.file import FILE, write_results
 from agents.runs.environment import EnvConfig
 from agents.shipped import list_policies, load_policy
 from rollingjoint.errors import ConfigError
@@ -34,6 +34,10 @@ def workshop(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(enter, "SEEDS", FEW)
     return tmp_path
+
+
+def test_it_compares_with_the_file_that_agents_results_writes():
+    assert enter.PUBLISHED == results.OUT / FILE
 
 
 def test_every_command_and_program_of_the_page_runs(workshop, capsys):

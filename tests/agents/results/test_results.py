@@ -64,7 +64,7 @@ def page(out) -> str:
 @pytest.fixture(scope="module")
 def records(out):
     """Benchmarks of the results file, by title."""
-    return {record.title: record for record in read_results(out / "results.json").benchmarks}
+    return {record.title: record for record in read_results(out / "results.json.gz").benchmarks}
 
 
 def table(page: str, heading: str, number: int = 0) -> dict[str, list[str]]:
@@ -187,29 +187,29 @@ def test_the_page_says_how_to_rebuild_it(page, runs, out):
 
 
 def test_the_file_alone_gives_the_same_page_and_pictures(out, page, tmp_path):
-    assert results.main(["--from", str(out / "results.json"), "--out", str(tmp_path)]) == 0
+    assert results.main(["--from", str(out / "results.json.gz"), "--out", str(tmp_path)]) == 0
     assert (tmp_path / "results.md").read_text() == page
-    assert (tmp_path / "results.json").read_text() == (out / "results.json").read_text()
+    assert (tmp_path / "results.json.gz").read_bytes() == (out / "results.json.gz").read_bytes()
     for path in (out / "images").iterdir():
         assert (tmp_path / "images" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
 def test_a_page_without_the_animations_does_not_name_them(out, page, tmp_path, monkeypatch):
     monkeypatch.setattr(results_pictures, "pictures", lambda results: {})
-    file = shutil.copy(out / "results.json", tmp_path)
+    file = shutil.copy(out / "results.json.gz", tmp_path)
     assert results.main(["--from", str(file), "--out", str(tmp_path)]) == 0
     assert ".gif" in page and ".gif" not in (tmp_path / "results.md").read_text()
 
 
 def test_a_page_of_several_files_has_their_animations_and_tells_the_merging(out, page, tmp_path, monkeypatch):
     monkeypatch.setattr(results_pictures, "pictures", lambda results: {})
-    whole, parts, other = read_results(out / "results.json"), [], "of other episodes"
+    whole, parts, other = read_results(out / "results.json.gz"), [], "of other episodes"
     for name, filmed in {"one": ["near"], "two": ["near", "reach", "drift"]}.items():
         records = [replace(one, title=f"{name} {one.title}") for one in whole.benchmarks]
         films = {f"{name} {title}": whole.films[title] for title in filmed}
         if name == "two":
             films["two near"] = dict.fromkeys(films["two near"], other)
-        parts.append(tmp_path / name / "results.json")
+        parts.append(tmp_path / name / "results.json.gz")
         write_results(parts[-1], Results(records, commands=[name], films=films))
         shutil.copytree(out / "images", parts[-1].parent / "images", ignore=shutil.ignore_patterns("*.png"))
     (tmp_path / "two/images/results_near.gif").write_bytes(other.encode())
@@ -228,9 +228,9 @@ def test_runs_alone_complete_results_that_have_their_opponents(runs, out, tmp_pa
     monkeypatch.setattr(worlds, "POINTS", (0.0, 1.25))
     assert results.main([str(runs), "--runs-only", "--out", str(tmp_path), *SIZES, "--jobs", "1"]) == 0
     assert "merge it by --from" in capsys.readouterr().out and [one.name for one in tmp_path.iterdir()] == [
-        "results.json"
+        "results.json.gz"
     ]
-    alone, whole = (read_results(folder / "results.json") for folder in (tmp_path, out))
+    alone, whole = (read_results(folder / "results.json.gz") for folder in (tmp_path, out))
     assert {one.kind for record in alone.benchmarks for one in record.controllers} == {POLICY}
     first = [
         replace(record, controllers=[replace(one, runs=one.runs[:1]) for one in record.controllers])
@@ -249,7 +249,7 @@ def test_a_file_cannot_name_an_animation_elsewhere(out, tmp_path):
     found = Results([], films={"near": {"../secret.gif": "a caption"}})
     (tmp_path / "secret.gif").write_bytes(b"GIF")
     (tmp_path / "images").mkdir()
-    films.bring_films({tmp_path / "results.json": found}, found, tmp_path / "out")
+    films.bring_films({tmp_path / "results.json.gz": found}, found, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -377,7 +377,7 @@ def test_shipped_policies_are_scored_for_tasks_without_runs(runs, records, monke
 
 
 def test_runs_or_results_files_are_needed(capsys):
-    for arguments in ([], ["somewhere", "--from", "results.json"]):
+    for arguments in ([], ["somewhere", "--from", "results.json.gz"]):
         with pytest.raises(SystemExit):
             results.main(arguments)
         assert "give a folder with run folders, or --from" in capsys.readouterr().err
