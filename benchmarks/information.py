@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 POLICIES = {"Instrument": "instrument", "InstrumentShift": "instrument_shift"}  # that ship, by world
 
-FIRST_SEED = 5_500_000  # of episodes that nothing was tuned, chosen or tested on
+FIRST_SEED = 5_500_000  # of episodes that nothing was tuned or chosen on
 ENCODER_SD = 1e-3  # mm: of motor positions, which are measured exactly
 REACH = 1e-3  # standard deviations: of the central differences
 SAME = 1e-6  # mm: by how much the model may miss the environment's tips

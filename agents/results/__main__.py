@@ -70,7 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-
     results = _merged(arguments) if arguments.files else _scored(arguments)
     if not any(record.of_role("test") for record in results.benchmarks):
         titles = [record.title for record in results.benchmarks]

@@ -1,7 +1,8 @@
 """Which episodes serve for what: ranges of seeds that no other purpose uses.
 
 Training uses the seeds of its run, evaluations during it those from 1,000,000 on, studies of hyper-parameters those
-from 2,000,000 on, recorded scores of shipped policies those from 20,000 on.
+from 2,000,000 on, recorded scores of shipped policies those from 20,000 on, studies of what can be known those from
+5,500,000 on. Recipes of training were chosen on those from 6,000,000 on.
 """
 
 from __future__ import annotations
