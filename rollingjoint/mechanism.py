@@ -198,6 +198,10 @@ class Variations(Sequence[M]):
         return True
 
     @abstractmethod
+    def get_state(self) -> dict[str, Array]:
+        """What makes them again from the nominal mechanism: arrays by the name of their argument, copied."""
+
+    @abstractmethod
     def _take(self, rows: NDArray[np.int64], other: Any, places: NDArray[np.int64]) -> bool:
         """Replace what a family has of its own."""
 

@@ -10,7 +10,8 @@ Modules:
     seeds: which seeds serve for what.
     files: files that are written whole or not at all; tables read back.
     locks: locks between processes.
-    pickles: warnings before pickles of run folders are read.
+    state_file: plain values, arrays and tensors in one safetensors file.
+    consent: what the command line allows: pickles, and modules that files name.
     folder: the run folder.
     processes: how commands are asked to stop.
     command_line: exit codes, error lines and signals of the commands.

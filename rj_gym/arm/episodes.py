@@ -22,6 +22,7 @@ from rj_gym.core.kernels import AT_LIMIT
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.rendering.canvas import Screen
 from rollingjoint.compiled import machine_code
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.spatial import batch
 from rollingjoint.spatial.chain import HingeChain
 
@@ -34,6 +35,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
     _batch: ClassVar[Any] = batch
     _FORCE: ClassVar[slice] = slice(FX, FX + 3)
+    _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     task: ArmTask
     mechanisms: tuple[HingeChain, ...]
     course: Course

@@ -21,6 +21,7 @@ Modules:
     settings: the base of every settings class.
     sole_use: one caller of an environment at a time.
     spaces: observation spaces and observations, plain and with goals.
+    state: saved states of vector environments, checked.
     starting_episodes: how episodes of a tracking task begin.
     tangent: how the last step of a tracking task answers its motors.
     task: the interface of a task.

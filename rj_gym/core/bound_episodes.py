@@ -41,6 +41,7 @@ class BoundEpisodes(EpisodeBuffer):
     _BOUND: ClassVar[tuple[str, ...]] = ()  # made by `_bind`, left out of pickles
     _batch: ClassVar[Any]  # the module of the family that solves batches
     _FORCE: ClassVar[slice]  # columns of a load table, of the force in its last row that acts only while episodes run
+    _LOAD_COLUMNS: ClassVar[tuple[str, ...]]  # of a load table
     course: Any  # what is fixed when an episode begins
     state: Any  # where running episodes are
     hardware: Hardware  # motors and sensors

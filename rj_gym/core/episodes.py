@@ -75,6 +75,14 @@ class EpisodeBuffer(ABC):
         """The current observations of all lanes, (B, entries)."""
 
     @abstractmethod
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied: plain values and arrays."""
+
+    @abstractmethod
+    def set_state(self, state: Any) -> None:
+        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+
+    @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
         """What a picture of one lane shows; trail (steps, dimension) [mm] is where its tip has been."""
 

@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.core.columns import STEP, TENSIONS, TIP
+from rj_gym.core.columns import LINK, STEP, TENSIONS, TIP
 from rj_gym.core.draws import over_time
 from rj_gym.core.episodes import NO_ROWS, Observation, Rows
 from rj_gym.core.generators import Random
 from rj_gym.core.hardware import MOTOR
 from rj_gym.core.kernels import AT_LIMIT, REFUSED
 from rj_gym.core.starting_episodes import StartingEpisodes
+from rj_gym.core.state import check_whole, checked_array, checked_parts
 from rj_gym.core.tangent import FREE_OF_LIMITS, REACH, Tangent
 from rollingjoint.compiled import run_in_threads
 from rollingjoint.errors import InvalidInput
+from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
+from rollingjoint.load import wrong_links
 from rollingjoint.mechanism import Variations
 
 Array = NDArray[np.float64]
@@ -119,7 +122,7 @@ class TrackingEpisodeBuffer(StartingEpisodes):
         """Continue the first lanes of another buffer in these rows."""
         count = len(rows)
         self._widen(other.course.targets, other.course.forces)
-        for mine, theirs in zip(self._kept(), other._kept(), strict=True):
+        for mine, theirs in zip(self._kept().values(), other._kept().values(), strict=True):
             mine[rows] = theirs[:count]
         if self._take_variations(rows, other):
             return
@@ -129,6 +132,72 @@ class TrackingEpisodeBuffer(StartingEpisodes):
                 mechanisms[row] = other.mechanisms[design]
             designs = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied: plain values and arrays."""
+        return {
+            "mechanisms": self._mechanism_state(),
+            "designs": self.designs.copy(),
+            "arrays": {name: array.copy() for name, array in self._kept().items()},
+        }
+
+    def set_state(self, state: Any) -> None:
+        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+        parts = checked_parts(state, ("mechanisms", "designs", "arrays"))
+        mechanisms = self._mechanisms_in(parts["mechanisms"])
+        designs = checked_array("designs", parts["designs"], self.designs)
+        check_whole("designs", designs, 0, len(mechanisms) - 1)
+        arrays = checked_parts(parts["arrays"], tuple(self._kept()), "state: arrays")
+        series = {name: arrays[f"course.{name}"] for name in ("targets", "forces")}
+        for name, values in series.items():
+            checked_array(name, values, self._of_length(getattr(self.course, name), values))
+        for name, array in self._kept().items():
+            if name.removeprefix("course.") not in series:
+                checked_array(name, arrays[name], array)
+        readings, links = arrays["state.readings"], self.task.mechanism.n_links
+        check_whole("steps", readings[:, STEP], -1, self.task.config.episode_steps)
+        check_whole("links", readings[:, LINK], 0, links - 1)
+        wrong = wrong_links(arrays["loads"], self._LOAD_COLUMNS, links)
+        check_whole("links of loads", np.zeros(0) if wrong is None else wrong, 0, links - 1)
+        self._widen(**series)
+        for name, array in self._kept().items():
+            array[:] = arrays[name]
+        self._laws.low[:], self._laws.high[:] = self.task.config.tension_range
+        if self.mechanisms != mechanisms:
+            self._use(mechanisms, designs)
+        else:
+            self.designs[:] = designs
+
+    def _of_length(self, kept: Array, values: Any) -> Array:
+        """Room like a series that is kept, constant or over an episode as `values` are."""
+        times = self.task.config.episode_steps + 1
+        whole = np.ndim(values) > 1 and np.shape(values)[1] == times
+        return np.empty((len(kept), times if whole else 1, *kept.shape[2:]))
+
+    def _mechanism_state(self) -> Any:
+        """The mechanisms in plain values: None for the nominal one."""
+        mechanisms = self.mechanisms
+        if isinstance(mechanisms, Variations):
+            return mechanisms.get_state()
+        if len(mechanisms) == 1 and mechanisms[0] is self.task.mechanism:
+            return None
+        return [mechanism_to_dict(mechanism) | {"name": mechanism.name} for mechanism in mechanisms]
+
+    def _mechanisms_in(self, state: Any) -> Any:
+        """The mechanisms that `_mechanism_state` has described; raises InvalidInput for others."""
+        nominal = self.task.mechanism
+        if state is None:
+            return (nominal,)
+        if isinstance(state, list) and 0 < len(state) <= self.capacity:
+            mechanisms = tuple(mechanism_from_dict(content, "state: mechanisms") for content in state)
+            sizes = {(type(each), each.n_links, each.n_tendons) for each in mechanisms}
+            if sizes == {(type(nominal), nominal.n_links, nominal.n_tendons)}:
+                return mechanisms
+        return self._varied(state)
+
+    def _varied(self, state: Any) -> Any:
+        """The variations of the nominal mechanism that `Variations.get_state` has described; raises InvalidInput."""
+        raise InvalidInput("state: mechanisms", state, "mechanisms of the size of this environment's")
 
     @abstractmethod
     def _pictured(self, poses: Array) -> Array:
@@ -154,10 +223,13 @@ class TrackingEpisodeBuffer(StartingEpisodes):
             "step": int(readings[STEP]),
         }
 
-    def _kept(self) -> tuple[NDArray[Any], ...]:
-        """The arrays (B, ...) that steps go on from."""
-        rubbing = () if self._friction is None else (*self._friction.law, *self._friction.before)
-        return tuple(kept for kept in (*self.state, *self.course, *self.hardware, self._loads, *rubbing) if len(kept))
+    def _kept(self) -> dict[str, NDArray[Any]]:
+        """The arrays (B, ...) that steps go on from, by name."""
+        groups = {"state": self.state, "course": self.course, "hardware": self.hardware}
+        if self._friction is not None:
+            groups |= {"friction law": self._friction.law, "friction history": self._friction.before}
+        kept = {f"{group}.{name}": one for group, arrays in groups.items() for name, one in arrays._asdict().items()}
+        return {name: array for name, array in (kept | {"loads": self._loads}).items() if len(array)}
 
     def _take_variations(self, rows: Rows, other: TrackingEpisodeBuffer) -> bool:
         """Continue mechanisms of another buffer where every lane of both has a variation of its own."""

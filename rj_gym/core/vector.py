@@ -29,6 +29,13 @@ from rj_gym.core.registry import task_of
 from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
+from rj_gym.core.state import (
+    check_generator_states,
+    checked_array,
+    checked_parts,
+    generator_states,
+    set_generator_states,
+)
 from rj_gym.core.tangent import Tangent
 from rj_gym.rendering.tracking import with_own_arrays
 from rollingjoint.errors import InvalidInput
@@ -94,6 +101,11 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def config(self) -> Any:
         """The settings."""
         return self.task.config
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether episodes run: after the first reset."""
+        return self._begun
 
     @used_alone
     def reset(
@@ -169,6 +181,34 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             raise ResetNeeded("No episode is running: call reset() before tangent().")
         tangent: Tangent = self._buffer.tangent()
         return tangent
+
+    @used_alone
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied: plain values and arrays, for `set_state`, here or elsewhere.
+
+        Pictures' trails are not part of it.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if not self._begun:
+            raise ResetNeeded("There is no state yet: call reset() before get_state().")
+        generators = generator_states(self._generators)
+        return {"episodes": self._buffer.get_state(), "generators": generators, "over": self._over.copy()}
+
+    @used_alone
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state of an environment with the same settings and number of lanes, to the last bit.
+
+        Raises:
+            InvalidInput: what is no such state; nothing has changed then.
+        """
+        parts = checked_parts(state, ("episodes", "generators", "over"))
+        check_generator_states(parts["generators"], self.num_envs)
+        over = checked_array("over", parts["over"], self._over).copy()
+        self._buffer.set_state(parts["episodes"])
+        set_generator_states(self._generators, parts["generators"])
+        self._over, self._begun, self._trail = over, True, []
 
     @used_alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

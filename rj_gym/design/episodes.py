@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rj_gym.core.columns import ERROR, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
+from rj_gym.core.state import checked_array, checked_parts
 from rj_gym.design.observation import observation_values
 from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws
@@ -69,6 +70,23 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         read = partial(self.task.part, self.readings)
         values = observation_values(self.task.config, self.task.length, read, self.draws)
         return np.clip(values, *self._bounds).astype(np.float32)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that later steps depend on, copied."""
+        return {name: array.copy() for name, array in self._kept().items()}
+
+    def set_state(self, state: Any) -> None:
+        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+        kept = self._kept()
+        arrays = checked_parts(state, tuple(kept))
+        for name, array in kept.items():
+            checked_array(name, arrays[name], array)
+        for name, array in kept.items():
+            array[:] = arrays[name]
+
+    def _kept(self) -> dict[str, Array]:
+        """The arrays (B, ...) that steps go on from, by name."""
+        return {**self.draws._asdict(), "readings": self.readings}
 
     def scene(self, trail: Array, lane: int = 0) -> DesignScene:
         """What a picture of one lane shows; it has no trail."""

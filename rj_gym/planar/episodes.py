@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.core.columns import FORCE, LINK
 from rj_gym.core.hardware_draws import new_hardware
+from rj_gym.core.state import checked_array, checked_parts
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.planar import kernels
 from rj_gym.planar.kernels import Course, Inputs, RunningEpisodes, Solved, TaskArrays
@@ -18,9 +19,11 @@ from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
 from rj_gym.rendering.canvas import Screen
 from rollingjoint.compiled import Pinned, machine_code
+from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.planar import batch
 from rollingjoint.planar.chain import RollingChain
+from rollingjoint.planar.variations import ChainVariations
 
 Array = NDArray[np.float64]
 
@@ -33,6 +36,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
     _batch: ClassVar[Any] = batch
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
+    _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = LOAD_COLUMNS
     task: PlanarTask
     mechanisms: tuple[RollingChain, ...]
     course: Course
@@ -52,6 +56,16 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     def sampled_info(self, draws: Any) -> dict[str, Any]:
         """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         return super().sampled_info(draws) | {"surface_offsets": draws.surface_offsets}
+
+    def _varied(self, state: Any) -> ChainVariations:
+        nominal = self.task.mechanism
+        parts = checked_parts(state, ("offsets", "factors"), "state: mechanisms")
+        like = {"offsets": (nominal.n_links, 2, 3), "factors": (nominal.n_tendons,)}
+        for name, shape in like.items():
+            values = checked_array(name, parts[name], np.empty((self.capacity, *shape)))
+            if not np.isfinite(values).all() or (name == "factors" and values.min() <= 0.0):
+                raise InvalidInput(f"state: {name}", values, "finite offsets and positive factors")
+        return ChainVariations(nominal, **parts)
 
     def _make_room(self) -> None:
         capacity, config = self.capacity, self.task.config

@@ -79,6 +79,10 @@ class ChainVariations(Variations[RollingChain]):
         for place in np.flatnonzero(placed.crossed()).tolist():
             self._enter(place, self[place])
 
+    def get_state(self) -> dict[str, Array]:
+        """Their offsets and factors, copied."""
+        return {"offsets": self._offsets.copy(), "factors": self._factors.copy()}
+
     def _build(self, place: int) -> RollingChain:
         return varied_chain(self.nominal, self._offsets[place], self._factors[place])
 
