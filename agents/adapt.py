@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
-from agents.runs.pickles import add_trust
+from agents.runs.consent import add_consent, consent_of
 
 if TYPE_CHECKING:
     from agents.adaptation.trial import Plan, Trial
@@ -38,9 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--scored", type=int, default=20, help="episodes before and after (default %(default)s)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results, as JSON")
     parser.add_argument("--policies", type=Path, metavar="FOLDER", help="for policies that were adapted")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.adapt", argv)), arguments.trust)
+    return exit_code(lambda: _command(arguments, typed_command("agents.adapt", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

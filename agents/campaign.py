@@ -16,8 +16,8 @@ from pathlib import Path
 from agents.executors.options import LOCAL, add_options
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from agents.runs.pickles import add_trust
 from agents.training.campaign import Campaign, load_campaign
 
 
@@ -27,9 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("campaign", type=Path, help="YAML file, for example one of configs/campaign/")
     parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
     add_options(parser, "runs")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments), arguments.trust)
+    return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace) -> int:

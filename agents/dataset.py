@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from agents.runs.command_line import exit_code, progress_bar, typed_command
 from agents.runs.config import apply_overrides
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
-from agents.runs.pickles import add_trust
 from agents.runs.seeds import DATA
 from rollingjoint.errors import ConfigError
 
@@ -51,9 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", required=True, metavar="WHERE", help=WHERE)
     parser.add_argument("--seed", type=int, default=DATA.start, help="of the first episode (default %(default)s)")
     parser.add_argument("--info", action="append", default=[], metavar="NAME", help="info to keep beside error_mm")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.dataset", argv)), arguments.trust)
+    return exit_code(lambda: _command(arguments, typed_command("agents.dataset", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.config import apply_overrides
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TEST, VALIDATION
 from rollingjoint.errors import ConfigError
@@ -43,8 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--beside", type=Path, help=f"results file to compare with (default: {PUBLISHED}, if it has these episodes)"
     )
     parser.add_argument("--out", type=Path, help="results file to write, or to add to")
+    add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.enter", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("agents.enter", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -15,8 +15,8 @@ from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.folder import RunFolder, versions
-from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 
 __all__ = ["evaluate_controllers", "main"]
@@ -36,10 +36,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policy", default="best", help='"best" (default), "last" or the steps of a checkpoint')
     parser.add_argument("--out", type=Path, help="where the report goes (default: evaluation/ in the run folder)")
     parser.add_argument("--controller", action="append", default=[], metavar="MODULE:CLASS", help=OWN)
-    add_trust(parser)
+    add_consent(parser)
     add_options(parser, "blocks of episodes", jobs=1)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)), arguments.trust)
+    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

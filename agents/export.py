@@ -22,9 +22,9 @@ from agents.policies.shipped import ShippedPolicy
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
 from agents.runs.config import TrainConfig
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_bytes
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 
@@ -39,12 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path(), help="folder of the file (default: here)")
     parser.add_argument("--episodes", type=int, default=200, help="episodes of the regression band (default 200)")
     parser.add_argument("--force", action="store_true", help="replace a file that is there")
-    add_trust(parser)
+    add_consent(parser)
     parser.add_argument("--list", action="store_true", help="show the shipped policies and their regression bands")
     arguments = parser.parse_args(argv)
     if not arguments.list and (arguments.run is None or not (arguments.name or arguments.onnx)):
         parser.error("give a run folder and --name, or --list; or what to write as --onnx")
-    return exit_code(lambda: _command(arguments), arguments.trust)
+    return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace) -> int:

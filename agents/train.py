@@ -9,8 +9,8 @@ from pathlib import Path
 
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.config import load_config
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 
 
@@ -23,9 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--run-dir", type=Path, help="the run folder (default: runs/ and the name of the config)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="section.key=value, repeatable")
     parser.add_argument("--force", action="store_true", help="replace the run that is in the run folder")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.train", argv)), arguments.trust)
+    return exit_code(lambda: _command(arguments, typed_command("agents.train", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -20,6 +20,7 @@ from pathlib import Path
 from agents.executors.options import add_options
 from agents.runs.checks import integer, optional
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.consent import add_consent, consent_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,8 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--trials", type=int, help="trials of the whole study; 0 only shows what would be searched")
     parser.add_argument("--storage", default="", metavar="URL", help="of Optuna, instead of journal.log in the folder")
     add_options(parser, "trials", jobs=1)
+    add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

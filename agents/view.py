@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from agents.runs.pickles import add_trust
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.presets import PRESETS
@@ -41,9 +41,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=8080, help="port (default 8080); 0: any that is free")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (default 127.0.0.1)")
     parser.add_argument("--exposed", action="store_true", help=EXPOSED)
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments), arguments.trust)
+    return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
 def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:

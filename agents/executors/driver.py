@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from agents.executors.progress import Progress
 from agents.executors.protocol import Executor, UnitFailed, UnitStopped, WorkerLost
+from agents.runs.consent import call_with, consent
 from rollingjoint.errors import RollingJointError
 
 POLL = 0.2  # seconds between two looks at signals and display
@@ -132,7 +133,7 @@ class _Work(Generic[U]):
         except (RollingJointError, OSError) as error:
             self.early.append(self._failed(asked or unit, error))
             return
-        future = self.executor.submit(function, *arguments)
+        future = self.executor.submit(call_with, consent(), function, *arguments)
         self.running[future] = unit, asked or unit, attempt
         future.add_done_callback(self.finished.put)
 

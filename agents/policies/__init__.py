@@ -14,6 +14,7 @@ Modules:
     recorded_score: the score in a policy file: a regression band of fixed episodes.
     shipped: a shipped policy.
     conversion: a trained torch model as a network.
+    parameters: policies that have no form in NumPy, in torch, without pickles.
     pickled: policies in the pickles of Stable-Baselines3.
     trained: the policy of a run as a controller.
     export: the policy of a run folder as a shipped policy.

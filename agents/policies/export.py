@@ -33,7 +33,8 @@ MACHINE = ("platform", "processor", "cores")  # keys of versions.json that users
 def export_run(run: RunFolder, which: str, name: str) -> ShippedPolicy:
     """One of the policies of a run folder, without a score.
 
-    One that was saved by Stable-Baselines3 alone is unpickled (PickleWarning) and compared with what torch computes.
+    One that was saved by Stable-Baselines3 alone is unpickled, where that is allowed, and compared with what torch
+    computes.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
@@ -46,7 +47,7 @@ def export_run(run: RunFolder, which: str, name: str) -> ShippedPolicy:
 
 
 def policy_in_run(path: Path) -> ShippedPolicy:
-    """The policy in this file of a run folder, which knows its environment; a zip is unpickled (PickleWarning).
+    """The policy in this file of a run folder, which knows its environment; a zip is unpickled where that is allowed.
 
     Raises:
         PolicyError, RunFolderError: as export_run; or a file that is not in a run folder.

@@ -7,6 +7,7 @@ from pathlib import Path
 from agents.policies.errors import PolicyError
 from agents.policies.file import SUFFIX, read_bytes
 from agents.policies.shipped import ShippedPolicy
+from agents.runs.consent import Consent, allowing
 from agents.runs.folder import PolicyFiles
 from rollingjoint.checks import suggestion
 
@@ -21,8 +22,7 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
     Args:
         name_or_path: one of list_policies(), a policy file that agents.export wrote, or policy.safetensors or
             policy.zip in a run folder.
-        trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, needs torch, and
-            warns (PickleWarning).
+        trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, and needs torch.
     Raises:
         PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
         RunFolderError: a run folder that cannot be read.
@@ -54,4 +54,5 @@ def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:
         raise PolicyError("policy", str(path), f"a {SUFFIX} file", hint)
     from agents.policies.export import policy_in_run
 
-    return policy_in_run(path)
+    with allowing(Consent(pickles=True)):
+        return policy_in_run(path)

@@ -9,14 +9,14 @@ from typing import Any
 from agents.evaluation.policy import Policy
 from agents.runs.algorithms import algorithm_class, schedules
 from agents.runs.config import TrainConfig
+from agents.runs.consent import check_pickles
 from agents.runs.files import RunFolderError
 from agents.runs.folder import PolicyFiles
-from agents.runs.pickles import warn_of_pickles
 
 
 def load_pickled(config: TrainConfig, files: PolicyFiles) -> Policy:
-    """The policy of a run with this configuration, after a PickleWarning; raises RunFolderError if it is damaged."""
-    warn_of_pickles(files.model, files.normaliser)
+    """The policy of a run with this configuration; RunFolderError if it is damaged, or pickles are not allowed."""
+    check_pickles(files.model, files.normaliser)
     import torch
 
     torch.set_num_threads(config.torch_threads)

@@ -15,6 +15,7 @@ from agents.policies.conversion import algorithm_of, network_of, observations_be
 from agents.policies.errors import PolicyError
 from agents.policies.file import pack, read_bytes, unpack
 from agents.policies.layers import Vectors
+from agents.policies.parameters import load_parameters
 from agents.policies.pickled import load_pickled
 from agents.runs.checks import integer, number
 from agents.runs.folder import PolicyFiles, RunFolder
@@ -90,15 +91,17 @@ def policy_of(model: BaseAlgorithm, normaliser: Any = None) -> TrainedPolicy | P
 
 
 def load_trained(run: RunFolder, which: str = "best") -> TrainedPolicy | Policy:
-    """The policy "best", "last" or of a checkpoint; unpickles (PickleWarning) where there is no policy.safetensors.
+    """The policy "best", "last" or of a checkpoint.
 
     Raises:
-        RunFolderError: no such policy, or one that cannot be read.
+        RunFolderError: no such policy, one that cannot be read, or one in pickles alone, which are not allowed.
         PolicyError: a policy.safetensors that cannot be read.
     """
     files = run.saved_policy(which)
     if files.network.is_file():
         return read_trained(files)
+    if files.parameters.is_file():
+        return load_parameters(run.config(), files.parameters)
     old = load_pickled(run.config(), files)
     return policy_of(old.model, old.normaliser)
 

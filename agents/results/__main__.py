@@ -25,9 +25,9 @@ from agents.results.file import FILE, read_results, write_results
 from agents.results.record import Results, ResultsError
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import RunFolderError, write_bytes, write_text
 from agents.runs.folder import PACKAGES, versions
-from agents.runs.pickles import add_trust
 from agents.runs.seeds import TEST, VALIDATION
 
 if TYPE_CHECKING:
@@ -62,11 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         "have the rest",
     )
     add_options(parser, "policies")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
     if (arguments.runs is None) == (arguments.files is None):
         parser.error("give a folder with run folders, or --from with results files")
-    return exit_code(lambda: _command(arguments), arguments.trust)
+    return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace) -> int:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +28,7 @@ from agents.results.record import (
 from agents.results.roster import env_for, is_privileged, opponents
 from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
+from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import ConfigError
@@ -50,7 +47,7 @@ def load_entrant(text: str) -> Controller:
     module, _, name = text.rpartition(":")
     allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
     try:
-        found = getattr(_imported(module), name)
+        found = getattr(imported(module), name)
         made = found if _is_controller(found) and not isinstance(found, type) else found()
     except Exception as error:  # whatever the code there raises
         raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
@@ -148,20 +145,3 @@ def _signed(value: float) -> str:
 
 def _is_controller(found: object) -> bool:
     return callable(getattr(found, "begin", None)) and callable(getattr(found, "act", None))
-
-
-def _imported(module: str) -> Any:
-    """The module of that name, or in the file of that name, beside which it finds others."""
-    if not module.endswith(".py"):
-        return importlib.import_module(module)
-    path = Path(module).resolve()
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{module} is no Python file")
-    loaded = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(path.parent))
-    try:
-        spec.loader.exec_module(loaded)
-    finally:
-        sys.path.remove(str(path.parent))
-    return loaded

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -42,7 +41,6 @@ from agents.results.worlds import Plan, worlds_of
 from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import PickleWarning
 
 Drive = Callable[[Sequence["_Part"]], Iterator[Any]]
 
@@ -202,6 +200,4 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
 
 def _driven(part: _Part, run: RunFolder | None) -> Driven | Array:
     """In a worker: the episodes of a part, whose policy is in the folder of `run` on this machine."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PickleWarning)  # the first process has warned
-        return (part if run is None else replace(part, driver=run))()
+    return (part if run is None else replace(part, driver=run))()

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
-from agents.runs.pickles import add_trust
+from agents.runs.consent import add_consent, consent_of
 
 NAMED = "an opponent or shipped policy by name, a policy file, a run folder, FILE.py:NAME or MODULE:NAME; repeatable"
 
@@ -25,9 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--development", action="store_true", help="other robots, on which anything may be tried")
     parser.add_argument("--known", action="store_true", help="score in Instrument-v0 itself, too")
     parser.add_argument("--list", action="store_true", help="list the robots, and drive none")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments), arguments.trust)
+    return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from agents.runs.pickles import pickle_warnings
+from agents.runs.consent import Consent, allowing
 from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
 from rollingjoint.tables import print_any_character
@@ -17,15 +17,11 @@ from rollingjoint.tables import print_any_character
 FAILED, INTERRUPTED = 2, 130
 
 
-def exit_code(command: Callable[[], int], trust: bool = False) -> int:
-    """The exit code of `command`; errors that a user can fix become one line and code 2.
-
-    Args:
-        trust: whether pickles of run folders are read without a warning.
-    """
+def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
+    """The exit code of `command`, called with this consent; errors that a user can fix become one line and code 2."""
     print_any_character()
     try:
-        with pickle_warnings(trust):
+        with allowing(given or Consent()):
             return command()
     except (RollingJointError, OSError) as error:
         print("error:", one_line(str(error)), file=sys.stderr)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from agents.runs.checks import check_fields, integer, prefixed
+from agents.runs.consent import check_named
 from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.errors import ConfigError
 
@@ -35,10 +36,20 @@ class EnvConfig:
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id:
             raise ConfigError("env.id", self.id, "the id of a Gymnasium environment")
+        self._check_code()
         check_fields(self, "env.", n_envs=integer(1, 1024))
         if not isinstance(self.settings, Mapping):
             raise ConfigError("env.settings", self.settings, "a mapping of settings to values")
         self.arguments()
+
+    def _check_code(self) -> None:
+        """Raise ConfigError for an id whose environment is code that the command does not allow."""
+        module, colon, name = self.id.rpartition(":")
+        if colon:
+            check_named("env.id", self.id, module)
+        spec = gymnasium.registry.get(name)
+        if spec is not None and isinstance(spec.entry_point, str):  # else it is of a module that was imported
+            check_named("env.id", self.id, spec.entry_point.partition(":")[0])
 
     @property
     def is_ours(self) -> bool:

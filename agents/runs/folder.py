@@ -6,8 +6,9 @@
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
     policy.safetensors   the policy at the end (or where training was stopped), with its normaliser: what commands read
-    policy.zip           the same with its critic, for Stable-Baselines3
-    normaliser.pkl       its VecNormalize, for Stable-Baselines3
+    policy.parameters.safetensors   in its place, of a policy that has no form in NumPy
+    policy.zip           the same with its critic, for programs of yours that use Stable-Baselines3
+    normaliser.pkl       its VecNormalize, for the same
     best/                these files of the policy with the smallest mean tip error in the evaluations
     checkpoints/         STEPS/ with these files at that time; the newest two hold all that --resume needs
     logs/                progress.csv and TensorBoard events
@@ -18,8 +19,8 @@
 
 Beside these files FILE.sha256 has the hash of FILE, beside tables from the end of training on: what has changed is
 refused where it is read. TensorBoard events have checksums of their own; evaluation/, error.txt and lock have none.
-Pickles (.pkl, .zip) are read by --resume and in folders without policy.safetensors, after a warning that names them:
-those of earlier versions, and of policies that have no form in NumPy.
+Pickles (.pkl, .zip) are read with --trust alone, and only in folders of earlier versions, which have none of these
+safetensors files.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.runs.config import TrainConfig, filled, load_config
+from agents.runs.consent import consent
 from agents.runs.evaluations import AT_THE_END
 from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
@@ -51,21 +53,23 @@ PROCESSOR = "time/processor_seconds"  # column of progress.csv: processor time, 
 
 
 class PolicyFiles(NamedTuple):
-    """One policy of a run: the form that commands read, and two pickles for Stable-Baselines3."""
+    """One policy of a run: one of two forms that commands read, and two pickles for Stable-Baselines3."""
 
     network: Path
+    parameters: Path
     model: Path
     normaliser: Path
 
     @classmethod
     def within(cls, folder: Path) -> PolicyFiles:
         """The files of the policy in a folder."""
-        return cls(folder / "policy.safetensors", folder / "policy.zip", folder / "normaliser.pkl")
+        names = "policy.safetensors", "policy.parameters.safetensors", "policy.zip", "normaliser.pkl"
+        return cls(*(folder / name for name in names))
 
     @property
     def are_there(self) -> bool:
         """Whether there is a policy, in one form at least."""
-        return self.network.is_file() or self.model.is_file()
+        return any(path.is_file() for path in (self.network, self.parameters, self.model))
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class RunFolder:
             partial.mkdir(parents=True)
             write_hashed_text(partial / "config.yaml", dump_yaml(_with_own_mechanism(config.to_dict(), partial)))
             write_hashed_text(partial / "command.txt", shlex.join(command) + "\n")
-            write_hashed_text(partial / "versions.json", json.dumps(versions(), indent=2) + "\n")
+            write_hashed_text(partial / "versions.json", json.dumps(_made_with(), indent=2) + "\n")
             write_hashed_text(partial / "seeds.json", json.dumps(_seeds(config), indent=2) + "\n")
             if force and path.exists():
                 cls(path)._give_way_to(partial)
@@ -257,6 +261,11 @@ def _with_own_mechanism(values: dict[str, Any], folder: Path) -> dict[str, Any]:
         write_hashed_bytes(folder / "mechanism.yaml", Path(mechanism).read_bytes())
         values["env"]["settings"]["mechanism"] = "mechanism.yaml"
     return values
+
+
+def _made_with() -> dict[str, Any]:
+    """Plain values for versions.json: versions, and the modules that the command imported; they are never read."""
+    return versions() | ({"imported": consent().names} if consent().modules else {})
 
 
 def _seeds(config: TrainConfig) -> dict[str, Any]:

@@ -19,10 +19,10 @@ import numpy as np
 
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.consent import add_consent, consent_of
 from agents.runs.environment import EnvConfig
 from agents.runs.files import write_text
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import add_trust
 from agents.search.compare import around
 from agents.search.methods import make
 from agents.search.optimiser import Array, Setup
@@ -51,9 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tasks", type=int, default=100, help="tasks (default 100)")
     parser.add_argument("--budget", type=int, default=20, help="designs that each method evaluates (default 20)")
     parser.add_argument("--page", type=Path, help="page with the two marks")
-    add_trust(parser)
+    add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)), arguments.trust)
+    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -10,6 +10,8 @@ Modules:
     learn: a run from its beginning, or continued.
     callbacks: checkpoints, evaluations, progress, stopping on a signal.
     checkpoint: checkpoints, from which a run continues exactly.
+    state: a model's state in plain values and arrays.
+    old_checkpoint: checkpoints of earlier versions, in pickles.
     log: the training log, which a resumed run continues.
     campaign: many runs, some at a time.
 

@@ -12,7 +12,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
 from agents.baselines.residual import advice_size, guide_named
-from agents.runs.algorithms import ON_POLICY, OWN, algorithm_class, constructor_arguments
+from agents.policies.parameters import network_arguments, policy_name
+from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
@@ -95,34 +96,23 @@ def close(model: BaseAlgorithm) -> None:
 
 def _policy_class(config: TrainConfig, space: gymnasium.Space[Any]) -> Any:
     """The class of the networks, or the name that Stable-Baselines3 has for it."""
-    recurrent = config.algorithm == "recurrent_ppo"
     if config.policy.critic_is_privileged:
-        return AsymmetricRecurrentPolicy if recurrent else AsymmetricPolicy
-    kind = "MultiInput" if isinstance(space, gymnasium.spaces.Dict) else "Mlp"
-    return f"{kind}{'Lstm' if recurrent else ''}Policy"
+        return AsymmetricRecurrentPolicy if config.algorithm == "recurrent_ppo" else AsymmetricPolicy
+    return policy_name(config, space)
 
 
 def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
     if config.algorithm in OWN:
         return {"width": config.policy.memory}
-    activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}[config.policy.activation]
-    layers: Any = list(config.policy.hidden)
-    if config.policy.value_hidden is not None:
-        value = "vf" if config.algorithm in ON_POLICY else "qf"
-        layers = {"pi": layers, value: list(config.policy.value_hidden)}
-    arguments: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
+    arguments = network_arguments(config)
     if config.policy.convolution is not None:
         past = past_places(task_of(config.env.arguments()["config"]).entries())
         arguments["features_extractor_class"] = PastConvolution
         arguments["features_extractor_kwargs"] = {
             "past": past,
             "width": config.policy.convolution,
-            "activation": activation,
+            "activation": arguments["activation_fn"],
         }
-    if config.algorithm in ON_POLICY:
-        arguments["log_std_init"] = config.policy.log_std_init
-    if config.algorithm == "recurrent_ppo":
-        arguments["lstm_hidden_size"] = config.policy.memory
     return arguments
 
 

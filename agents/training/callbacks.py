@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import signal
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -85,8 +84,7 @@ class Checkpoints(BaseCallback):
             self.moment = None
         if steps >= self.next or self.stop.ends:
             self.next = due_after(self.every, steps)
-            if not checkpoint.save(self.model, self.run):
-                tqdm.write("note: environments of this kind do not pickle, so this run cannot be resumed", sys.stderr)
+            checkpoint.save(self.model, self.run)
 
     def _on_step(self) -> bool:
         return True

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-import warnings
 from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,11 @@ from agents.executors.worker import output_to
 from agents.runs.checks import integer
 from agents.runs.command_line import finished, signals_seen, typed_command
 from agents.runs.config import load_config
+from agents.runs.consent import check_pickles
 from agents.runs.evaluations import in_words
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import PickleWarning, warn_of_pickles
+from agents.training.old_checkpoint import old_state
 from rollingjoint.checked_yaml import entries, mapping, read_yaml, text
 from rollingjoint.errors import ConfigError, RollingJointError
 
@@ -50,9 +50,8 @@ class Member:
     def begun(self, out: Path) -> bool | None:
         """Whether its run has begun; None if it is finished.
 
-        Resuming unpickles, so that comes after a PickleWarning; the run itself, in a log, gives no other.
-        Raises RollingJointError where the folder holds another configuration, and for a run that cannot be started
-        from.
+        Raises RollingJointError where the folder holds another configuration, or a checkpoint in pickles that are not
+        allowed, and for a run that cannot be started from.
         """
         folder = self.folder(out)
         if not (folder / "config.yaml").is_file():
@@ -64,7 +63,7 @@ class Member:
             raise RunFolderError("run folder", str(folder), f"what {self.config} says", hint)
         if run.is_finished:
             return None
-        warn_of_pickles(*(checkpoint / "resume" / "training.pkl" for checkpoint in sorted(run.checkpoint_folders)))
+        check_pickles(*(old_state(folder) for folder in sorted(run.checkpoint_folders)))
         return True
 
     def _check_start(self) -> None:
@@ -194,9 +193,7 @@ def train_in(folder: Path) -> None:
 
     run = RunFolder.open(folder)
     begun = bool(run.checkpoint_folders)
-    with output_to(folder.with_name(f"{folder.name}.log")), warnings.catch_warnings():
-        if begun:
-            warnings.simplefilter("ignore", PickleWarning)  # the campaign has warned
+    with output_to(folder.with_name(f"{folder.name}.log")):
         try:
             code = resume(folder, command=typed_command("agents.train", ["--resume", str(folder)]) if begun else ())
         except RollingJointError:

@@ -4,12 +4,13 @@ A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, 
 
     policy.safetensors, policy.zip, normaliser.pkl      the policy as it was
     resume/                                 what else resuming needs; deleted from all but the newest two checkpoints
-        training.pkl                        model, optimisers, environments, random numbers, the pending row of the log
-        replay_buffer.pkl                   where the algorithm has one
+        training.safetensors                model, optimisers, lanes, random numbers, the pending row of the log
+        replay_buffer.safetensors           where the algorithm has one
         evaluations.csv, progress.csv, best/     copies of those in the run folder
 
-Every file has its hash beside it. Where the newest checkpoint is damaged, a run goes on from the one before.
-Checkpoints are taken where a rollout begins: there the loops of Stable-Baselines3 hold nothing in local variables.
+Every file has its hash beside it. Where the newest checkpoint is damaged, a run goes on from the one before. Earlier
+versions wrote pickles in place of the two files (old_checkpoint.py). Checkpoints are taken where a rollout begins:
+there the loops of Stable-Baselines3 hold nothing in local variables.
 """
 
 from __future__ import annotations
@@ -26,32 +27,42 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cloudpickle  # type: ignore[import-untyped]
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
+from agents.policies.parameters import parameters_of
 from agents.policies.trained import TrainedPolicy, policy_of
 from agents.runs.config import TrainConfig
+from agents.runs.consent import check_pickles
 from agents.runs.files import (
     RunFolderError,
     check_as_written,
     is_as_written,
     unseal,
     write_bytes,
-    write_hashed,
     write_hashed_bytes,
 )
 from agents.runs.folder import PolicyFiles, RunFolder
-from agents.runs.pickles import warn_of_pickles
-from agents.training.build import build_model
+from agents.runs.state_file import packed, unpacked
+from agents.training.build import build_model, close
+from agents.training.old_checkpoint import load_old, old_state
+from agents.training.state import buffer_state, restore, restore_buffer, state_of
 
-NOT_IN_THE_MODEL = ("env", "_vec_normalize_env", "_logger", "replay_buffer", "rollout_buffer")
 NO_PART_OF_A_POLICY = ("replay_buffer_class", "replay_buffer_kwargs")  # hindsight would ask for environments
 KEPT = 2  # checkpoints from which a run can be resumed: the second one for the day that the newest is damaged
 PENDING = ("name_to_value", "name_to_count", "name_to_excluded")
-UNREADABLE = (pickle.PickleError, RuntimeError, AttributeError, ImportError, LookupError, TypeError, EOFError)
+UNREADABLE = (
+    pickle.PickleError,
+    RuntimeError,
+    AttributeError,
+    ImportError,
+    LookupError,
+    TypeError,
+    ValueError,
+    EOFError,
+)
+STATE, BUFFER = "training.safetensors", "replay_buffer.safetensors"
 
 
 @dataclass(frozen=True)
@@ -100,9 +111,10 @@ def save_policy(model: BaseAlgorithm, files: PolicyFiles) -> None:
     policy = policy_of(model, normaliser)
     if isinstance(policy, TrainedPolicy):
         write_hashed_bytes(files.network, policy.to_bytes())
+        _remove(files.parameters)
     else:
-        unseal(files.network)
-        files.network.unlink(missing_ok=True)
+        write_hashed_bytes(files.parameters, parameters_of(model, normaliser))
+        _remove(files.network)
     if normaliser is not None:
         write_hashed_bytes(files.normaliser, pickle.dumps(normaliser))
     stream = io.BytesIO()  # so that a full disk is an OSError: torch would make something else of it
@@ -110,23 +122,27 @@ def save_policy(model: BaseAlgorithm, files: PolicyFiles) -> None:
     write_hashed_bytes(files.model, stream.getvalue())
 
 
-def save(model: BaseAlgorithm, run: RunFolder) -> bool:
-    """Save a checkpoint of a model whose rollout is about to begin; whether the run can be resumed from it.
+def _remove(file: Path) -> None:
+    unseal(file)
+    file.unlink(missing_ok=True)
 
-    It cannot if the environments do not pickle. Raises OSError, on a full disk for example, and leaves nothing behind.
+
+def save(model: BaseAlgorithm, run: RunFolder) -> None:
+    """Save a checkpoint of a model whose rollout is about to begin.
+
+    Raises OSError, on a full disk for example, and leaves nothing behind.
     """
     folder = run.checkpoints / f"{model.num_timesteps:09d}"
     partial = folder.with_name(f".{folder.name}")
     try:
         save_policy(model, PolicyFiles.within(partial))
-        can_resume = _save_rest(model, run, partial / "resume")
+        _save_rest(model, run, partial / "resume")
         shutil.rmtree(folder, ignore_errors=True)
         os.rename(partial, folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     for older in resumable(run)[KEPT:]:
         _delete(older / "resume")
-    return can_resume
 
 
 def resumable(run: RunFolder) -> list[Path]:
@@ -161,9 +177,10 @@ def newest(run: RunFolder) -> Path | None:
 
 def damaged_file(checkpoint: Path) -> Path | None:
     """A file of a checkpoint that is not as it was written, or that is missing; None where all is well."""
-    model, hashes = checkpoint / "resume" / "training.pkl", sorted(checkpoint.rglob("*.sha256"))
+    state, hashes = checkpoint / "resume" / STATE, sorted(checkpoint.rglob("*.sha256"))
     hashed = (path.with_suffix("") for path in hashes)
-    return next((path for path in hashed if not is_as_written(path)), None if model.is_file() else model)
+    is_there = state.is_file() or old_state(checkpoint).is_file()
+    return next((path for path in hashed if not is_as_written(path)), None if is_there else state)
 
 
 def steps_of(checkpoint: Path) -> int:
@@ -172,22 +189,30 @@ def steps_of(checkpoint: Path) -> int:
 
 
 def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
-    """The model with its environments, and the moment to restore, after a PickleWarning.
+    """The model with its environments, and the moment to restore.
 
     Raises:
-        RunFolderError: a checkpoint that cannot be read.
+        RunFolderError: a checkpoint that cannot be read, or pickles of an earlier version that are not allowed.
     """
-    buffer = checkpoint / "resume" / "replay_buffer.pkl"
-    warn_of_pickles(checkpoint / "resume" / "training.pkl", buffer)
+    folder = checkpoint / "resume"
+    is_old = old_state(checkpoint).is_file()
+    if is_old:
+        check_pickles(*folder.glob("*.pkl"))
+    model: Any = build_model(config)
     try:
-        content = torch.load(checkpoint / "resume" / "training.pkl", weights_only=False)
-        model = build_model(config)
-        model.__dict__.update(content["model"])
-        _put_back(model.env, *content["environments"])
-        _load_replay_buffer(model, buffer)
+        if is_old:
+            return model, load_old(checkpoint, model)
+        state = unpacked((folder / STATE).read_bytes(), str(folder / STATE))
+        if (folder / BUFFER).is_file():
+            restore_buffer(model.replay_buffer, unpacked((folder / BUFFER).read_bytes(), str(folder / BUFFER)))
+        if not restore(model, state["model"]):
+            print(
+                f"note: episodes of {config.env.id} begin anew, since only those of rj_gym are saved", file=sys.stderr
+            )
+        return model, Moment(**state["moment"])
     except UNREADABLE as error:
+        close(model)
         raise _unreadable(checkpoint, error) from error
-    return model, content["moment"]
 
 
 def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
@@ -216,26 +241,16 @@ def bring_back_files(checkpoint: Path, run: RunFolder) -> None:
             write_hashed_bytes(original, copy.read_bytes())
 
 
-def _save_rest(model: BaseAlgorithm, run: RunFolder, folder: Path) -> bool:
-    content = {
-        "model": {name: value for name, value in vars(model).items() if name not in NOT_IN_THE_MODEL},
-        "environments": _taken_apart(model.env),
-        "moment": Moment.now(model),
-    }
-    stream = io.BytesIO()
-    try:
-        torch.save(content, stream, pickle_module=cloudpickle)
-    except (pickle.PickleError, TypeError, AttributeError):
-        return False
-    write_hashed_bytes(folder / "training.pkl", stream.getvalue())
-    replay_buffer = getattr(model, "replay_buffer", None)
-    if replay_buffer is not None:
-        write_hashed(folder / "replay_buffer.pkl", lambda stream: pickle.dump(replay_buffer, stream))
+def _save_rest(model: BaseAlgorithm, run: RunFolder, folder: Path) -> None:
+    state = {"model": state_of(model), "moment": vars(Moment.now(model))}
+    write_hashed_bytes(folder / STATE, packed(state))
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        write_hashed_bytes(folder / BUFFER, packed(buffer_state(buffer)))
     for copy, original in _copies(run, folder):
         check_as_written(original)
         if original.is_file():
             write_hashed_bytes(copy, original.read_bytes())
-    return True
 
 
 def _delete(folder: Path) -> None:
@@ -250,32 +265,6 @@ def _copies(run: RunFolder, folder: Path) -> list[tuple[Path, Path]]:
     """Files of a checkpoint that are copies, each with its original in the run folder."""
     best = [(folder / "best" / path.name, path) for path in run.policy_files("best")]
     return [(folder / path.name, path) for path in run.tables] + best
-
-
-def _taken_apart(env: VecEnv | None) -> tuple[list[dict[str, Any]], VecEnv | None]:
-    """What the wrappers hold, outermost first, and the environments inside; wrappers themselves do not pickle."""
-    wrappers = []
-    while isinstance(env, VecEnvWrapper):
-        wrappers.append({k: v for k, v in vars(env).items() if k not in ("venv", "class_attributes")})
-        env = env.venv
-    return wrappers, env
-
-
-def _put_back(env: Any, wrappers: list[dict[str, Any]], inside: VecEnv) -> None:
-    for held in wrappers:
-        vars(env).update(held)
-        outer, env = env, env.venv
-    env.close()
-    outer.venv = inside
-
-
-def _load_replay_buffer(model: Any, path: Path) -> None:
-    if not path.is_file():
-        return
-    with path.open("rb") as stream:
-        model.replay_buffer = pickle.load(stream)
-    if hasattr(model.replay_buffer, "set_env"):  # hindsight recomputes rewards
-        model.replay_buffer.set_env(model.env)
 
 
 def _actor(model: Any) -> Any:

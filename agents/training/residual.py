@@ -46,11 +46,18 @@ class _Together:
     Args:
         lanes: where its episodes run or ran.
         running: which of them still do.
+        seen: the observations that it has advised on.
     """
 
     guide: Guide
     lanes: Rows
     running: NDArray[np.bool_]
+    seen: list[Vectors]
+
+    def advise(self, vectors: Vectors, task: TrackingTask) -> NDArray[Any]:
+        """The guide's advice on observations of its lanes."""
+        self.seen.append(vectors)
+        return self.guide.advise(Seen(vectors, task))
 
 
 class AdvisedVecEnv(VecEnvWrapper):
@@ -101,17 +108,32 @@ class AdvisedVecEnv(VecEnvWrapper):
             self._begin(ended, vectors)
         return with_advice(observations, self._advice), rewards, dones, infos
 
+    def get_state(self) -> dict[str, Any]:
+        """What guides have seen, and their advice, in plain values and arrays."""
+        kept = [{"lanes": each.lanes, "running": each.running, "seen": each.seen} for each in self._groups]
+        return {"groups": kept, "advice": self._advice}
+
+    def set_state(self, state: Any) -> None:
+        """Go on from what `get_state` gave: new guides see the same again."""
+        self._groups, self._advice = [], state["advice"].copy()
+        for kept in state["groups"]:
+            group = _Together(self._new_guide(), kept["lanes"], kept["running"], [])
+            group.guide.begin(self._task, len(group.lanes))
+            for vectors in kept["seen"]:
+                group.advise(vectors, self._task)
+            self._groups.append(group)
+
     def _begin(self, lanes: Rows, vectors: Vectors) -> None:
         """Episodes begin in these lanes."""
         guide = self._new_guide()
         guide.begin(self._task, len(lanes))
-        self._groups.append(_Together(guide, lanes, np.ones(len(lanes), bool)))
-        self._advice[lanes] = guide.advise(Seen(vectors[lanes], self._task))
+        self._groups.append(group := _Together(guide, lanes, np.ones(len(lanes), bool), []))
+        self._advice[lanes] = group.advise(vectors[lanes], self._task)
 
     def _go_on(self, vectors: Vectors) -> None:
         """Advice of all guides on what their episodes have come to."""
         for group in self._groups:
-            advice = group.guide.advise(Seen(vectors[group.lanes], self._task))
+            advice = group.advise(vectors[group.lanes], self._task)
             self._advice[group.lanes[group.running]] = advice[group.running]
 
     def _end(self, lanes: Rows) -> None:

@@ -20,10 +20,10 @@ from agents.policies.export import check_against_torch, export_policy, export_ru
 from agents.policies.file import unpack
 from agents.policies.network import PolicyError
 from agents.runs.config import load_config
+from agents.runs.consent import Consent, allowing
 from agents.runs.environment import EnvConfig
-from agents.runs.files import hash_file
+from agents.runs.files import RunFolderError, hash_file
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import PickleWarning
 from agents.shipped import ShippedPolicy, list_policies, load_policy
 from agents.training.build import build_model
 from agents.training.checkpoint import save_policy
@@ -305,9 +305,8 @@ def test_list_shows_every_shipped_policy_with_its_recorded_score(capsys):
 
 
 @pytest.mark.parametrize("which", ["last", "best", "000000040"])
-def test_trusted_zip_gives_the_same_actions_and_warns_that_it_ran_pickle(which, trained):
-    with pytest.warns(UserWarning, match="can run any code"):
-        policy = load_policy(RunFolder(trained).policy_files(which).model, trust_pickle=True)
+def test_trusted_zip_gives_the_same_actions(which, trained):
+    policy = load_policy(RunFolder(trained).policy_files(which).model, trust_pickle=True)
     exported = export_run(RunFolder(trained), which, "x")
     observation = policy.make_env().reset(seed=0)[0]
     assert np.array_equal(policy(observation), exported(observation))
@@ -324,11 +323,13 @@ def test_policy_of_a_run_outside_its_folder_is_a_clear_error(name, trained, tmp_
 def test_old_run_is_compared_with_torch(trained, tmp_path, monkeypatch):
     folder = shutil.copytree(trained, tmp_path / "old")
     old()(folder)
-    with pytest.warns(PickleWarning, match="best/policy.zip"):
+    with pytest.raises(RunFolderError, match=r"best/policy.zip.*--trust"):
+        export_run(RunFolder(folder), "best", "x")
+    with allowing(Consent(pickles=True)):
         again = export_run(RunFolder(folder), "best", "x")
     assert again.to_bytes() == export_run(RunFolder(trained), "best", "x").to_bytes()
     monkeypatch.setattr(export_module, "LARGEST_DIFFERENCE", -1.0)
-    with pytest.warns(PickleWarning), pytest.raises(PolicyError, match="NumPy minus torch"):
+    with allowing(Consent(pickles=True)), pytest.raises(PolicyError, match="NumPy minus torch"):
         export_run(RunFolder(folder), "best", "x")
 
 

@@ -10,10 +10,11 @@ from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import run_episodes
 from agents.policies.errors import PolicyError
 from agents.policies.file import pack, unpack
+from agents.policies.parameters import parameters_of
 from agents.policies.trained import KEYS, TrainedPolicy, load_trained, policy_of
 from agents.runs.config import TrainConfig
+from agents.runs.files import RunFolderError, hash_file, write_bytes
 from agents.runs.folder import PolicyFiles, RunFolder
-from agents.runs.pickles import PickleWarning
 from agents.training.build import build_model, close
 from agents.training.checkpoint import save_policy
 
@@ -114,20 +115,35 @@ def grid():
     gymnasium.registry.pop("test/Grid-v0")
 
 
-def test_policy_without_a_form_in_numpy_is_saved_for_stable_baselines_and_read_after_a_warning(grid, tmp_path):
+def test_policy_without_a_form_in_numpy_acts_as_in_training_and_needs_no_pickle(grid, tmp_path):
     run, model = RunFolder.create(tmp_path / "run", grid, []), build_model(grid)
-    files = run.policy_files("best")
+    files, observations = run.policy_files("best"), np.random.default_rng(1).normal(size=(4, 2, 3)).astype(np.float32)
     save_policy(build_model(config({})), files)
     assert files.network.is_file()
+    model.get_vec_normalize_env().obs_rms.update(3.0 + 2.0 * observations)
     save_policy(model, files)  # which leaves nothing of the one before
-    assert sorted(path.name for path in files.network.parent.iterdir()) == [
-        *("normaliser.pkl", "normaliser.pkl.sha256", "policy.zip", "policy.zip.sha256")
-    ]
-    with pytest.warns(PickleWarning, match="best/policy.zip and"):
-        policy = load_trained(run)
+    assert not files.network.is_file()
+    files.model.write_bytes(b"no zip")
+    files.normaliser.unlink()
+    hash_file(files.normaliser).unlink()
+    hash_file(files.model).unlink()
+    policy = load_trained(run)
     assert isinstance(policy, Policy)
-    assert policy.act(Seen(np.zeros((4, 2, 3), np.float32))).shape == (4, 1)
+    expected = Policy(model, model.get_vec_normalize_env()).act(Seen(observations))
+    assert np.array_equal(policy.act(Seen(observations)), expected) and expected.any()
     close(model)
+
+
+def test_parameters_of_another_policy_are_refused_in_one_line(grid, tmp_path):
+    run, other = RunFolder.create(tmp_path / "run", grid, []), build_model(config({}))
+    files = run.policy_files("best")
+    write_bytes(files.parameters, parameters_of(other, None))
+    with pytest.raises(
+        RunFolderError, match=r"policy.parameters.safetensors.*expected parameters of the policy"
+    ) as refused:
+        load_trained(run)
+    assert "\n" not in str(refused.value)
+    close(other)
 
 
 @pytest.mark.parametrize("key", KEYS)

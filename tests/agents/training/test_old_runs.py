@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from agents import evaluate, export, train
 from agents.evaluation.controller import Seen
 from agents.policies.trained import load_trained
-from agents.runs.command_line import exit_code
-from agents.runs.files import hash_file
+from agents.runs.consent import Consent, allowing
+from agents.runs.files import RunFolderError, hash_file, seal
 from agents.runs.folder import RunFolder
-from agents.runs.pickles import PickleWarning
 from agents.runs.schedules import Linear
 
 NOW, THEN = Linear.__module__.encode(), b"agents.gone.schedules"
@@ -52,6 +52,11 @@ def runs(tmp_path_factory) -> tuple[Path, np.ndarray]:
     assert len(NOW) == len(THEN)
     assert train.main(["--config", "configs/train/demo.yaml", "--run-dir", str(run), *changes]) == 0
     action = acted(run)
+    for folder in run.rglob("resume"):
+        for file in folder.glob("training.safetensors*"):
+            file.unlink()
+        torch.save({"model": {"rate": Linear(1.0, 0.0)}}, folder / "training.pkl")
+        seal(folder / "training.pkl")
     changed = [path.name for path in [*run.rglob("policy.zip"), *run.rglob("training.pkl")] if rewritten(path)]
     assert {"policy.zip", "training.pkl"} == set(changed)
     for file in [*run.rglob("policy.safetensors*")]:  # which older runs do not have
@@ -66,25 +71,18 @@ def acted(run: Path) -> np.ndarray:
 
 def test_a_policy_whose_schedules_were_of_another_module_acts_as_before(runs):
     run, action = runs
-    with pytest.warns(PickleWarning, match="best/policy.zip and .*best/normaliser.pkl: reading a pickle can run any"):
+    with pytest.raises(RunFolderError, match=r"best/policy.zip and .*best/normaliser.pkl.*any code.*--trust reads it"):
+        acted(run)
+    with allowing(Consent(pickles=True)):
         assert np.array_equal(acted(run), action)
 
 
-def test_an_old_run_is_evaluated_and_exported(runs, tmp_path, capsys, no_pictures):
+def test_an_old_run_is_evaluated_and_exported_where_it_is_trusted(runs, tmp_path, capsys, no_pictures):
     run, _ = runs
-    assert evaluate.main([str(run), "--episodes", "2", "--out", str(tmp_path)]) == 0
-    assert export.main([str(run), "--name", "old", "--episodes", "2", "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "old.safetensors").is_file()
-    warnings = capsys.readouterr().err.splitlines()
-    assert len(warnings) == 2 and all(f"warning: {run}/best/policy.zip and {run}/best/n" in line for line in warnings)
     assert evaluate.main([str(run), "--episodes", "2", "--out", str(tmp_path), "--trust"]) == 0
+    assert export.main([str(run), "--name", "old", "--episodes", "2", "--out", str(tmp_path), "--trust"]) == 0
+    assert (tmp_path / "old.safetensors").is_file()
     assert capsys.readouterr().err == ""
-
-
-def test_a_pickle_that_is_read_again_is_warned_of_once(runs, capsys):
-    run, _ = runs
-    assert exit_code(lambda: len([acted(run) for _ in range(2)])) == 2
-    assert capsys.readouterr().err.count("warning: ") == 1
 
 
 def test_resuming_an_old_run_is_refused_in_one_line_that_says_how_to_go_on(runs, capsys):

@@ -1,4 +1,4 @@
-"""What commands read of a run folder runs no code of it; where pickles are read, a warning comes first."""
+"""What commands read of a run folder runs no code of it; they read pickles with --trust alone."""
 
 import base64
 import json
@@ -12,7 +12,7 @@ import pytest
 import stable_baselines3.common.base_class as base_class
 import torch
 
-from agents import campaign, evaluate, export, train
+from agents import campaign, evaluate, export, train, view
 from agents.policies.trained import load_driving
 from agents.results.runs import Run
 from agents.robots.contenders import contender
@@ -59,7 +59,7 @@ def trapped(tmp_path_factory) -> Path:
     folder.parent.mkdir()
     assert tiny_train(folder) == 0
     pickles = [*folder.rglob("*.pkl"), *folder.rglob("*.zip")]
-    assert {path.name for path in pickles} == {"policy.zip", "normaliser.pkl", "training.pkl"}
+    assert {path.name for path in pickles} == {"policy.zip", "normaliser.pkl"}
     for path in pickles:
         lay_trap(path, folder.parent / "sprung")
     return folder
@@ -76,6 +76,9 @@ USES = {
     ),
     "export": lambda run, out: export.main([str(run), "--name", "own", "--episodes", "2", "--out", str(out)]),
     "results": lambda run, out: Run.read(run) and load_driving(RunFolder.open(run)) and 0,
+    "resume": lambda run, out: train.main(
+        ["--resume", str(shutil.copytree(run, out / "run")), "--set", "total_timesteps=120"]
+    ),
     "policy": lambda run, out: load_policy(run / "best/policy.safetensors") and 0,
 }
 
@@ -99,17 +102,20 @@ def test_a_run_of_another_task_is_refused_as_a_driver_of_robots_without_unpickli
     assert not (trapped.parent / "sprung").exists()
 
 
-def without_networks(trapped: Path, folder: Path) -> Path:
-    """The run as earlier versions wrote it."""
+def as_earlier_versions_wrote_it(trapped: Path, folder: Path) -> Path:
+    """The run with pickles alone, all of them traps."""
     run = shutil.copytree(trapped, folder / "member" / "seed_1")
-    for file in run.rglob("policy.safetensors*"):
+    for file in run.rglob("*.safetensors*"):
         file.unlink()
+    for resume in run.rglob("resume"):
+        lay_trap(resume / "training.pkl", trapped.parent / "sprung")
     return run
 
 
 READS = {
     "evaluate": (evaluate.main, [], "best/policy.zip"),
     "export": (export.main, ["--name", "own"], "best/policy.zip"),
+    "view": (lambda words: view.main(["--run", *words]), [], "best/policy.zip"),
     "resume": (
         lambda words: train.main(["--resume", *words]),
         ["--set", "total_timesteps=120"],
@@ -119,19 +125,21 @@ READS = {
 
 
 @pytest.mark.parametrize(("command", "words", "named"), READS.values(), ids=READS)
-def test_a_warning_names_the_pickle_before_it_is_read(command, words, named, trapped, tmp_path, capsys):
-    run, sprung = without_networks(trapped, tmp_path), trapped.parent / "sprung"
+def test_a_pickle_is_named_and_not_read_without_trust(command, words, named, trapped, tmp_path, capsys):
+    run, sprung = as_earlier_versions_wrote_it(trapped, tmp_path), trapped.parent / "sprung"
+    before = files(run)
     assert command([str(run), *words]) == 2
-    warning, said, error = capsys.readouterr().err.splitlines()
-    assert warning.startswith(f"warning: {run / named}") and "reading a pickle can run any code" in warning
-    assert said == "sprung" and error.startswith("error: ")
+    (error,) = capsys.readouterr().err.splitlines()
+    assert error.startswith(f"error: pickle = '{run / named}") and "any code" in error and "--trust" in error
+    assert not sprung.exists()
+    assert files(run) == before
     assert command([str(run), *words, "--trust"]) == 2
     assert capsys.readouterr().err.splitlines()[0] == "sprung"
     sprung.unlink()
 
 
-def test_a_campaign_warns_before_it_resumes_a_run(trapped, tmp_path, monkeypatch, capsys):
-    run = without_networks(trapped, tmp_path)
+def test_a_campaign_resumes_no_run_in_pickles_without_trust(trapped, tmp_path, monkeypatch, capsys):
+    run = as_earlier_versions_wrote_it(trapped, tmp_path)
     config = (run / "config.yaml").read_text().replace("total_timesteps: 80", "total_timesteps: 120")
     (tmp_path / "member.yaml").write_text(config.replace("torch_threads: 2", "torch_threads: 1"))
     for name in ("config.yaml", "config.yaml.sha256"):
@@ -142,8 +150,10 @@ def test_a_campaign_warns_before_it_resumes_a_run(trapped, tmp_path, monkeypatch
     monkeypatch.setattr(
         campaign.Campaign, "_work", lambda self, executor, waiting, signals: resumed.extend(waiting) or {}
     )
-    assert campaign.main([str(tmp_path / "list.yaml"), "--out", str(tmp_path), "--jobs", "1"]) == 0
+    command = [str(tmp_path / "list.yaml"), "--out", str(tmp_path), "--jobs", "1"]
+    assert campaign.main(command) == 2
+    assert f"cannot be trained: member seed 1: pickle = '{run}/checkpoints/0" in capsys.readouterr().err
+    assert resumed == []
+    assert campaign.main([*command, "--trust"]) == 0
     assert [member.folder(tmp_path) for member in resumed] == [run]
-    assert f"warning: {run}/checkpoints/000000040/resume/training.pkl and" in capsys.readouterr().err
-    assert campaign.main([str(tmp_path / "list.yaml"), "--out", str(tmp_path), "--jobs", "1", "--trust"]) == 0
     assert capsys.readouterr().err == ""

@@ -3,6 +3,7 @@
 import csv
 import errno
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -41,7 +42,8 @@ KILLED_WHILE_WRITING = """
 import os, signal, sys
 from agents import train
 from agents.training import checkpoint
-write, seen = checkpoint.write_hashed, []
+from agents.runs.files import write_hashed as write
+seen = []
 def killing(path, content):
     seen.extend([1] if path.name == sys.argv[1] else [])
     if len(seen) == int(sys.argv[2]):
@@ -49,7 +51,6 @@ def killing(path, content):
         path.with_name(f".{path.name}.{os.getpid()}").write_bytes(b"half a file")
         os.kill(os.getpid(), signal.SIGKILL)
     write(path, content)
-checkpoint.write_hashed = killing
 checkpoint.write_hashed_bytes = lambda path, content: killing(path, lambda stream: stream.write(content))
 train.main(sys.argv[3:])
 """
@@ -97,7 +98,7 @@ def whole(tmp_path_factory) -> dict[str, Path]:
 @pytest.mark.parametrize(("name", "words"), [("ppo", PPO), ("her", HER)])
 def test_a_killed_run_goes_on_to_the_same_weights_and_logs(name, words, whole, tmp_path, capsys):
     run = tmp_path / "run"
-    file = {"ppo": "training.pkl", "her": "replay_buffer.pkl"}[name]
+    file = {"ppo": "training.safetensors", "her": "replay_buffer.safetensors"}[name]
     command = [sys.executable, "-c", KILLED_WHILE_WRITING, file, "2", *words, "--run-dir", str(run)]
     assert Forked(command, stdout=subprocess.DEVNULL).wait() == -signal.SIGKILL
     assert sorted(path.name for path in run.glob("checkpoints/*")) == [".000000080", "000000040"]
@@ -140,6 +141,36 @@ def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whol
     assert (run / "evaluations.csv").read_text() == (whole[name] / "evaluations.csv").read_text()
 
 
+OFF_POLICY = "learning_starts: 20, batch_size: 16, buffer_size: 60, gradient_steps: 2"
+OTHERS = {
+    "sac": f"algorithm=sac parameters={{{OFF_POLICY}, use_sde: true, n_steps: 2}}",
+    "crossq": f"algorithm=crossq parameters={{{OFF_POLICY}}} env.id=rj_gym/LatePose-v0",
+    "recurrent": "algorithm=recurrent_ppo policy.memory=8 policy.critic=privileged env.id=rj_gym/InstrumentShift-v0 "
+    "parameters={n_steps: 8, batch_size: 16, n_epochs: 1}",
+    "arm": "env.id=rj_gym/ArmInstrument-v0 env.settings.randomization.stiffness_spread=0.1 "
+    "parameters={n_steps: 8, batch_size: 16, n_epochs: 1, use_sde: true}",
+    "design": "env.id=rj_gym/CurvatureDesign-v0 parameters={n_steps: 8, batch_size: 16, n_epochs: 1}",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", OTHERS.values(), ids=OTHERS)
+def test_a_stopped_run_of_any_algorithm_and_task_goes_on_to_the_same_weights(changes, tmp_path, monkeypatch):
+    small = [*ENV, "total_timesteps=120", *re.split(r" (?=[\w.]+=)", changes)]
+    begin = ["--config", "configs/train/demo.yaml", *(word for each in small for word in ("--set", each)), "--run-dir"]
+    begin[2:2] = ["--set", "env.file=null", "--set", "env.settings={}"]
+    assert train.main([*begin, str(tmp_path / "whole")]) == 0
+    evaluation = Evaluator.evaluate
+    with monkeypatch.context() as patch:
+        patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluation(self))
+        patch.setattr(Evaluator, "_on_training_end", lambda self: None)
+        assert train.main([*begin, str(tmp_path / "stopped")]) == 128 + signal.SIGTERM
+    assert train.main(["--resume", str(tmp_path / "stopped")]) == 0
+    assert weights(tmp_path / "stopped") == weights(tmp_path / "whole")
+    scores = [(tmp_path / name / "evaluations.csv").read_text() for name in ("stopped", "whole")]
+    assert scores[0] == scores[1]
+
+
 def test_a_policy_that_learned_by_hindsight_loads_and_scores_as_it_did_in_training(whole):
     run = RunFolder.open(whole["her"])
     evaluation = run.config().evaluation
@@ -172,12 +203,11 @@ def test_a_damaged_newest_checkpoint_costs_one_interval(name, words, whole, tmp_
     run = shutil.copytree(whole[name], tmp_path / "run")
     for file in ("policy.safetensors", "policy.zip", "normaliser.pkl"):
         (run / file).unlink()
-    flip_a_bit(run / "checkpoints/000000160/resume/training.pkl")
+    flip_a_bit(run / "checkpoints/000000160/resume/training.safetensors")
     (run / "checkpoints/notes").mkdir()
     assert train.main(["--resume", str(run)]) == 0
     said = capsys.readouterr()
-    assert f"warning: {run}/checkpoints/000000120/resume/training.pkl" in said.err
-    assert "training.pkl is damaged: from step 120 on, 40 steps are lost and done again" in said.err
+    assert "training.safetensors is damaged: from step 120 on, 40 steps are lost and done again" in said.err
     assert "from step 120 on" in said.out
     assert weights(run) == weights(whole[name])
     assert (run / "evaluations.csv").read_text() == (whole[name] / "evaluations.csv").read_text()
@@ -191,7 +221,7 @@ def test_a_damaged_file_of_a_checkpoint_is_noticed_whichever_it_is(whole, tmp_pa
     folder = shutil.copytree(whole["her"] / "checkpoints/000000160", tmp_path / "checkpoints/000000160")
     assert checkpoint.damaged_file(folder) is None
     names = files_of(folder)
-    assert {"resume/replay_buffer.pkl", "resume/best/policy.zip", "resume/progress.csv"} < set(names)
+    assert {"resume/replay_buffer.safetensors", "resume/best/policy.zip", "resume/progress.csv"} < set(names)
     for name in names:
         content = (folder / name).read_bytes()
         flip_a_bit(folder / name)
@@ -208,11 +238,11 @@ def test_a_damaged_file_of_a_checkpoint_is_noticed_whichever_it_is(whole, tmp_pa
 def test_a_run_whose_checkpoints_are_all_damaged_ends_with_one_line_and_stays_as_it_is(whole, tmp_path, capsys):
     run = shutil.copytree(whole["ppo"], tmp_path / "run")
     for steps in (120, 160):
-        flip_a_bit(run / f"checkpoints/{steps:09d}/resume/training.pkl")
+        flip_a_bit(run / f"checkpoints/{steps:09d}/resume/training.safetensors")
     before = files_of(run)
     assert train.main(["--resume", str(run)]) == 2
     error = capsys.readouterr().err
-    assert "000000160/resume/training.pkl" in error and "--run-dir NEW" in error
+    assert "000000160/resume/training.safetensors" in error and "--run-dir NEW" in error
     assert error.count("\n") == 1
     assert files_of(run) == before
 
@@ -300,10 +330,11 @@ def test_a_run_without_a_checkpoint_but_with_a_policy_is_not_begun_anew(tmp_path
     assert (run.path / "policy.zip").read_bytes() == b"precious"
 
 
-def test_a_checkpoint_that_cannot_be_read_ends_with_one_line(whole, tmp_path, capsys):
+@pytest.mark.parametrize("name", ["training.pkl", "training.safetensors"])
+def test_a_checkpoint_that_cannot_be_read_ends_with_one_line(name, whole, tmp_path, capsys):
     run = RunFolder.create(tmp_path / "run", RunFolder.open(whole["ppo"]).config(), [])
     (run.checkpoints / "000000040" / "resume").mkdir(parents=True)
-    (run.checkpoints / "000000040" / "resume" / "training.pkl").write_bytes(b"no pickle")
+    (run.checkpoints / "000000040" / "resume" / name).write_bytes(b"no such file")
     assert train.main(["--resume", str(run.path), "--trust"]) == 2
     error = capsys.readouterr().err
     assert "000000040" in error

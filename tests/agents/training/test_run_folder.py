@@ -98,7 +98,7 @@ def test_other_folders_under_checkpoints_are_left_alone(tmp_path, name):
     other.mkdir(parents=True)
     whole = run.checkpoints / "000000010"
     (whole / "resume").mkdir(parents=True)
-    (whole / "resume" / "training.pkl").touch()
+    (whole / "resume" / "training.safetensors").touch()
     assert checkpoint.newest(run) == whole
     assert not run.is_finished
     assert [path.name for path in run.checkpoint_folders] == [whole.name]

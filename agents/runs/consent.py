@@ -1,0 +1,131 @@
+"""What the user has allowed on the command line: pickles to be read, modules to be named in files. Else nothing is.
+
+Files of strangers may be run folders, configurations and policies; none of them can give itself what is asked for here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from agents.runs.files import RunFolderError
+from rollingjoint.errors import ConfigError
+
+OWN = ("rj_gym", "gymnasium")  # packages whose registered environments need no consent
+
+
+@dataclass(frozen=True)
+class Consent:
+    """What is allowed: reading pickles, and these modules, each a dotted name or the path of a file NAME.py."""
+
+    pickles: bool = False
+    modules: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The modules under the names by which they are imported."""
+        return [Path(module).stem if module.endswith(".py") else module for module in self.modules]
+
+
+_given = Consent()  # of this process, whichever thread asks
+
+
+def consent() -> Consent:
+    """What is allowed now."""
+    return _given
+
+
+@contextmanager
+def allowing(given: Consent) -> Iterator[None]:
+    """A context in which this is allowed; the modules are imported first.
+
+    Raises:
+        ConfigError: a module that cannot be imported.
+    """
+    global _given
+    before = _given
+    for module in given.modules:
+        try:
+            imported(module)
+        except Exception as error:  # whatever a module raises
+            reason = f"{type(error).__name__}: {error}"
+            raise ConfigError("--import", module, "a module that can be imported, or a file NAME.py", reason) from error
+    _given = given
+    try:
+        yield
+    finally:
+        _given = before
+
+
+def call_with(given: Consent, function: Callable[..., Any], *arguments: Any) -> Any:
+    """In a worker: function(*arguments), with the consent of the process that has sent it."""
+    with allowing(given):
+        return function(*arguments)
+
+
+def add_consent(parser: argparse.ArgumentParser, pickles: bool = True) -> None:
+    """Give a command the options --import and, where it reads policies or run folders, --trust."""
+    named = "a module, or NAME.py, that configurations and run folders may name; repeatable"
+    parser.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE", help=named)
+    if pickles:
+        parser.add_argument("--trust", action="store_true", help="read pickles of run folders, which can run any code")
+
+
+def consent_of(arguments: argparse.Namespace) -> Consent:
+    """What the options of a command allow."""
+    modules = (str(Path(name).resolve()) if name.endswith(".py") else name for name in arguments.modules)
+    return Consent(getattr(arguments, "trust", False), tuple(modules))
+
+
+def check_pickles(*paths: Path) -> None:
+    """Raise RunFolderError, unless pickles are allowed, if any of these files is there."""
+    files = " and ".join(str(path) for path in paths if path.is_file())
+    if files and not _given.pickles:
+        hint = "Reading one can run any code that its author put there; --trust reads it."
+        raise RunFolderError("pickle", files, "files without code", hint)
+
+
+def check_named(what: str, name: str, module: str) -> None:
+    """Raise ConfigError for a name in a file that would have this module run, unless it is allowed."""
+    if not any(f"{module}.".startswith(f"{allowed}.") for allowed in (*OWN, *_given.names)):
+        hint = f"That is code: to run it, add --import {module.partition('.')[0]} to the command."
+        raise ConfigError(what, name, "a name of rj_gym's registry, or one of a module that the command imports", hint)
+
+
+def imported(module: str) -> ModuleType:
+    """The module of that name, also in the working directory, or in the file NAME.py, beside which it finds others.
+
+    Raises ImportError, or what the module raises.
+    """
+    path = Path(module).resolve()
+    if not module.endswith(".py"):
+        with _first_on_path(Path.cwd()):
+            return importlib.import_module(module)
+    known = sys.modules.get(path.stem)
+    if known is not None and getattr(known, "__file__", None) == str(path):
+        return known
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{module} is no Python file")
+    loaded = importlib.util.module_from_spec(spec)
+    with _first_on_path(path.parent):
+        spec.loader.exec_module(loaded)
+    sys.modules.setdefault(path.stem, loaded)  # where files name it
+    return loaded
+
+
+@contextmanager
+def _first_on_path(folder: Path) -> Iterator[None]:
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
