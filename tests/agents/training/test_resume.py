@@ -144,7 +144,7 @@ def test_a_run_stopped_by_a_signal_goes_on_to_the_same_weights(name, words, whol
 OFF_POLICY = "learning_starts: 20, batch_size: 16, buffer_size: 60, gradient_steps: 2"
 OTHERS = {
     "sac": f"algorithm=sac parameters={{{OFF_POLICY}, use_sde: true, n_steps: 2}}",
-    "crossq": f"algorithm=crossq parameters={{{OFF_POLICY}}} env.id=rj_gym/LatePose-v0",
+    "crossq": f"algorithm=crossq parameters={{{OFF_POLICY.replace('20', '60')}}} env.id=rj_gym/LatePose-v0",
     "recurrent": "algorithm=recurrent_ppo policy.memory=8 policy.critic=privileged env.id=rj_gym/InstrumentShift-v0 "
     "parameters={n_steps: 8, batch_size: 16, n_epochs: 1}",
     "arm": "env.id=rj_gym/ArmInstrument-v0 env.settings.randomization.stiffness_spread=0.1 "
