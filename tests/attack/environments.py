@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 import rj_gym
+from agents.runs.state_file import packed, unpacked
 from rollingjoint import RollingJointError
 
 IDS = {  # id: weight, lanes of a batch, steps of a round
@@ -66,6 +67,8 @@ def attack(rng, report):
         pair = [_made(name, lanes, alone, mode, {}) for _ in range(2)]
     try:
         _compare(rng, report, pair, lanes, steps, alone, name)
+        if not alone:
+            _enter_hostile_states(rng, report, pair[0])
     finally:
         for env in pair:
             env.close()
@@ -102,6 +105,10 @@ def _compare(rng, report, pair, lanes, steps, alone, name):
             return
         if step == steps // 2:
             pair[0] = victim = pickle.loads(pickle.dumps(victim))
+            if not alone:
+                state = victim.get_state()
+                victim.reset(seed=1)
+                victim.set_state(unpacked(packed(state), "state"))
         if len(results[0]) > 1:  # else a reset that both have refused
             _check(report, victim, results[0][0], name)
 
@@ -169,6 +176,48 @@ def _misuse(rng, report, env, lanes, alone):
             report.fail(f"{what}: a message of several lines: {str(error)[:200]!r}")
     else:
         report.fail(f"{what} ({junk!r}) was accepted")
+
+
+def _enter_hostile_states(rng, report, env):
+    """States in which numbers and arrays are others: refused, or stepped from without a crash."""
+    for _ in range(4):
+        state = copy.deepcopy(env.get_state())
+        for _ in range(rng.integers(1, 4)):
+            _spoil(rng, state)
+        report.count("hostile states")
+        try:
+            env.set_state(state)
+            with report.limited("steps from a hostile state"):
+                for _ in range(3):
+                    env.step(_action(rng, env))
+        except REFUSED as error:
+            if "\n" in str(error):
+                report.fail(f"a message of several lines: {str(error)[:200]!r}")
+        env.reset(seed=3)
+
+
+def _spoil(rng, state):
+    """Change one value somewhere in a state of nested dictionaries."""
+    while True:
+        key = list(state)[rng.integers(len(state))]
+        if not isinstance(state[key], dict) or rng.random() < 0.02:
+            break
+        state = state[key]
+    value = state[key]
+    if isinstance(value, np.ndarray) and value.size and rng.random() < 0.8:
+        kind = value.dtype
+        number = rng.choice([*_BAD_NUMBERS, -1.0, 0.5, 1e9, 1e300, float(rng.normal(0.0, 10.0))])
+        places = rng.random(value.shape) < rng.choice([0.01, 1.0])
+        with np.errstate(all="ignore"):
+            value[places] = (
+                np.full((), number).astype(kind)
+                if kind.kind == "f"
+                else int(np.nan_to_num(number, True, 7, 7, -7) % 2**31)
+            )
+    elif isinstance(value, np.ndarray):
+        state[key] = (value[:-1], value.astype(np.float32), value.astype(object), value[..., None])[rng.integers(4)]
+    else:
+        state[key] = _JUNK[rng.integers(len(_JUNK))]
 
 
 def _not_number(junk):
