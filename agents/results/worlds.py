@@ -42,6 +42,21 @@ NOTES: Mapping[str, str] = dict.fromkeys(
 )
 """What has to be known to read the table under such a heading."""
 
+_IDEAL_LIMIT = (
+    "Motors give way here exactly where the tension of a tendon, behind play and sheath, reaches 15 N, as no real "
+    "motor does. The policy that ships relies on it. With that number alone moved it ends at {}, and the probing bank "
+    "at {}: see [the ideal limit of tension](policies.md#the-ideal-limit-of-tension)."
+)
+TASK_NOTES: Mapping[str, str] = {
+    "rj_gym/Instrument-v0": _IDEAL_LIMIT.format(
+        "1.03 mm at 17 N and 4.12 mm at 60 N, which no tendon reaches", "0.759 and 0.797 mm"
+    ),
+    "rj_gym/InstrumentShift-v0": _IDEAL_LIMIT.format(
+        "0.784 mm at 16 N and 5.73 mm at 60 N, which no tendon reaches", "0.458 and 0.613 mm"
+    ),
+}
+"""What has to be known to read the tables of a task, by id; figures of benchmarks/tension_limit.py."""
+
 
 @dataclass(frozen=True)
 class Axis:
