@@ -26,7 +26,7 @@ from agents.evaluation.rollout import LAST_STEPS
 from agents.results.statistics import Bootstrap
 from agents.results.wording import mm, share, with_interval
 from agents.runs.environment import EnvConfig, make_vector_env
-from agents.runs.seeds import LIMITS
+from agents.runs.seeds import TENSION_LIMITS
 from agents.shipped import load_policy
 from rj_gym.core.registry import task_of
 from rollingjoint.tables import markdown_table
@@ -71,7 +71,7 @@ def drive(env: EnvConfig, controller: Controller, seeds: Sequence[int], limit: f
 def rows_of(world: str, limits: Sequence[float], episodes: int) -> list[list[str]]:
     """The rows of the table of one world, one per limit [N]."""
     env, bootstrap = EnvConfig(f"rj_gym/{world}-v0"), Bootstrap(episodes)
-    seeds = range(LIMITS.start, LIMITS.start + episodes)
+    seeds = range(TENSION_LIMITS.start, TENSION_LIMITS.start + episodes)
     controllers = load_policy(POLICIES[world]), opponents(env.id)[OPPONENT]
     rows = []
     for limit in limits:
@@ -84,7 +84,7 @@ def rows_of(world: str, limits: Sequence[float], episodes: int) -> list[list[str
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row per world and limit."""
     parser = argparse.ArgumentParser(description="What the instrument policies owe to an ideal limit of tension.")
-    parser.add_argument("--episodes", type=int, default=len(LIMITS))
+    parser.add_argument("--episodes", type=int, default=len(TENSION_LIMITS))
     parser.add_argument("--worlds", nargs="+", choices=POLICIES, default=list(POLICIES))
     parser.add_argument("--newtons", nargs="+", type=float, default=list(NEWTONS), help="the limits")
     arguments = parser.parse_args(argv)

@@ -337,7 +337,8 @@ def test_larger_numbers_of_lanes_are_left_out_where_one_takes_too_long(capsys):
 
     torch_env.main(["--device", "cpu", "--lanes", "2", "3", "--repeats", "1", "--limit", "0"])
     text = capsys.readouterr().out
-    assert text.count("2 took longer than 0 s: larger ones are left out") == 2 and "| 3 |" not in text
+    assert text.count("2 took longer than 0 s: larger ones are left out") == 2
+    assert "\n| 2 |" in text and "\n| 3 |" not in text  # a slow machine may have 3 solves/s
 
 
 def test_the_driver_hands_every_unit_to_sleeping_workers():

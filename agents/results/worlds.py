@@ -8,9 +8,10 @@ from typing import Any
 
 from agents.results.description import load_range
 from agents.results.environment import changed, setting
-from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, World
+from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, BenchmarkRecord, World
 from agents.runs.environment import EnvConfig
 from rj_gym.core.config import FrictionConfig
+from rj_gym.planar.config import TrackingConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training
@@ -56,6 +57,12 @@ TASK_NOTES: Mapping[str, str] = {
     ),
 }
 """What has to be known to read the tables of a task, by id; figures of benchmarks/tension_limit.py."""
+
+
+def task_note(record: BenchmarkRecord) -> str:
+    """The note on a task; empty where there is none, or where the task has another limit of tension."""
+    ideal = list(record.settings.get("tension_range", ())) == list(TrackingConfig().tension_range)
+    return TASK_NOTES.get(record.env_id, "") if ideal else ""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ VALIDATION = range(3_000_000, 3_000_250)
 TUNING = range(5_000_000, 5_100_000)
 """Tuning the settings of opponents, that is of controllers that are not trained."""
 
-LIMITS = range(5_600_000, 5_600_400)
+TENSION_LIMITS = range(5_600_000, 5_600_400)
 """Other limits of tension than that of training, in benchmarks/tension_limit.py."""
 
 TEST = range(9_000_000, 9_001_000)
