@@ -21,6 +21,7 @@ from rollingjoint.errors import ConfigError
 
 __all__ = ["evaluate_controllers", "main"]
 
+MOMENTS = 11  # of an episode, whose floors are drawn
 OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
 
 
@@ -65,7 +66,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     }
     with executor_of(arguments.cluster, arguments.jobs, inline=True) as executor:
         elsewhere = None if isinstance(executor, InlineExecutor) else executor
-        report = replace(evaluate_controllers(config.env, controllers, seeds, executor=elsewhere), about=about)
+        found = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
+    report = replace(found, about=about)
     write_report(report, controllers, config.env, folder)
     if blind:
         print(blind)

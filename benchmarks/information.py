@@ -6,10 +6,12 @@ A controller drives episodes. For each of them the motors' positions and the noi
 differentiated by everything that is hidden (displaced surfaces, load, offsets of the motors, stiffnesses, play, sheath
 friction, where tendons began in their play) at its true values, and so is the tip at the end. Taken as normal, with
 the variances that the world draws them with, the hidden numbers then have a distribution given the readings, and the
-tip has one: what is printed is the mean distance of the tip from where it is most likely. No controller that moves so
-can be nearer to its target on average, however it computes, but for what the derivatives leave out: they know on which
-side of its play every tendon is, which is in favour of the limit, and take uniform distributions as normal ones.
-Episodes in which a tendon comes to a limit of its tension, where the motor gives way, are left out of both figures.
+tip has one: what is printed is the mean distance of the tip from where it is most likely.
+
+That is an estimate of what can be known along these motions, not a bound. The derivatives know on which side of its
+play every tendon is, which makes it too small. They take uniform distributions as normal ones, and where motors are
+after the start as given, although where a motor gives way at the limit of tension tells something: both make it too
+large. Episodes whose tips this model does not find again from the motors' positions are left out of both figures.
 """
 
 from __future__ import annotations
@@ -143,7 +145,7 @@ def follow(config: TrackingConfig, hidden: Hidden, motors: Array) -> tuple[Array
     return begin, np.stack(measured, axis=1), np.stack(tips, axis=1)
 
 
-def least_error(config: TrackingConfig, hidden: Array, motors: Array, sds: Array) -> float:
+def expected_error(config: TrackingConfig, hidden: Array, motors: Array, sds: Array) -> float:
     """Mean distance of the tip at the end of one episode from where it is most likely [mm].
 
     Args:
@@ -164,8 +166,8 @@ def least_error(config: TrackingConfig, hidden: Array, motors: Array, sds: Array
     return float(np.linalg.norm(_DRAWS @ root.T, axis=1).mean())
 
 
-def limits(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
-    """What the controller leaves, and what could be known from what it read: a row of the table."""
+def estimates(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
+    """What the controller leaves, and an estimate of what can be known from what it read: a row of the table."""
     driven = drive(env, controller, episodes)
     config, truth, sds = driven.config, driven.hidden.vectors(), spreads(driven.config)
     _, _, tips = follow(config, driven.hidden, driven.motors)
@@ -174,7 +176,7 @@ def limits(env: EnvConfig, controller: Controller, episodes: int) -> list[str]:
     exact[: driven.hidden.surfaces[0].size] = 0.0
     found = []
     for known in (sds, exact):
-        errors = np.array([least_error(config, truth[k], driven.motors[k], known) for k in usable])
+        errors = np.array([expected_error(config, truth[k], driven.motors[k], known) for k in usable])
         found.append(f"{errors.mean():.3f} ± {1.96 * errors.std() / np.sqrt(len(errors)):.3f}")
     return [f"{driven.errors[usable].mean():.3f}", *found, f"{len(usable)} of {episodes}"]
 
@@ -190,8 +192,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
         drivers = {"probing bank": opponents(env.id)["probing bank"], policy: load_policy(policy)}
-        rows += [[world, name, *limits(env, each, arguments.episodes)] for name, each in drivers.items()]
-    heads = ("world", "driven by", "its error [mm]", "limit [mm]", "limit, surfaces known [mm]", "episodes")
+        rows += [[world, name, *estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
+    heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
     print(markdown_table(heads, rows))
 
 

@@ -21,11 +21,12 @@ def write_report(report: Report, controllers: Mapping[str, Controller], env: Env
     """Write report.md, report.json and pictures into the folder."""
     errors = {name: episodes.errors for name, episodes in report.episodes.items()}
     pictures = {
-        "error_over_time.png": error_over_time(errors, report.known_floors),
+        "error_over_time.png": error_over_time(errors, report.floors_at),
         "error_distribution.png": error_distribution(errors, report.known_floors),
     }
     captions = {
-        "error_over_time.png": "Tip error after every step; equally good controllers lie on each other.",
+        "error_over_time.png": "Tip error after every step; equally good controllers lie on each other."
+        + (" A point is the floor of its own step." if report.floors_at else ""),
         "error_distribution.png": "Tip error at the end of every episode; box: quartiles, whiskers: 5 to 95 %; errors "
         "below 0.001 mm are drawn there.",
     }

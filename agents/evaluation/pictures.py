@@ -29,12 +29,12 @@ SMALLEST_MM = 0.001  # smaller errors are drawn here: the axes are logarithmic
 PANELS = {50: "half of the episodes below", 95: "95 % of the episodes below"}
 
 
-def error_over_time(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:
+def error_over_time(errors: Mapping[str, Array], floors: Mapping[int, Array] | None = None) -> bytes:
     """PNG: the tip error after every step that half and 95 % of the episodes stay below, per controller.
 
     Args:
         errors: (E, T + 1) [mm], by controller.
-        floors: at the last step, (E,) [mm].
+        floors: after some of the steps, by step, (E,) [mm]; a point each. Those that are not finite do not count.
     """
     figure = figure_of(9.5, 4.5)
     panels = figure.subplots(1, 2, sharey=True)
@@ -44,13 +44,19 @@ def error_over_time(errors: Mapping[str, Array], floors: Array | None = None) ->
         for (name, some), colour, dashes in zip(errors.items(), cycle(COLOURS), cycle(DASHES), strict=False):
             below = np.percentile(np.maximum(some, SMALLEST_MM), share, axis=0)
             axes.plot(below, color=colour, linestyle=dashes, linewidth=2, label=name)
-        if floors is not None:
-            axes.axhline(max(np.percentile(floors, share), SMALLEST_MM), color="black", linewidth=1, label="floor")
+        if reached := _below(floors or {}, share):
+            axes.plot(*zip(*reached, strict=True), "o", color="black", markersize=4, clip_on=False, label="floor")
         axes.set(title=title, xlabel="step")
         axes.margins(x=0)
     panels[0].set_ylabel("tip error [mm]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
     return png(figure)
+
+
+def _below(floors: Mapping[int, Array], share: float) -> list[tuple[int, float]]:
+    """Steps, and the error that this share [%] of their known floors stays below [mm]."""
+    known = {step: some[np.isfinite(some)] for step, some in floors.items()}
+    return [(step, max(np.percentile(some, share), SMALLEST_MM)) for step, some in known.items() if len(some)]
 
 
 def error_distribution(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:

@@ -16,6 +16,7 @@ from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.executors.protocol import Executor
 from agents.runs.environment import EnvConfig
 from rj_gym.core.registry import task_of
+from rollingjoint.checks import as_integer
 from rollingjoint.tables import markdown_table, text_table
 
 POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers
@@ -31,6 +32,7 @@ class Report:
         floors: the smallest error that any command reaches at the end of every episode, (E,) [mm].
         about: what was evaluated.
         no_floor: why there are no floors where one would look for them, one line.
+        floors_at: the floors after other steps than the last, too, (E,) each, by step.
     """
 
     episodes: Mapping[str, Episodes]
@@ -38,6 +40,7 @@ class Report:
     floors: Array | None = None
     about: Mapping[str, Any] = field(default_factory=dict)
     no_floor: str = ""
+    floors_at: Mapping[int, Array] = field(default_factory=dict)
 
     @property
     def scores(self) -> dict[str, Score]:
@@ -131,12 +134,15 @@ def evaluate_controllers(
     seeds: Sequence[int],
     with_floor: bool = True,
     executor: Executor | None = None,
+    moments: int = 1,
 ) -> Report:
     """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
 
     Environments with another task than tracking have no floor, and none is known with friction.
 
     Args:
+        moments: after how many steps of every episode floors are searched for: after the last one, and where there are
+            more, after others that are spread evenly from the start on.
         executor: where the episodes run, a unit per controller and block of seeds (agents.executors.options); None:
             in this process.
     Raises:
@@ -146,8 +152,14 @@ def evaluate_controllers(
     if not env.is_tracking:
         return Report(episodes)
     why = why_no_floor(env) if with_floor else ""
-    floors = episode_floor(env, seeds).errors if with_floor and not why else None
-    return Report(episodes, task_of(env.arguments()["config"]).length, floors, no_floor=why)
+    config = env.arguments()["config"]
+    floors_at: dict[int, Array] = {}
+    if with_floor and not why:
+        as_integer("moments", moments, 1)
+        steps = sorted({round(step) for step in np.linspace(config.episode_steps, 0, moments)})
+        floors_at = dict(zip(steps, episode_floor(env, seeds, steps).errors.T, strict=True))
+    floors = floors_at.get(config.episode_steps)
+    return Report(episodes, task_of(config).length, floors, no_floor=why, floors_at=floors_at)
 
 
 def _floor_row(floors: Array) -> list[str]:

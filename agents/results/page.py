@@ -1,4 +1,7 @@
-"""The text of the results page. Every figure and every verdict is computed from the results."""
+"""The text of the results page.
+
+Every figure and every verdict is computed from the results; but notes, which worlds.py has, are written by hand.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from agents.results.wording import (
     with_interval,
     wrapped,
 )
-from agents.results.worlds import NOTES
+from agents.results.worlds import NOTES, task_note
 from rollingjoint.tables import markdown_table
 
 ERRORS = ("mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]")
@@ -68,7 +71,7 @@ class Tables:
     def section(self) -> list[str]:
         """Heading, description, tables and verdicts."""
         title = self.record.title
-        parts = [f"## {title[0].upper()}{title[1:]}", self.record.description]
+        parts = [f"## {title[0].upper()}{title[1:]}", self.record.description, task_note(self.record)]
         for one in self.worlds:
             heading = one.world.heading
             parts += [f"### {heading}", NOTES.get(heading, "")] if heading else []

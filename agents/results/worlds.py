@@ -8,9 +8,10 @@ from typing import Any
 
 from agents.results.description import load_range
 from agents.results.environment import changed, setting
-from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, World
+from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, BenchmarkRecord, World
 from agents.runs.environment import EnvConfig
 from rj_gym.core.config import FrictionConfig
+from rj_gym.planar.config import TrackingConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training
@@ -41,6 +42,27 @@ NOTES: Mapping[str, str] = dict.fromkeys(
     "for play, load or stiffness. No learner was trained with it, and opponents keep settings that were tuned without.",
 )
 """What has to be known to read the table under such a heading."""
+
+_IDEAL_LIMIT = (
+    "Motors give way here exactly where the tension of a tendon, behind play and sheath, reaches 15 N, as no real "
+    "motor does. The policy that ships relies on it. With that number alone moved it ends at {}, and the probing bank "
+    "at {}: see [the ideal limit of tension](policies.md#the-ideal-limit-of-tension)."
+)
+TASK_NOTES: Mapping[str, str] = {
+    "rj_gym/Instrument-v0": _IDEAL_LIMIT.format(
+        "1.03 mm at 17 N and 4.12 mm at 60 N, which no tendon reaches", "0.759 and 0.797 mm"
+    ),
+    "rj_gym/InstrumentShift-v0": _IDEAL_LIMIT.format(
+        "0.784 mm at 16 N and 5.73 mm at 60 N, which no tendon reaches", "0.458 and 0.613 mm"
+    ),
+}
+"""What has to be known to read the tables of a task, by id; figures of benchmarks/tension_limit.py."""
+
+
+def task_note(record: BenchmarkRecord) -> str:
+    """The note on a task; empty where there is none, or where the task has another limit of tension."""
+    ideal = list(record.settings.get("tension_range", ())) == list(TrackingConfig().tension_range)
+    return TASK_NOTES.get(record.env_id, "") if ideal else ""
 
 
 @dataclass(frozen=True)

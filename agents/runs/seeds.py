@@ -2,7 +2,7 @@
 
 Training uses the seeds of its run, evaluations during it those from 1,000,000 on, studies of hyper-parameters those
 from 2,000,000 on, recorded scores of shipped policies those from 20,000 on, studies of what can be known those from
-5,500,000 on. Recipes of training were chosen on those from 6,000,000 on.
+5,500,000 to 5,599,999. Recipes of training were chosen on those from 6,000,000 on.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ VALIDATION = range(3_000_000, 3_000_250)
 
 TUNING = range(5_000_000, 5_100_000)
 """Tuning the settings of opponents, that is of controllers that are not trained."""
+
+TENSION_LIMITS = range(5_600_000, 5_600_400)
+"""Other limits of tension than that of training, in benchmarks/tension_limit.py."""
 
 TEST = range(9_000_000, 9_001_000)
 """The tables: nothing is chosen here."""

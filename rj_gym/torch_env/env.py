@@ -49,8 +49,8 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
     The host draws and begins episodes, with all noise that they will meet, and then copies them to the device. A step
     waits for the device once: to hear whether all actions are finite, and whether lanes are left to the compiled solver
-    on the host (`host_solves` counts them). Friction in the chain and mechanisms with springs are refused. There are no
-    pictures.
+    on the host (`host_solves` counts them). Friction in the chain and mechanisms with springs are refused, and so are
+    settings and weights of the reward that are not known here. There are no pictures.
 
     Args:
         env_id: id of a planar tracking task.

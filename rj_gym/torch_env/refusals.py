@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from typing import Any
 
+import numpy as np
 import torch
 
 from rj_gym.core.registry import TABLE, Registration
+from rj_gym.core.settings import Settings
 from rj_gym.planar.task import PlanarTask
 from rollingjoint.differentiable import SideBySide
 from rollingjoint.errors import InvalidInput
+
+TAKEN: Mapping[str, frozenset[str]] = {
+    section: frozenset(names.split())
+    for section, names in {
+        "": "mechanism episode_steps action_scale_mm tension_range start start_tension start_tension_range "
+        "command_scale_mm observe_tensions observe_load observe_history privileged",
+        "load": "magnitude link process hold_steps correlation_steps",
+        "target": "process tension_range waypoints loaded",
+        "reward": "error_scale_mm effort smoothness failure_penalty goal goal_tolerance_mm precision",
+        "randomization": "position_noise_mm angle_noise_rad stiffness_spread link_tolerance_mm link_tolerance_rad "
+        "actuator_offset_mm",
+        "sensing": "pose period delay position_bias_mm angle_bias_rad encoder_noise_mm encoder_resolution_mm "
+        "tension_noise tension_resolution",
+        "actuation": "play_mm sheath_friction rate_limit_mm delay",
+    }.items()
+}
+"""Names of the settings with which lanes on a device do what those of the native environment do, by section.
+
+Any other is refused unless it is off: a setting at its default, a number of the reward at 0.
+"""
 
 _INSTEAD = 'gymnasium.make_vec(id, num_envs, "vector_entry_point") has it, on the CPU.'
 
@@ -42,7 +66,29 @@ def check_task(task: PlanarTask) -> None:
     friction: Any = config.friction or mechanism.friction
     if task.has_friction:
         raise InvalidInput("friction", friction, "None, and a mechanism without friction", _INSTEAD)
+    _check_settings(config)
     check_mechanism("mechanism", mechanism, task)
+
+
+def _check_settings(config: Settings) -> None:
+    """Refuse, with InvalidInput, settings that are not known here, unless they are off."""
+    for section, names in TAKEN.items():
+        settings: Any = getattr(config, section) if section else config
+        known = names if section else names | TAKEN.keys()
+        for name in [each.name for each in fields(settings) if each.name not in known]:
+            value, off = getattr(settings, name), _default(type(settings), name)
+            if section == "reward" and isinstance(off, float):
+                off = 0.0
+            if not np.array_equal(value, off):
+                what = f"{section}.{name}" if section else name
+                raise InvalidInput(what, value, f"{off!r}, since lanes on a device do not have it", _INSTEAD)
+
+
+def _default(kind: type[Settings], name: str) -> Any:
+    """The default of a setting in the class that brought it; worlds may have others."""
+    every = (getattr(each, "__dataclass_fields__", {}) for each in reversed(kind.__mro__))
+    first = next(known[name] for known in every if name in known)
+    return first.default if first.default_factory is MISSING else first.default_factory()
 
 
 def check_mechanism(what: str, mechanism: Any, task: PlanarTask) -> None:

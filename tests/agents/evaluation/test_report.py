@@ -8,6 +8,7 @@ import pytest
 
 from agents.baselines import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
+from agents.evaluation import pictures
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation, error_distribution, error_over_time
 from agents.evaluation.report import Report
@@ -83,6 +84,29 @@ def test_controllers_are_scored_on_the_same_episodes_and_against_their_floors():
     assert evaluate_controllers(env, {"nothing": DoNothing()}, seeds, with_floor=False).floors is None
 
 
+def test_no_controller_is_below_the_floor_of_any_step_of_a_moving_target():
+    path = {"target": {"process": "path"}, "load": {"magnitude": [2.0, 2.0]}, "mechanism": "five_link"}
+    env, seeds = EnvConfig(settings=path), range(9000, 9010)
+    report = evaluate_controllers(env, {"feedback": JacobianFeedback()}, seeds, moments=6)
+    errors, steps = report.episodes["feedback"].errors, [0, 10, 20, 30, 40, 50]
+    assert list(report.floors_at) == steps
+    floors = np.stack([report.floors_at[step] for step in steps], axis=1)
+    assert np.all(errors[:, steps] >= floors - 1e-9)
+    assert np.any(errors[:, 20:40].min(axis=1) < report.floors)  # that of the last step is none of theirs
+    np.testing.assert_array_equal(floors[:, -1], report.floors)
+    np.testing.assert_array_equal(floors[:, 2], episode_floor(env, seeds, [20]).errors[:, 0])
+
+
+def test_every_floor_is_drawn_at_its_own_step(monkeypatch):
+    monkeypatch.setattr(pictures, "png", lambda figure: figure)
+    floors = {0: [0.3, np.inf], 4: [0.1, 0.1], 8: [np.inf, np.inf], 12: [1e-9, 1e-9]}
+    floors = {step: np.array(some) for step, some in floors.items()}
+    for axes in error_over_time({"one": episodes([0.2, 3.0]).errors}, floors).axes:
+        (drawn,) = [line for line in axes.lines if line.get_label() == "floor"]
+        assert drawn.get_linestyle() == "None" and drawn.get_marker() == "o"
+        np.testing.assert_allclose(drawn.get_xydata(), [[0, 0.3], [4, 0.1], [12, 0.001]])
+
+
 def test_with_friction_a_report_says_why_there_is_no_floor():
     env = EnvConfig(settings={"episode_steps": 5, "friction": {"mu": 0.1}})
     report = evaluate_controllers(env, {"nothing": DoNothing(), "feedback": JacobianFeedback()}, range(3))
@@ -94,7 +118,7 @@ def test_with_friction_a_report_says_why_there_is_no_floor():
 
 def test_pictures_are_drawn_with_and_without_floors():
     errors = {f"controller {k}": episodes(np.geomspace(1e-5, 10, 20)).errors for k in range(9)}
-    assert error_over_time(errors, np.geomspace(1e-6, 1, 20)).startswith(b"\x89PNG")
+    assert error_over_time(errors, {12: np.geomspace(1e-6, 1, 20)}).startswith(b"\x89PNG")
     assert error_distribution(errors, None).startswith(b"\x89PNG")
     frames = [np.full((60, 72, 3), value, np.uint8) for value in (0, 100, 200)]
     assert animation({"one": frames, "two": frames[:2]}).startswith(b"GIF89a")

@@ -1,6 +1,7 @@
 """Tasks of the results page: what makes two the same, what they are called, their worlds, who can drive in them."""
 
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from agents.results.environment import changed, episodes_key
 from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION
 from agents.results.roster import opponents
 from agents.results.runs import Benchmark, Recipe, Run, _title, _without_seed
-from agents.results.worlds import AXES, NOTES, Plan, worlds_of
+from agents.results.worlds import AXES, NOTES, TASK_NOTES, Plan, task_note, worlds_of
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
@@ -147,6 +148,25 @@ def test_a_task_with_play_and_late_pictures_is_described():
     )
     blind = SimpleNamespace(pose="none", period=1, delay=0, tension_noise=0.0, **off)
     assert _sensing(blind) == "Neither pose nor tip is measured."
+
+
+@pytest.mark.parametrize("world", ["Instrument", "InstrumentShift"])
+def test_the_page_says_of_both_instruments_what_the_ideal_limit_of_tension_is_worth(world):
+    note, docs = TASK_NOTES[f"rj_gym/{world}-v0"], Path(__file__).parents[3] / "docs"
+    assert note in " ".join((docs / "results.md").read_text("utf-8").split())
+    rows = re.findall(rf"^\| {world} \|.*", (docs / "policies.md").read_text("utf-8"), re.MULTILINE)
+    cells = [[cell.split()[0] for cell in row.split("|")[2:5]] for row in rows]
+    limits = [limit for limit in re.findall(r"(\S+) N\b", note) if limit != "15"]
+    policy, bank = re.findall(r"(\S+) mm at", note), re.findall(r"bank at (\S+) and (\S+) mm", note)[0]
+    figures = [[*row] for row in zip(limits, policy, bank, strict=True)]
+    assert len(figures) == 2 and all(row in cells for row in figures)
+
+
+def test_a_task_with_another_limit_of_tension_has_no_note_on_the_ideal_one():
+    as_it_is, changed = (
+        SimpleNamespace(env_id="rj_gym/Instrument-v0", settings={"tension_range": [0.5, high]}) for high in (15.0, 30.0)
+    )
+    assert "15 N" in task_note(as_it_is) and task_note(changed) == ""
 
 
 def test_animations_become_smaller_until_they_fit(monkeypatch):

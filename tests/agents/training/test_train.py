@@ -67,6 +67,7 @@ def test_an_evaluation_writes_its_report_and_pictures(run):
     assert report["seeds"] == [10000, 10001, 10002, 10003]
     assert report["scores"]["policy"]["mean_mm"] == pytest.approx(np.mean(report["final_errors_mm"]["policy"]))
     text = (folder / "report.md").read_text()
+    assert "A point is the floor of its own step." in text
     for name in ("error_over_time.png", "error_distribution.png", "animation.gif"):
         assert name in text
         with Image.open(folder / name) as image:

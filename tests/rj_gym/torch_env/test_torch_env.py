@@ -1,6 +1,7 @@
 """The environments of tensors are the native ones: the same episodes, numbers to 1e-9, ends and refusals."""
 
 import pickle
+from dataclasses import dataclass, fields, make_dataclass
 
 import gymnasium
 import numpy as np
@@ -8,12 +9,16 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 import rj_gym
+from rj_gym.core.config import RewardConfig
+from rj_gym.core.settings import Settings
+from rj_gym.planar.config import LoadConfig, TrackingConfig
 from rollingjoint import InvalidInput, Status, five_link
 from rollingjoint.friction import CapstanFriction
 
 torch = pytest.importorskip("torch")
 
 from rj_gym.torch_env import TorchTrackingEnv  # noqa: E402 - needs torch
+from rj_gym.torch_env.refusals import TAKEN  # noqa: E402
 from rollingjoint.differentiable import as_on_a_device  # noqa: E402
 from tests.host_reads import no_host_reads  # noqa: E402
 from tests.rj_gym.watched_solver import watch_solver  # noqa: E402
@@ -28,14 +33,30 @@ WORLDS = {
     "goals": (GOAL, {}),
     "sparse goals": (GOAL, {"reward": {"goal": "sparse", "goal_tolerance_mm": 20.0}}),
     "moving target, stepping load": (PLAIN, {"target": {"process": "path"}, "load": {"process": "step"}}),
-    "drifting load, observed": (PLAIN, {"load": {"process": "ou", "link": "tip"}, "observe_load": True}),
+    "drifting load, observed": (
+        PLAIN,
+        {"load": {"process": "ou", "link": "tip", "correlation_steps": 6.0}, "observe_load": True},
+    ),
     "noise, other tendons": (PLAIN, {"randomization": {"position_noise_mm": 0.3, "angle_noise_rad": 0.01} | MISMATCH}),
     "other surfaces": (PLAIN, {"randomization": {"link_tolerance_mm": 0.2, "link_tolerance_rad": 0.02}}),
     "ends of surfaces": (PLAIN, {"load": {"magnitude": (5.0, 12.0)}, "action_scale_mm": 4.0}),
     "loaded targets, few readings": (PLAIN, {"target": {"loaded": True}, "observe_tensions": False}),
     "other rewards": (PLAIN, {"reward": {"precision": 0.5, "effort": 0.3}, "start": "random"}),
     "four tendons": (PLAIN, {"mechanism": "two_segment"}),
+    "other numbers": (
+        PLAIN,
+        {
+            "tension_range": (0.8, 9.0),
+            "start_tension": 2.5,
+            "command_scale_mm": 15.0,
+            "target": {"process": "path", "waypoints": 4, "tension_range": (1.5, 5.0)},
+            "load": {"process": "step", "hold_steps": 4.0},
+            "reward": {"smoothness": 0.2, "failure_penalty": 7.0},
+        },
+    ),
+    "other starts": (PLAIN, {"start": "random", "start_tension_range": (2.0, 4.0)}),
 }
+SHORT = {"episode_steps": 12}
 QUICK = ("fixed target", "goals", "other surfaces")
 INSTRUMENTS = {
     "instrument": ("rj_gym/Instrument-v0", {"autoreset_mode": "SameStep"}),
@@ -157,7 +178,7 @@ def test_what_motors_and_sensors_do_is_that_of_the_native_environment(world):
 @pytest.mark.parametrize("world", WORLDS | INSTRUMENTS)
 def test_long_episodes_are_those_of_the_native_environment(world, mode):
     env_id, settings = (WORLDS | INSTRUMENTS)[world]
-    ours, native = pair(env_id, lanes=48, episode_steps=12, **settings | {"autoreset_mode": mode})
+    ours, native = pair(env_id, lanes=48, **SHORT, **settings | {"autoreset_mode": mode})
     for seed in (0, 11):
         statuses = played(ours, native, seed, steps=30)
     assert ours.host_solves < 30 * 2 * 48
@@ -300,6 +321,77 @@ def test_what_is_not_supported_is_refused_in_one_line(settings, message):
     with pytest.raises(InvalidInput, match=message) as error:
         TorchTrackingEnv(**settings)
     assert "\n" not in str(error.value)
+
+
+@dataclass(frozen=True)
+class Overloaded(RewardConfig):
+    """A reward with a weight that only another environment has."""
+
+    overload: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gusty(LoadConfig):
+    """A load with a setting that only another environment has."""
+
+    gusts: tuple[float, float] = (0.0, 0.0)
+
+
+Gripping = make_dataclass("Gripping", [("grip", str, "none")], bases=(TrackingConfig,), frozen=True)
+GrippingWorld = make_dataclass("GrippingWorld", [("grip", str, "firm")], bases=(Gripping,), frozen=True)
+Costly = make_dataclass("Costly", [("overload", float, 0.1)], bases=(RewardConfig,), frozen=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"reward": Overloaded(overload=0.1)}, "reward.overload = 0.1: expected 0.0, since lanes on a device"),
+        ({"reward": Costly()}, "reward.overload = 0.1: expected 0.0, since"),
+        ({"load": Gusty(gusts=(0.0, 2.0))}, r"load.gusts = \(0.0, 2.0\): expected \(0.0, 0.0\), since"),
+        ({"config": Gripping(grip="firm")}, "grip = 'firm': expected 'none', since"),
+        ({"config": GrippingWorld()}, "grip = 'firm': expected 'none', since"),
+    ],
+)
+def test_a_weight_or_setting_that_is_not_known_is_refused_in_one_line(settings, message):
+    with pytest.raises(InvalidInput, match=f"{message}.*gymnasium.make_vec") as error:
+        TorchTrackingEnv(**settings)
+    assert "\n" not in str(error.value)
+
+
+def test_a_weight_or_setting_that_is_not_known_is_left_out_where_it_is_off():
+    TorchTrackingEnv(config=Gripping(reward=Overloaded(), load=Gusty()))
+
+
+def settings_by_section(config=None):
+    """All settings of a task, and their values, by the names of their sections."""
+    config = TrackingConfig() if config is None else config
+    whole = {each.name: getattr(config, each.name) for each in fields(config)}
+    sections = {name: value for name, value in whole.items() if isinstance(value, Settings) and name != "friction"}
+    plain = {name: value for name, value in whole.items() if name not in sections}
+    return {"": plain} | {
+        name: {each.name: getattr(value, each.name) for each in fields(value)} for name, value in sections.items()
+    }
+
+
+def test_every_setting_is_taken_or_known_to_be_refused():
+    refused = {("", "friction")}
+    taken = {(section, name) for section, names in TAKEN.items() for name in names}
+    every = {(section, name) for section, names in settings_by_section().items() for name in names}
+    assert taken == every - refused and refused <= every
+
+
+def test_every_setting_that_is_taken_is_compared_with_the_native_environment_at_another_value():
+    plain, compared = settings_by_section(), set()
+    for env_id, world in (WORLDS | INSTRUMENTS).values():
+        settings = SHORT | {name: value for name, value in world.items() if name != "autoreset_mode"}
+        there = settings_by_section(rj_gym.settings_of(env_id).from_dict(settings))
+        compared |= {
+            (section, name)
+            for section, values in there.items()
+            for name, value in values.items()
+            if value != plain[section][name]
+        }
+    assert {(section, name) for section, names in TAKEN.items() for name in names} - compared == set()
 
 
 def test_a_mechanism_with_springs_is_refused_when_it_is_made_and_when_it_is_held():
