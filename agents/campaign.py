@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.executors.options import LOCAL, add_options
-from agents.runs.checks import integer
+from agents.runs.checks import job_count
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    jobs = integer(1)("--jobs", arguments.jobs)
+    jobs = job_count("--jobs", arguments.jobs)
     out = arguments.out or Path("runs") / arguments.campaign.stem
     members = load_campaign(arguments.campaign)
     typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]

@@ -14,6 +14,7 @@ from agents.evaluation.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
+from agents.runs.checks import episode_count, seed_number
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.folder import RunFolder, versions
@@ -47,9 +48,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.evaluation.output import write_report
     from agents.policies.trained import load_driving
 
+    first, episodes = seed_number("--seed", arguments.seed), episode_count("--episodes", arguments.episodes)
+    seeds = range(first, first + episodes)
     run = RunFolder.open(arguments.run)
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
-    seeds = range(arguments.seed, arguments.seed + max(arguments.episodes, 0))
     config.check_unused(seeds)
     own = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
     blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""

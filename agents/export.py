@@ -19,7 +19,7 @@ from agents.policies.file import SUFFIX
 from agents.policies.loading import list_policies, load_policy
 from agents.policies.recorded_score import RecordedScore
 from agents.policies.shipped import ShippedPolicy
-from agents.runs.checks import integer
+from agents.runs.checks import episode_count
 from agents.runs.command_line import exit_code
 from agents.runs.config import TrainConfig
 from agents.runs.consent import add_consent, consent_of
@@ -81,7 +81,7 @@ def _list() -> int:
 
 def _export(arguments: argparse.Namespace) -> ShippedPolicy:
     """The policy of the run folder with its score, after it was written to a file of its own."""
-    episodes = integer(1, 100_000)("--episodes", arguments.episodes)
+    episodes = episode_count("--episodes", arguments.episodes)
     if not re.fullmatch(r"\w[\w-]{0,63}", arguments.name, re.ASCII):
         raise PolicyError("--name", arguments.name, "letters, digits, _ and -, at most 64")
     path = arguments.out / f"{arguments.name}{SUFFIX}"

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.executors.options import add_options
-from agents.runs.checks import integer, optional
+from agents.runs.checks import optional
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 
@@ -39,10 +39,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    asked = optional(integer(0))("--trials", arguments.trials)
     from agents.tuning.folder import StudyFolder
+    from agents.tuning.study import trial_count
     from agents.tuning.trials import tune
 
+    asked = optional(trial_count)("--trials", arguments.trials)
     folder = StudyFolder(arguments.study, arguments.storage)
     config = folder.config(arguments.config)
     trials = config.trials if asked is None else asked

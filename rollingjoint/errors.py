@@ -41,16 +41,17 @@ class SolverError(RollingJointError, RuntimeError):
     """An equilibrium that the caller required and the solver could not give."""
 
 
-_EXTRAS = {  # of pyproject.toml, and the packages that only they bring
-    "train": ("stable_baselines3", "sb3_contrib", "optuna", "tensorboard", "tqdm", "filelock"),
+_PLOT = ("matplotlib", "PIL", "pygame")
+_EXTRAS = {  # of pyproject.toml, and the packages that they bring; of several the first is named
+    "plot": _PLOT,
     "design": ("torch",),
-    "search": ("cma", "ribs"),
+    "train": ("stable_baselines3", "sb3_contrib", "optuna", "torch", "tensorboard", "tqdm", "filelock", *_PLOT),
+    "search": ("cma", "ribs", "optuna", "torch", "tqdm", "filelock", *_PLOT),
     "cluster": ("ray",),
     "onnx": ("onnx", "onnxruntime"),
     "data": ("minari", "h5py"),
-    "view": ("viser",),
-    "cad": ("ezdxf", "shapely", "trimesh", "manifold3d"),
-    "plot": ("matplotlib", "PIL", "pygame"),
+    "view": ("viser", *_PLOT),
+    "cad": ("ezdxf", "shapely", "trimesh", "manifold3d", *_PLOT),
 }
 
 
@@ -58,22 +59,29 @@ class MissingPackage(RollingJointError, ModuleNotFoundError):
     """A package that is not installed, of an extra that brings it."""
 
 
-def named(error: ModuleNotFoundError) -> ModuleNotFoundError:
-    """The error, saying in one line which extra brings the package; as it is where none does."""
+def named(error: ModuleNotFoundError, own: str = "") -> ModuleNotFoundError:
+    """The error, saying in one line which extra brings the package; as it is where none does.
+
+    own: the extra that is named if it brings the package, too, such as that of the command.
+    """
     package = (error.name or "").partition(".")[0]
-    extra = next((extra for extra, packages in _EXTRAS.items() if package in packages), None)
-    if extra is None or isinstance(error, MissingPackage):
+    bringing = [extra for extra, packages in _EXTRAS.items() if package in packages]
+    if not bringing or (isinstance(error, MissingPackage) and own not in bringing):
         return error
+    extra = own if own in bringing else bringing[0]
     return MissingPackage(f'{package} is not installed: run pip install "rollingjoint[{extra}]"', name=error.name)
 
 
 @contextmanager
-def naming_extras() -> Iterator[None]:
-    """A context of imports in which a package that is not installed is named with the extra that brings it."""
+def naming_extras(own: str = "") -> Iterator[None]:
+    """A context of imports in which a package that is not installed is named with the extra that brings it.
+
+    own: as of `named`.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
-        raise named(error) from None
+        raise named(error, own) from None
 
 
 @contextmanager

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
 _T = TypeVar("_T")
 
+_SEARCHED = 101  # angles of a joint at which a shortest path is looked for
+
 
 class Spares(dict[int, list[Any]]):
     """Memory that is kept for the next use; copies and pickles of it are empty, since kernels know where it lies."""
@@ -118,6 +120,20 @@ class Mechanism(ABC, Generic[S]):
     def neutral_lengths(self) -> Array:
         """Tendon lengths at rest, (m,) [mm]."""
         return read_only(self.tendon_lengths(self.neutral_angles))
+
+    @cached_property
+    def shortest_lengths(self) -> Array:
+        """Shortest path of every tendon in any pose within the joints' limits, (m,) [mm].
+
+        A path is a sum over the joints of what depends on one angle each, so every joint is searched by itself, at
+        angles a hundredth of its range apart.
+        """
+        low, high = self.arrays.joints[0, :, :2].T
+        each = np.arange(self.n_joints)  # the joint that turns, the last axis but one
+        angles = np.tile(self.neutral_angles, (_SEARCHED, self.n_joints, 1))
+        angles[:, each, each] = np.linspace(low, high, _SEARCHED)
+        changes = self.tendon_lengths(angles) - self.neutral_lengths
+        return read_only(self.neutral_lengths + changes.min(axis=0).sum(axis=0))
 
     @property
     @abstractmethod

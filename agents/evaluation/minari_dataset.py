@@ -123,7 +123,7 @@ def read_dataset(where: str | Path) -> Transitions:
         dataset = minari.MinariDataset(data)
         episodes = list(dataset.storage.get_episodes(range(dataset.total_episodes)))
         known = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
-    except (OSError, ValueError, KeyError, AssertionError) as error:
+    except (OSError, ValueError, KeyError, AssertionError, RecursionError) as error:
         raise RunFolderError("dataset", str(where), "a Minari dataset", f"{type(error).__name__}: {error}") from error
     column = {key: [each[key] for each in episodes] for key in ("actions", "rewards", "terminations", "truncations")}
     infos = [each["infos"] or {} for each in episodes]
@@ -147,7 +147,7 @@ def recorded_by(where: str | Path) -> tuple[str, Mapping[str, Any]]:
     try:
         metadata = minari.MinariDataset(_place(where)[0] / "data").storage.metadata
         return str(metadata.get("algorithm_name", "recorded")), metadata[ENVIRONMENT]
-    except (OSError, ValueError, KeyError, AssertionError) as error:
+    except (OSError, ValueError, KeyError, AssertionError, RecursionError) as error:
         raise RunFolderError("dataset", str(where), allowed, f"{type(error).__name__}: {error}") from error
 
 

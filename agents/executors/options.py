@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from agents.executors.local import InlineExecutor, LocalExecutor
 from agents.executors.protocol import Executor
-from agents.runs.checks import integer
+from agents.runs.checks import job_count
 
 LOCAL = "local"
 
@@ -39,7 +39,7 @@ def executor_of(cluster: str = LOCAL, jobs: int = 1, inline: bool = False) -> It
         ConfigError: no such cluster, or jobs below 1.
         ModuleNotFoundError: Ray is not installed.
     """
-    jobs = integer(1)("--jobs", jobs)
+    jobs = job_count("--jobs", jobs)
     executor = _executor(cluster, jobs, inline)
     try:
         yield executor

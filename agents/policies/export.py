@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +16,12 @@ from agents.policies.errors import PolicyError
 from agents.policies.pickled import load_pickled
 from agents.policies.shipped import ShippedPolicy, entry_names, is_goal, standalone
 from agents.policies.trained import read_trained
+from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import PolicyFiles, RunFolder
 from rj_gym import IDS
+from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -139,9 +140,7 @@ def _training(run: RunFolder, config: TrainConfig, steps: int) -> dict[str, Any]
     del plain["env"]["settings"]
     path = run.path / "versions.json"
     try:
-        packages = {
-            name: version for name, version in json.loads(path.read_text("utf-8")).items() if name not in MACHINE
-        }
-    except (OSError, ValueError, AttributeError) as error:
+        packages = {name: version for name, version in read_json(path).items() if name not in MACHINE}
+    except (ConfigError, AttributeError) as error:
         raise PolicyError("versions", str(path), "the versions that training used, as JSON", str(error)) from error
     return {"config": plain, "steps": steps, "seed": config.seed, "versions": packages}

@@ -17,6 +17,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 
 from agents.policies.errors import PolicyError
+from agents.runs.checked_json import parse_json
 
 SUFFIX = ".safetensors"
 LARGEST_FILE = 16 * 2**20
@@ -40,8 +41,8 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
     """
     try:
         tensors = safetensors.numpy.load(data)
-        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
-        content = dict(json.loads(header["__metadata__"]["policy"]))
+        header = parse_json(data[8 : 8 + int.from_bytes(data[:8], "little")], "header")
+        content = dict(parse_json(header["__metadata__"]["policy"], "metadata"))
         version, recorded = content.pop("format"), content.pop("sha256")
         expected, actual = _format_of(content), content_hash(content, tensors)
     except Exception as error:  # whatever a parser makes of foreign bytes

@@ -10,7 +10,6 @@ same page. With --runs-only it scores further training seeds for a page that has
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import shlex
@@ -23,7 +22,8 @@ from typing import TYPE_CHECKING
 from agents.executors.options import add_options
 from agents.results.file import FILE, read_results, write_results
 from agents.results.record import Results, ResultsError
-from agents.runs.checks import integer
+from agents.runs.checked_json import read_json
+from agents.runs.checks import episode_count, integer, job_count, seed_number
 from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import RunFolderError, write_bytes, write_text
@@ -99,7 +99,7 @@ def _scored(arguments: argparse.Namespace) -> Results:
     from agents.results.runs import find_benchmarks
     from agents.results.scores import driving, score_benchmark, score_shipped, shipped_for_others
 
-    plan, jobs = _plan(arguments), integer(1)("--jobs", arguments.jobs)
+    plan, jobs = _plan(arguments), job_count("--jobs", arguments.jobs)
     benchmarks, left_out = find_benchmarks(arguments.runs)
     for path, reason in left_out.items():
         print(f"left out: {path}: {reason}", file=sys.stderr)
@@ -133,9 +133,9 @@ def _scored(arguments: argparse.Namespace) -> Results:
 def _plan(arguments: argparse.Namespace) -> Plan:
     from agents.results.worlds import Plan
 
-    episodes = integer(1, 100_000)("--episodes", arguments.episodes)
-    first = integer(0, 2**31)("--seed", arguments.seed)
-    choosing = integer(1, 100_000)("--validation", arguments.validation)
+    episodes = episode_count("--episodes", arguments.episodes)
+    first = seed_number("--seed", arguments.seed)
+    choosing = episode_count("--validation", arguments.validation)
     validation = range(VALIDATION.start, VALIDATION.start + choosing)
     return Plan(range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point))
 
@@ -188,7 +188,7 @@ def _typed(arguments: argparse.Namespace) -> str:
 def _trained_with(benchmarks: Sequence[Benchmark]) -> list[str]:
     """Processors and versions of all runs; several, where they differ."""
     runs = [run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs]
-    found = [json.loads((run.folder.path / "versions.json").read_text("utf-8")) for run in runs]
+    found = [read_json(run.folder.path / "versions.json") for run in runs]
     return sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found})
 
 

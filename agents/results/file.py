@@ -15,11 +15,11 @@ import numpy as np
 
 from agents.evaluation.controller import Array
 from agents.results.record import BenchmarkRecord, ControllerRecord, Driven, Results, ResultsError, RunRecord, World
+from agents.runs.checked_json import PACKED, read_json
 from agents.runs.files import write_bytes
-from rollingjoint.errors import RollingJointError
+from rollingjoint.errors import ConfigError, RollingJointError
 
 FORMAT, SCHEMA = "rollingjoint results", 1
-PACKED = ".gz"
 FILE = "results.json" + PACKED  # beside a page
 _DIGITS = 4
 
@@ -30,13 +30,14 @@ def read_results(path: str | Path) -> Results:
     Raises:
         ResultsError: a file that cannot be read, one of another schema, or one whose parts do not fit together.
     """
-    source = Path(path)
+    allowed = "a file that agents.results wrote"
     try:
-        content = source.read_bytes()
-        values = json.loads(gzip.decompress(content) if source.suffix == PACKED else content)
+        values = read_json(Path(path))
         found = (values["format"], values["schema"])
-    except (OSError, EOFError, ValueError, LookupError, TypeError) as error:
-        raise ResultsError("results file", str(path), "a file that agents.results wrote", repr(error)) from error
+    except ConfigError as error:
+        raise ResultsError("results file", str(path), allowed, str(error)) from error
+    except (LookupError, TypeError) as error:
+        raise ResultsError("results file", str(path), allowed, repr(error)) from error
     if found != (FORMAT, SCHEMA):
         hint = "Another version of this package may read it."
         raise ResultsError(f"{path}: format and schema", found, f"{FORMAT!r}, {SCHEMA}", hint)

@@ -1,6 +1,7 @@
 """What a training run is: its configuration, its folder, and what every command needs to handle both.
 
 Modules:
+    checked_json: JSON read with limits.
     checks: checks of configuration values.
     schedules: hyper-parameters that change during training.
     algorithms: learning algorithms and the hyper-parameters that a configuration may set.

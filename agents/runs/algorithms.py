@@ -29,29 +29,32 @@ def _entropy(what: str, value: Any) -> Any:
     return value
 
 
-_count, _positive, _share = integer(1), number(0.0), number(0.0, 1.0)
+MOST_KEPT = 10_000_000
+"""Steps that a rollout of all environments, or a replay buffer, may hold: some gigabytes."""
+_MOST_LEARNT = 1_000_000  # steps in a batch, updates in a row
+_kept, _count, _positive, _share = integer(1, MOST_KEPT), integer(1, _MOST_LEARNT), number(0.0), number(0.0, 1.0)
 
 _COMMON: dict[str, Check] = {
     "learning_rate": schedule(),
-    "batch_size": integer(2),
+    "batch_size": integer(2, _MOST_LEARNT),
     "gamma": _share,
     "use_sde": boolean,
-    "sde_sample_freq": integer(-1),
+    "sde_sample_freq": integer(-1, _MOST_LEARNT),
     "stats_window_size": _count,
 }
 _OFF_POLICY: dict[str, Check] = _COMMON | {
-    "buffer_size": _count,
-    "learning_starts": integer(0),
+    "buffer_size": _kept,
+    "learning_starts": integer(0, 10**12),
     "train_freq": _count,
-    "gradient_steps": integer(-1),
-    "n_steps": _count,
+    "gradient_steps": integer(-1, _MOST_LEARNT),
+    "n_steps": integer(1, 1000),
     "ent_coef": _entropy,
     "target_entropy": _entropy,
     "use_sde_at_warmup": boolean,
 }
 _TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
 _ON_POLICY: dict[str, Check] = _COMMON | {
-    "n_steps": integer(2),
+    "n_steps": integer(2, MOST_KEPT),
     "n_epochs": _count,
     "gae_lambda": _share,
     "clip_range": schedule(),
@@ -163,6 +166,9 @@ def schedules(parameters: Mapping[str, Any]) -> dict[str, Any]:
 def _check_batches(algorithm: str, parameters: Mapping[str, Any], n_envs: int) -> None:
     steps, size = ON_POLICY[algorithm]
     rollout = parameters.get("n_steps", steps) * n_envs
+    if rollout > MOST_KEPT:
+        allowed = f"at most {MOST_KEPT:,} steps of a rollout: parameters.n_steps x env.n_envs"
+        raise ConfigError("n_steps x n_envs", rollout, allowed)
     batch = parameters.get("batch_size", size)
     if rollout % batch:
         allowed = f"a divisor of n_steps x n_envs = {rollout}"

@@ -26,17 +26,23 @@ def number(low: float = -math.inf, high: float = math.inf) -> Check:
     return partial(as_number, low=low, high=high, error=ConfigError)
 
 
+episode_count: Check = integer(1, 100_000)
+job_count: Check = integer(1, 1024)
+seed_number: Check = integer(0, 2**31)
+step_count: Check = integer(1, 10**12)
+
+
 def choice(*choices: str) -> Check:
     """Accepts one of these words."""
     return partial(as_choice, choices=choices, error=ConfigError)
 
 
-def integers(low: int, high: float = math.inf) -> Check:
-    """Accepts a list of integers in [low, high]; it becomes a tuple."""
+def integers(low: int, high: float = math.inf, most: int = 1000) -> Check:
+    """Accepts a list of at most so many integers in [low, high]; it becomes a tuple."""
 
     def check(what: str, values: Any) -> tuple[int, ...]:
-        if not isinstance(values, list | tuple):
-            raise ConfigError(what, values, "a list of integers")
+        if not isinstance(values, list | tuple) or len(values) > most:
+            raise ConfigError(what, values, f"a list of at most {most:,} integers")
         return tuple(map(partial(integer(low, high), what), values))
 
     return check

@@ -9,7 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from agents.runs.algorithms import CONVOLVING, ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
-from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, optional, prefixed
+from agents.runs.checks import (
+    boolean,
+    check_fields,
+    choice,
+    episode_count,
+    integer,
+    integers,
+    number,
+    optional,
+    prefixed,
+    seed_number,
+    step_count,
+)
 from agents.runs.environment import EnvConfig
 from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.checked_yaml import text as checked_text
@@ -43,7 +55,7 @@ class PolicyConfig:
     convolution: int | None = None
 
     def __post_init__(self) -> None:
-        widths = integers(1, 4096)
+        widths = integers(1, 4096, most=16)
         activation = choice("tanh", "relu", "elu")
         check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
         check_fields(self, "policy.", log_std_init=number(-10.0, 3.0), memory=integer(1, 4096))
@@ -90,7 +102,7 @@ class EvaluationConfig:
     seed: int = 1_000_000
 
     def __post_init__(self) -> None:
-        check_fields(self, "evaluation.", every=integer(1), episodes=integer(1), seed=integer(0, 2**31))
+        check_fields(self, "evaluation.", every=step_count, episodes=episode_count, seed=seed_number)
 
     @property
     def seeds(self) -> range:
@@ -121,8 +133,8 @@ class TrainConfig:
     torch_threads: int = 1
 
     def __post_init__(self) -> None:
-        check_fields(self, algorithm=choice(*PARAMETERS), total_timesteps=integer(1), seed=integer(0, 2**31))
-        check_fields(self, checkpoint_every=integer(1), torch_threads=integer(1, 256))
+        check_fields(self, algorithm=choice(*PARAMETERS), total_timesteps=step_count, seed=seed_number)
+        check_fields(self, checkpoint_every=step_count, torch_threads=integer(1, 256))
         parameters = checked_parameters(self.algorithm, self.parameters, self.env.n_envs)
         object.__setattr__(self, "parameters", parameters)
         if self.her is not None:
@@ -188,8 +200,8 @@ class TrainConfig:
 
     def check_unused(self, seeds: range) -> None:
         """Raise ConfigError unless these are seeds, at least one, that training has not used."""
-        integer(1)("--episodes", len(seeds))
-        integer(0)("--seed", seeds.start)
+        episode_count("--episodes", len(seeds))
+        seed_number("--seed", seeds.start)
         if self.use_of(seeds):
             hint = "The run's seeds.json lists them; give another --seed."
             raise ConfigError("--seed", seeds.start, "seeds that training has not used", hint)

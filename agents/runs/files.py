@@ -139,5 +139,8 @@ def read_rows(table: Path) -> list[dict[str, str]]:
     check_as_written(table)
     if not table.is_file():
         return []
-    with table.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    try:
+        with table.open(encoding="utf-8", newline="") as stream:
+            return list(csv.DictReader(stream))
+    except (ValueError, csv.Error) as error:
+        raise RunFolderError("table", str(table), "CSV as training writes it", str(error)) from error

@@ -39,12 +39,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig, filled, load_config
 from agents.runs.consent import consent
 from agents.runs.evaluations import AT_THE_END
 from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml
+from rollingjoint.errors import ConfigError
 
 UNFINISHED = re.compile(r"\.(.+\.)?\d+")  # names of files, and of checkpoints, until they are whole
 PACKAGES = ("rollingjoint", "numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "sb3-contrib", "torch")
@@ -167,8 +169,8 @@ class RunFolder:
     def begun_with(self) -> str:
         """The version of this project that wrote the folder, in words."""
         try:
-            found = json.loads((self.path / "versions.json").read_text("utf-8"))["rollingjoint"]
-        except (OSError, ValueError, LookupError, TypeError):
+            found = read_json(self.path / "versions.json")["rollingjoint"]
+        except (ConfigError, LookupError, TypeError):
             return "an unknown version of rollingjoint"
         return f"rollingjoint {found}"
 

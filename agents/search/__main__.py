@@ -13,17 +13,20 @@ from collections.abc import MutableSequence, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agents.executors.driver import work_through
-from agents.executors.folders import FolderUnit, marked
 from agents.executors.options import LOCAL, add_options, executor_of
 from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
-from agents.runs.checks import choice, integer
+from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
-from agents.search.run import search_in
+from rollingjoint.errors import naming_extras
+
+if TYPE_CHECKING:
+    from agents.executors.folders import Home
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,13 +43,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
 
 
+@naming_extras("search")
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     import torch
 
+    from agents.executors.folders import marked
     from agents.search.problem import check
     from agents.search.report import write_report
 
-    jobs = integer(1)("--jobs", arguments.jobs)
+    jobs = job_count("--jobs", arguments.jobs)
     torch.set_num_threads(1)
     config = _chosen(load_search(arguments.config), arguments.methods)
     check(config)
@@ -55,8 +60,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     left = [run.path for run in runs if not run.is_finished]
     where = f"{jobs} at a time" if arguments.cluster == LOCAL else f"on the cluster {arguments.cluster}"
     print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {where}", flush=True)
-    with executor_of(arguments.cluster, jobs) as executor, signals_seen() as signals:
-        failed = _work(executor, left, out, signals)
+    with executor_of(arguments.cluster, jobs) as executor, signals_seen() as signals, marked(out) as home:
+        failed = _work(executor, left, out, home, signals)
     code = finished(len(runs), failed, signals, " ".join(word for word in command if word != "--force"))
     if code == 0:
         write_report(out)
@@ -70,13 +75,17 @@ def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig
     return replace(config, methods={name: config.methods[name] for name in methods}) if methods else config
 
 
-def _work(executor: Executor, paths: Sequence[Path], out: Path, signals: MutableSequence[int]) -> dict[Path, str]:
-    """Let the workers finish all runs; why some failed."""
+def _work(
+    executor: Executor, paths: Sequence[Path], out: Path, home: Home, signals: MutableSequence[int]
+) -> dict[Path, str]:
+    """Let the workers finish all runs; why some failed. `home` marks the folder `out`."""
+    from agents.executors.folders import FolderUnit
+    from agents.search.run import search_in
     from agents.search.spread import SpreadRuns
 
     failed, done = dict[Path, str](), 0
     with ExitStack() as held:
-        home, progress = held.enter_context(marked(out)), held.enter_context(Progress(len(paths), "run"))
+        progress = held.enter_context(Progress(len(paths), "run"))
         units = [FolderUnit(str(path), search_in, (), home, path.relative_to(out).as_posix()) for path in paths]
         spread = held.enter_context(SpreadRuns(units, progress))
         for ended in spread.runs(work_through(executor, spread.units(), progress, signals)):

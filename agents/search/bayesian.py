@@ -39,7 +39,7 @@ class Bayesian:
     def __post_init__(self) -> None:
         import optuna
 
-        check_fields(self, sampler=choice("tpe", "gp"), startup=integer(1), batch=integer(1))
+        check_fields(self, sampler=choice("tpe", "gp"), startup=integer(1, 100_000), batch=integer(1, 100_000))
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)

@@ -31,7 +31,7 @@ class CmaEs:
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, population=integer(0), spread=number(1e-3, 2.0))
+        check_fields(self, population=integer(0, 10_000), spread=number(1e-3, 2.0))
         self.generator = self.setup.generator
         size = max(self.population or 4 + int(3 * np.log(self.setup.dimensions)), 4)
         self.strategy = self._strategy(np.zeros(self.setup.dimensions), size)

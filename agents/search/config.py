@@ -54,7 +54,7 @@ class SearchConfig:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
         text("reference", self.reference)
         entries("seeds", self.seeds)
-        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1), chunk=integer(0))
+        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1), chunk=integer(0, 10_000_000))
         if 0 < self.chunk < SMALLEST_CHUNK:
             hint = "Fewer designs are scored sooner than they are handed over."
             raise ConfigError("chunk", self.chunk, f"0, or {SMALLEST_CHUNK} or more", hint)

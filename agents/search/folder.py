@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.runs.checked_json import parse_json
 from agents.runs.files import RunFolderError, write_json, write_text
 from agents.runs.folder import versions
 from agents.runs.locks import alone_in
@@ -101,7 +102,7 @@ class SearchRun:
             return []
         lines = self.journal.read_bytes().split(b"\n")[:-1]
         try:
-            return [_batch(json.loads(line)) for line in lines]
+            return [_batch(parse_json(line, f"line {number}")) for number, line in enumerate(lines, 1)]
         except (ValueError, KeyError, TypeError) as error:
             hint = f"{error}. --force begins the run anew."
             raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", hint) from error

@@ -39,7 +39,7 @@ class Gradient:
     wants: ClassVar[Derivatives] = "gradient"
 
     def __post_init__(self) -> None:
-        check_fields(self, starts=integer(1), memory=integer(1), longest_step=number(1e-3, 2.0))
+        check_fields(self, starts=integer(1, 1000), memory=integer(1, 1000), longest_step=number(1e-3, 2.0))
         self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 

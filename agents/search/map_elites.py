@@ -48,7 +48,7 @@ class MapElites:
             choice(*self.setup.names)("measures", name)
         for low, high in (point("ranges", one) for one in self.ranges):
             number(1e-12)("ranges", high - low)
-        check_fields(self, cells=integers(1, 1000), batch=integer(2), spread=number(1e-3, 2.0))
+        check_fields(self, cells=integers(1, 1000), batch=integer(2, 10_000), spread=number(1e-3, 2.0))
         self.columns = [self.setup.names.index(name) for name in self.measures]
         self._fill()
 

@@ -19,7 +19,7 @@ class RandomSearch:
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, batch=integer(1))
+        check_fields(self, batch=integer(1, 100_000))
         self.generator = self.setup.generator
 
     def ask(self, most: int) -> Array:
@@ -43,7 +43,7 @@ class LatinHypercube:
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, batch=integer(1))
+        check_fields(self, batch=integer(1, 100_000))
         self.left: Array | None = None
 
     def ask(self, most: int) -> Array:

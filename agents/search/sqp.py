@@ -41,7 +41,7 @@ class Sqp:
     wants: ClassVar[Derivatives] = "jacobian"
 
     def __post_init__(self) -> None:
-        check_fields(self, starts=integer(1), share=number(1e-3, 1.0))
+        check_fields(self, starts=integer(1, 1000), share=number(1e-3, 1.0))
         self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 

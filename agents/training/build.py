@@ -82,6 +82,10 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     except ConfigError:
         env.close()
         raise
+    except MemoryError as error:
+        env.close()
+        hint = "Fewer n_steps or n_envs, or a smaller buffer_size, take less."
+        raise ConfigError("parameters", dict(config.parameters), "what fits into memory", hint) from error
     except (ValueError, TypeError, AssertionError) as error:
         env.close()
         raise ConfigError("parameters", dict(config.parameters), "what the algorithm accepts", str(error)) from error

@@ -9,7 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.runs.checks import boolean, check_fields, choice, integer, integers, number, prefixed
+from agents.runs.checked_json import parse_json
+from agents.runs.checks import (
+    Check,
+    boolean,
+    check_fields,
+    choice,
+    episode_count,
+    integer,
+    integers,
+    number,
+    prefixed,
+    seed_number,
+)
 from agents.runs.config import TrainConfig, load_config, overlap
 from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
@@ -20,6 +32,7 @@ if TYPE_CHECKING:
 
 SCORES = (LAST_10, AT_THE_END, "median_mm", "p95_mm")
 PRUNERS = ("median", "halving", "none")
+trial_count: Check = integer(0, 100_000)
 RESERVED = {"agents.evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
 
 
@@ -76,7 +89,7 @@ class Choices:
 
     def value(self, raw: Any) -> Any:
         """The value that the study's journal holds as `raw`: JSON, since it takes no lists."""
-        return json.loads(raw)
+        return parse_json(raw, "value in the journal")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for YAML."""
@@ -115,8 +128,8 @@ class StudyConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "score", self.score or self.train.env.judged_by)
-        check_fields(self, score=choice(*SCORES), pruner=choice(*PRUNERS), episodes=integer(1))
-        check_fields(self, first_seed=integer(0, 2**31), startup=integer(0), trials=integer(0), seed=integer(0))
+        check_fields(self, score=choice(*SCORES), pruner=choice(*PRUNERS), episodes=episode_count)
+        check_fields(self, first_seed=seed_number, startup=trial_count, trials=trial_count, seed=seed_number)
         entries("training_seeds", self.training_seeds)
         check_fields(self, training_seeds=integers(0, 2**31))
         self._check_seeds()

@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.results.environment import plain
+from agents.runs.checked_json import LARGEST, parse_json
 from agents.runs.checks import integer, number, optional, prefixed
 from agents.runs.environment import EnvConfig
 from agents.runs.files import write_bytes
 from agents.viewer.drive import Film, Repeated, filmed
 from rollingjoint.checked_yaml import entries, mapping, text
-from rollingjoint.errors import InvalidInput, one_line
+from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict
 
 MARK = "rolling-joint episodes"
 VERSION = 1
 KEYS = ("name", "environment", "seed", "actions", "error_mm")
-LARGEST = 2**28  # bytes of a file
 WRITTEN = "a file of episodes that rj view wrote, or a dataset that agents.dataset wrote"
 
 
@@ -105,9 +105,9 @@ def read_records(path: Path) -> list[Record]:
 def records_in(content: bytes, source: str) -> list[Record]:
     """The episodes in a file's bytes, which messages call `source`; raises InvalidInput for other bytes."""
     try:
-        values = json.loads(content)
-    except ValueError as error:
-        raise InvalidInput("episodes", source, WRITTEN, one_line(str(error))) from error
+        values = parse_json(content, source)
+    except ConfigError as error:
+        raise InvalidInput("episodes", source, WRITTEN, str(error)) from error
     if not isinstance(values, Mapping) or values.get(MARK) != VERSION:
         raise InvalidInput("episodes", source, WRITTEN)
     with prefixed(f"{source}: "):

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rj_gym.core.sensing import PRIVILEGED, ActuationConfig, SensingConfig, checked_lags
-from rj_gym.core.settings import Range, Settings
+from rj_gym.core.settings import LONGEST_EPISODE, Range, Settings
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING
@@ -58,7 +58,7 @@ class TargetConfig(Settings):
         self._check(as_boolean, "loaded")
         self._check(as_choice, "process", choices=("fixed", "path"))
         self._check(as_range, "tension_range", low=1e-3, unit="N")
-        self._check(as_integer, "waypoints", low=2)
+        self._check(as_integer, "waypoints", low=2, high=1000)
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class TaskConfig(Settings):
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, str | self.MECHANISM):
             raise ConfigError("mechanism", self.mechanism, self.MECHANISMS)
-        self._check(as_integer, "episode_steps", low=1)
+        self._check(as_integer, "episode_steps", low=1, high=LONGEST_EPISODE)
         self._check(as_number, "action_scale_mm", "command_scale_mm", low=1e-6)
         self._check(as_range, "tension_range", low=0.0, unit="N")
         low, high = self.tension_range

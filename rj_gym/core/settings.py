@@ -12,6 +12,9 @@ from rollingjoint.errors import ConfigError
 Range = tuple[float, float]
 S = TypeVar("S", bound="Settings")
 
+LONGEST_EPISODE = 100_000
+"""Steps of an episode at most: targets and loads of all of them are drawn when it begins."""
+
 
 class Settings:
     """Frozen settings, built from keywords or plain dictionaries."""

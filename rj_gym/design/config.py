@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rj_gym.core.settings import Range, Settings, check_keys
+from rj_gym.core.settings import LONGEST_EPISODE, Range, Settings, check_keys
 from rollingjoint.checks import as_choice, as_floats, as_integer, as_number, as_range
 from rollingjoint.design import DesignSpace
 from rollingjoint.errors import ConfigError
@@ -76,7 +76,7 @@ class DesignConfig(Settings):
         self._set("tensions", tension_rows("tensions", self.tensions))
         self._check(as_range, "force", low=0.0, unit="N")
         self._check(as_choice, "start", choices=("random", "reference"))
-        self._check(as_integer, "episode_steps", low=1)
+        self._check(as_integer, "episode_steps", low=1, high=LONGEST_EPISODE)
         self._check(as_number, "action_scale", low=1e-6, high=2.0)
         self._check(as_number, "largest_error_mm", low=1e-3)
         self._check_nested({"reward": DesignRewardConfig})

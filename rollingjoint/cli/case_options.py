@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from typing import Any
 
+from rollingjoint.checks import as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
+from rollingjoint.io import report
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.families import family_of
 from rollingjoint.statics.history import Start
+from rollingjoint.statics.least_squares import LARGEST_TENSION
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 # Options that have no effect unless an equilibrium is solved
 _SOLVING = *(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits"
+_STIFFNESS = "K"  # what options of springs call it: the number that must not be negative
 
 
 def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
@@ -72,16 +78,39 @@ def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
         if args.method or args.tension_limits:
             option = "--method" if args.method else "--tension-limits"
             raise InvalidInput(option, args.method or args.tension_limits, "only beside --lengths")
-        return solve_tensions(mechanism, counted("--tensions", args.tensions, mechanism.n_tendons), loads, start)
-    options: dict[str, Any] = {} if args.tension_limits is None else {"tension_limits": tuple(args.tension_limits)}
-    lengths = counted("--lengths", args.lengths, mechanism.n_tendons)
-    return solve_lengths(mechanism, lengths, loads, start, method=args.method or "elastic", **options)
+        tensions = per_tendon("--tensions", args.tensions, mechanism)
+        return solve_tensions(mechanism, tensions, loads, start)
+    lengths = per_tendon("--lengths", args.lengths, mechanism)
+    limits, method = tension_limits_of(args), args.method or "elastic"
+    if method == "least_squares" and args.tension_limits:
+        checked("--tension-limits LO", args.tension_limits[0], 0.0, LARGEST_TENSION)
+    found = solve_lengths(mechanism, lengths, loads, start, method=method, **limits)
+    if found.ok:
+        note(args, report.length_note(found, lengths))
+    return found
+
+
+def note(args: argparse.Namespace, text: str) -> None:
+    """Print what the user should know of a result, if there is anything, on stderr."""
+    if text:
+        print(f"rj {args.command}: note: {text}", file=sys.stderr)
+
+
+def tension_limits_of(args: argparse.Namespace) -> dict[str, Any]:
+    """The limits of tensions as a keyword of solvers, empty where the option is not given."""
+    if args.tension_limits is None:
+        return {}
+    low, high = args.tension_limits
+    checked("--tension-limits LO", low, 0.0)
+    if not low <= high:
+        raise InvalidInput("--tension-limits HI", high, f"a number from LO = {low:g}, or inf")
+    return {"tension_limits": (low, high)}
 
 
 def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
     if args.start is None:
         return None
-    values = counted("--start", args.start, mechanism.n_joints)
+    values = counted("--start", args.start, mechanism.n_joints, "of joint")
     return family_of(mechanism).start_angles(mechanism, values)
 
 
@@ -111,7 +140,7 @@ def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) 
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
-    return [Gravity(weights, direction)]
+    return [Gravity(counted("--gravity", weights, n_links, "of link"), direction)]
 
 
 def _each(
@@ -127,6 +156,8 @@ def _each(
         if link not in range(-n_links, n_links):
             allowed = f"a link, 0 (base) to {n_links - 1}, or -1 (tip) to {-n_links}"
             raise InvalidInput(f"{name} LINK", link, allowed)
+        for number, value in zip(numbers, values, strict=False):  # the last may be left out
+            checked(f"{name} {number}", value, 0.0 if number == _STIFFNESS else -LARGEST_INPUT)
         found.append((int(link), tuple(values)))
     return found
 
@@ -141,8 +172,25 @@ def _option(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def counted(option: str, values: list[float], count: int) -> list[float]:
-    """The values of an option; InvalidInput unless there are so many."""
+def per_tendon(option: str, values: list[float], mechanism: AnyMechanism, low: float = 0.0) -> list[float]:
+    """Tensions or lengths, one per tendon, as `counted`."""
+    return counted(option, values, mechanism.n_tendons, "of tendon", low)
+
+
+def counted(
+    option: str, values: list[float], count: int, place: str = "number", low: float = -LARGEST_INPUT
+) -> list[float]:
+    """The values of an option; InvalidInput unless there are so many, each a number that solvers take.
+
+    Args:
+        place: what messages call one of them, before its number, such as "of tendon".
+        low: the lowest that is allowed.
+    """
     if len(values) != count:
         raise InvalidInput(option, values, f"{count} numbers for this mechanism, not {len(values)}")
-    return values
+    return [checked(f"{option} {place} {i}", value, low) for i, value in enumerate(values)]
+
+
+def checked(what: str, value: float, low: float = -LARGEST_INPUT, high: float = LARGEST_INPUT) -> float:
+    """The value; InvalidInput unless it is a number from low to high, by default all that solvers take."""
+    return as_number(what, value, low, high, allowed=f"a number from {low:g} to {high:g}")

@@ -1,7 +1,7 @@
 """The command `rj`: solve and draw a mechanism from the shell; documented in docs/cli.md.
 
 Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver gave no usable result
-(rj warmup: kernels that do not compile), 130 `rj warmup` was interrupted.
+(rj warmup: kernels that do not compile), 130 interrupted by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NoReturn
 from rollingjoint.cad import command
 from rollingjoint.cli import loop_command, mjcf, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
-from rollingjoint.cli.extensions import extensions, run_extension
+from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
 from rollingjoint.errors import InvalidInput, MissingPackage, SolverError, one_line
 from rollingjoint.io import report
@@ -30,32 +30,46 @@ from rollingjoint.tables import print_any_character
 
 OK, WRONG_INPUT, NOT_USABLE, INTERRUPTED = 0, 2, 3, 130
 _LARGEST_FRICTION = 100.0
+_MOST_OPTIONS = 2_000  # what argparse reads in a tenth of a second; its time grows with their square
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command line argv (default: that of the process)."""
     print_any_character()
     argv = sys.argv[1:] if argv is None else argv
-    parser, own = _parser()
-    if not argv or argv[0] not in own:
-        others = extensions()
-        if argv and argv[0] in others:
-            return run_extension(others[argv[0]], argv[1:])
-        parser.epilog = f"Other packages add: {', '.join(others)}." if others else None
-    args = parser.parse_args(_with_negative_numbers(argv))
+    command = f"rj {argv[0]}" if argv else "rj"
     try:
-        code = args.run(args)
+        code = _run(argv)
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader, such as head, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except (InvalidInput, MissingPackage, OSError) as error:
-        print(f"rj {args.command}: error: {one_line(str(error))}", file=sys.stderr)
+        print(f"{command}: error: {one_line(str(error))}", file=sys.stderr)
         return WRONG_INPUT
     except SolverError as error:
-        print(f"rj {args.command}: {error}", file=sys.stderr)
+        print(f"{command}: {error}", file=sys.stderr)
         return NOT_USABLE
+    except KeyboardInterrupt:
+        print(f"{command}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(argv: Sequence[str]) -> int:
+    """Exit code of the command, of ours or of another package's."""
+    count = sum(word.startswith("--") for word in argv)
+    if count > _MOST_OPTIONS:
+        raise InvalidInput("number of options", count, f"at most {_MOST_OPTIONS:,}", "In Python there may be more.")
+    parser, own = _parser()
+    if not argv or argv[0] not in own:
+        others = extensions()
+        if argv and argv[0] in others:
+            return run_extension(others[argv[0]], argv[1:])
+        parser.epilog = listed({name: other for name, other in others.items() if name not in own})
+    args = parser.parse_args(_with_negative_numbers(argv))
+    code: int = args.run(args)
+    return code
 
 
 def _solve(args: argparse.Namespace) -> int:
@@ -134,7 +148,8 @@ def _check(args: argparse.Namespace) -> int:
     code = OK
     for file in args.file:
         try:
-            print(f"{file}: ok: {report.mechanism_line(load_mechanism(file))}")
+            mechanism = load_mechanism(file)
+            print(f"{file}: ok: {report.mechanism_line(mechanism)}\n{file}: {report.neutral_line(mechanism)}")
         except InvalidInput as error:
             print(f"rj check: error: {error}", file=sys.stderr)
             code = WRONG_INPUT
@@ -176,7 +191,8 @@ def _is_number(word: str) -> bool:
 
 def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     """The parser, and the names of the commands that it knows."""
-    parser = _Parser(prog="rj", description="Statics of tendon-driven mechanisms. mm, N, N·mm, rad.")
+    text = "Statics of tendon-driven mechanisms. mm, N, N·mm, rad."
+    parser = _Parser(prog="rj", description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"rj {_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
@@ -202,8 +218,8 @@ def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     identify.set_defaults(run=_identify)
     commands.add_parser("mechanisms", help="list the presets").set_defaults(run=_mechanisms)
     commands.add_parser("warmup", help="compile the kernels now, not at the first solve").set_defaults(run=_warmup)
-    check = commands.add_parser("check", help="validate mechanism files")
-    check.add_argument("file", nargs="+", metavar="FILE", help="YAML file")
+    check = commands.add_parser("check", help="validate mechanism files; lengths of their tendons at rest")
+    check.add_argument("file", nargs="+", metavar="FILE", help="YAML file, or a preset")
     check.set_defaults(run=_check)
     return parser, commands.choices
 
@@ -213,7 +229,3 @@ def _version() -> str:
         return metadata.version("rollingjoint")
     except metadata.PackageNotFoundError:
         return "(not installed)"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,15 +6,23 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
-from rollingjoint.cli.case_options import add_loads, add_tension_limits, counted, loads_of
+from rollingjoint.cli.case_options import (
+    add_loads,
+    add_tension_limits,
+    checked,
+    loads_of,
+    note,
+    per_tendon,
+    tension_limits_of,
+)
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import NO_FRICTION, CapstanFriction
-from rollingjoint.io import loop_report
+from rollingjoint.io import loop_report, report
 from rollingjoint.io.mechanism_file import load_mechanism
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.statics.loop import MIDDLE_TENSION, Loop, trace_loop
+from rollingjoint.statics.loop import MIDDLE_TENSION, MOST_STEPS, Loop, trace_loop
 
 _SWING = (-5.0, 5.0)  # mm: of two tendons unless another is given
 
@@ -47,12 +55,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> bool:
     """Print the loops that the options define, and draw them; returns whether all their steps are usable."""
     _check_picture(args)
+    count = len(args.friction or ()) * args.cycles * args.steps
+    if len(args.friction or ()) > 1 and count > MOST_STEPS:
+        raise InvalidInput("coefficients x cycles x steps", count, f"at most {MOST_STEPS:,}", "Run fewer at a time.")
     mechanisms = _with_friction(args, load_mechanism(args.mechanism))
     loops = [_loop(args, mechanism) for mechanism in mechanisms]
     form = loop_report.as_json if args.json else loop_report.as_csv if args.csv else loop_report.as_table
     print(form(loops))
     if args.plot:
         _draw(loops, args.plot)
+    if args.tensions is None:
+        for loop in loops:
+            note(args, report.length_note(loop.path, loop.inputs))
     failures = [text for text in map(loop_report.failure, loops) if text]
     for text in failures:
         print(f"rj loop: {text}", file=sys.stderr)
@@ -81,28 +95,32 @@ def _changed(mechanism: AnyMechanism, numbers: dict[str, float]) -> AnyMechanism
 
 
 def _loop(args: argparse.Namespace, mechanism: AnyMechanism) -> Loop:
-    given, m = "tensions" if args.tensions is not None else "lengths", mechanism.n_tendons
+    given = "tensions" if args.tensions is not None else "lengths"
     if args.tensions is not None and args.tension_limits is not None:
         raise InvalidInput("--tension-limits", args.tension_limits, "only with lengths")
-    middle: Any = args.tensions if args.tensions is not None else args.lengths
-    if middle is not None:
-        counted(f"--{given}", middle, m)
-    swing = args.swing
-    if swing is None and given == "lengths" and m == len(_SWING):
+    middle, swing = _middle(args, mechanism), _swing(args, mechanism)
+    limits, loads = tension_limits_of(args), loads_of(args, mechanism)
+    return trace_loop(mechanism, swing, middle, loads, given, cycles=args.cycles, steps=args.steps, **limits)
+
+
+def _middle(args: argparse.Namespace, mechanism: AnyMechanism) -> list[float] | None:
+    """Tensions or lengths in the middle, if they are given."""
+    if args.tensions is not None:
+        return per_tendon("--tensions", args.tensions, mechanism)
+    return None if args.lengths is None else per_tendon("--lengths", args.lengths, mechanism)
+
+
+def _swing(args: argparse.Namespace, mechanism: AnyMechanism) -> list[float]:
+    """The change from the middle to the first end; no tendon may push at either end."""
+    swing, m = args.swing, mechanism.n_tendons
+    if swing is None and args.tensions is None and m == len(_SWING):
         swing = list(_SWING)
     if swing is None:
         raise InvalidInput("--swing", None, f"{m} numbers, one per tendon", "Add the change of each from the middle.")
-    limits: Any = {} if args.tension_limits is None else {"tension_limits": tuple(args.tension_limits)}
-    return trace_loop(
-        mechanism,
-        counted("--swing", swing, m),
-        middle,
-        loads_of(args, mechanism),
-        given,
-        cycles=args.cycles,
-        steps=args.steps,
-        **limits,
-    )
+    per_tendon("--swing", swing, mechanism, low=-LARGEST_INPUT)
+    for j, (change, middle) in enumerate(zip(swing, args.tensions or (), strict=False)):
+        checked(f"--swing of tendon {j}", change, -middle, middle)
+    return swing
 
 
 def _check_picture(args: argparse.Namespace) -> None:

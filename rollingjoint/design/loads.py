@@ -140,7 +140,7 @@ class LoadCapacity:
 
     def __post_init__(self) -> None:
         freeze(self, tensions=checked_tensions("LoadCapacity tensions", (self.tensions,))[0])
-        as_integer("LoadCapacity levels", self.levels, 1, allowed="a whole number, 1 or more")
+        as_integer("LoadCapacity levels", self.levels, 1, 10_000)
         as_positive("LoadCapacity force", self.force, "a force above 0 [N]")
         as_positive("LoadCapacity friction", self.friction, "a coefficient above 0")
         as_number("LoadCapacity reserve", self.reserve, 0.0, allowed="a distance of 0 or more [mm]")

@@ -130,7 +130,7 @@ class _Sweep:
     cases: int = 9
 
     def __post_init__(self) -> None:
-        as_integer("cases", self.cases, 2, allowed="a whole number, 2 or more")
+        as_integer("cases", self.cases, 2, 10_000)
         as_positive("tension", self.tension, "a sum of tensions above 0 [N]")
         as_number("ratio", self.ratio, np.nextafter(1.0, 2.0), allowed="a ratio of tensions above 1")
 

@@ -19,6 +19,8 @@ _ALLOWED = {  # name: least, most, unit
 }
 _NUMBERS = ("stiffness", "smallest_radius", "wall")
 
+MOST_LINKS, MOST_KNOTS = 1000, 201
+
 
 def checked(given: dict[str, Any]) -> dict[str, Any]:
     """The fields of a design space, ranges as pairs of floats.
@@ -27,12 +29,12 @@ def checked(given: dict[str, Any]) -> dict[str, Any]:
         ConfigError: a value that cannot be used.
     """
     values = dict(given)
-    values["n_links"] = as_integer(
-        "n_links", given["n_links"], 2, allowed="2 or more links, the base included", error=ConfigError
-    )
-    knots = as_integer("knots", given["knots"], 3, allowed="an odd number of 3 or more", error=ConfigError)
+    allowed = f"2 to {MOST_LINKS} links, the base included"
+    values["n_links"] = as_integer("n_links", given["n_links"], 2, MOST_LINKS, allowed=allowed, error=ConfigError)
+    odd = f"an odd number from 3 to {MOST_KNOTS}"
+    knots = as_integer("knots", given["knots"], 3, MOST_KNOTS, allowed=odd, error=ConfigError)
     if knots % 2 == 0:
-        raise ConfigError("knots", knots, "an odd number of 3 or more", f"Take {knots + 1}: one knot lies at s = 0.")
+        raise ConfigError("knots", knots, odd, f"Take {knots + 1}: one knot lies at s = 0.")
     values["knots"] = knots
     as_choice("curve", given["curve"], ("linear", "cubic"), ConfigError)
     for name in ("symmetric", "alike"):

@@ -6,13 +6,19 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.solution import Solution, Status
 from rollingjoint.statics.families import family_of
 from rollingjoint.tables import number_table
 
+Array = NDArray[np.float64]
+
 FRICTION = 0.3
 """Coefficient of friction for slip margins unless another is given."""
+_FAR = 0.1  # of a tendon's path: no real tendon is stretched by more
 
 
 def mechanism_line(mechanism: AnyMechanism) -> str:
@@ -21,6 +27,35 @@ def mechanism_line(mechanism: AnyMechanism) -> str:
     at = "" if set(ends) == {mechanism.n_links - 1} else f" ending at links {', '.join(map(str, ends))}"
     travel = family_of(mechanism).report.travel(mechanism)
     return f"{mechanism.parts}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {travel}"
+
+
+def neutral_line(mechanism: AnyMechanism) -> str:
+    """One line: the tendons' lengths at rest."""
+    return f"neutral_lengths [mm]: {_numbers(mechanism.neutral_lengths, 4)}"
+
+
+def length_note(found: Solution, given: ArrayLike) -> str:
+    """One line where lengths in equilibrium, or on a path, are far above those given, (..., m) [mm]; else empty.
+
+    It also says which lengths the mechanism has; and where tendons stretch so far, that no real one does.
+    """
+    mechanism, far = found.mechanism, _FAR * np.atleast_2d(found.lengths)
+    excess = np.atleast_2d(found.lengths - np.asarray(given))
+    those = np.flatnonzero((excess > far).any(axis=0))
+    if not those.size:
+        return ""
+    stretched = bool((np.atleast_2d(found.tensions) > mechanism.stiffnesses * far).any())
+    which = f"tendon {those[0]} is" if those.size == 1 else f"tendons {', '.join(map(str, those))} are"
+    return (
+        f"lengths far too short: in equilibrium {which} {_numbers(excess.max(axis=0)[those], 1, ', ')} mm longer, over "
+        f"a tenth of the path{', and no real tendon stretches so far' if stretched else ''}; "
+        f"neutral_lengths [mm]: {_numbers(mechanism.neutral_lengths, 1)}, "
+        f"shortest within the joints' limits: {_numbers(mechanism.shortest_lengths, 1)}"
+    )
+
+
+def _numbers(values: Array, digits: int, between: str = " ") -> str:
+    return between.join(f"{value:.{digits}f}" for value in values)
 
 
 def status_line(found: Solution) -> str:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _Solve = Callable[[TendonLaw, Array], Any]  # of a tendon law and the joint angles to start from
 
-_LARGEST_TENSION = 1000.0  # N; higher limits count as this
+LARGEST_TENSION = 1000.0  # N; higher limits count as this
 _SMALLEST_TENSION = 0.01  # N; a solution below it is slack and determines no tension ratio
 _MAX_ITERATIONS = 300
 _GOAL = 1e-11  # mm; a step that changes no length by more ends the search
@@ -46,7 +46,7 @@ def solve_least_squares(
     Returns:
         Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
     """
-    high = np.minimum(high, _LARGEST_TENSION)
+    high = np.minimum(high, LARGEST_TENSION)
 
     def solve(law: TendonLaw, start: Array) -> Any:
         return family.solve_one(mechanism, law, table, start)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 MIDDLE_TENSION = 3.0
 """Tension of every tendon in the middle of a loop unless another middle is given [N]."""
+MOST_STEPS = 25_000
+"""Cycles times steps of a loop, whose every equilibrium is kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +129,15 @@ def trace_loop(
         given: "lengths" or "tensions".
         tension_limits: with lengths, minimum and maximum tendon tension, numbers or (m,) [N].
         cycles: how often it goes there and back, 1 or more.
-        steps: steps from one end to the other, 1 or more.
+        steps: steps from one end to the other, 1 or more; cycles x steps is at most MOST_STEPS.
     Raises:
-        InvalidInput: wrong shapes or types, numbers that are not finite.
+        InvalidInput: wrong shapes or types, numbers that are not finite, too many steps.
     """
     as_choice("given", given, ("lengths", "tensions"))
     to_end = _per_tendon("swing", swing, mechanism)
     centre = _middle(mechanism, given) if middle is None else _per_tendon("middle", middle, mechanism)
-    cycles, steps = as_integer("cycles", cycles, 1), as_integer("steps", steps, 1)
+    steps = as_integer("steps", steps, 1, MOST_STEPS)
+    cycles = as_integer("cycles", cycles, 1, MOST_STEPS // steps)
     there = np.linspace(1.0, -1.0, steps + 1)
     shares = np.concatenate(
         [np.linspace(0.0, 1.0, (steps + 1) // 2 + 1), *([there[1:], there[-2::-1]] * cycles)], axis=0

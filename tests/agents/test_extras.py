@@ -29,6 +29,8 @@ CASES = [
     (TRAIN, ["rj_gym.design.task"], "design"),
     (TRAIN, ["rj_gym.sb3"], "train"),
     (TRAIN, ["agents.train", "--config", "configs/train/ppo_rolling_joint.yaml", "--run-dir", "{}"], "train"),
+    (TRAIN, ["agents.search", "configs/search/demo.yaml", "--out", "{}"], "search"),
+    ("filelock", ["agents.search", "configs/search/demo.yaml", "--out", "{}"], "search"),
     ("onnx", ["agents.export", "noisy", "--onnx", "{}"], "onnx"),
     ("h5py", ["agents.dataset", "noisy", "--steps", "5", "--out", "{}"], "data"),
     ("matplotlib,PIL", ["agents.evaluate", "{}"], "plot"),

@@ -319,7 +319,7 @@ def test_options_and_settings_change_what_they_name():
     ("settings", "words"),
     [
         ({"episode_step": 3}, "episode_steps"),
-        ({"episode_steps": 0}, ">= 1"),
+        ({"episode_steps": 0}, "from 1 to 100000"),
         ({"space": {"knot": 3}}, "knots"),
         ({"space": {"knots": 4}}, "odd"),
         ({"space": 3}, "DesignSpace"),

@@ -237,7 +237,7 @@ def test_leading_axes_of_any_number_are_kept():
     [
         ("knots", 4, "Take 5"),
         ("knots", 1, "odd number"),
-        ("n_links", 1, "2 or more"),
+        ("n_links", 1, "2 to 1000"),
         ("curve", "quadratic", "linear"),
         ("convexity", (0.1, 0.0), "low <= high"),
         ("convexity", (0.0, float("nan")), "a finite number from -1 to 1"),

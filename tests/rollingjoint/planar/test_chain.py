@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from rollingjoint import (
     InvalidInput,
@@ -13,6 +14,7 @@ from rollingjoint import (
     Surface,
     Tendon,
     five_link,
+    small_arm,
     two_segment,
     uniform,
 )
@@ -52,6 +54,18 @@ def test_tables_reproduce_the_exact_surfaces():
             angles[0] = phi
             assert chain.poses(angles)[1] == pytest.approx([*exact, phi], abs=2e-11)
             assert chain.arc_lengths(angles)[0] == pytest.approx(s, abs=1e-9)
+
+
+@pytest.mark.parametrize("mechanism", [five_link(), uniform(), two_segment(), small_arm()], ids=lambda one: one.name)
+def test_no_pose_has_a_tendon_shorter_than_the_shortest_and_one_pose_has_each(mechanism):
+    rng = np.random.default_rng(5)
+    limits = mechanism.arrays.joints[0, :, :2]
+    poses = rng.uniform(*limits.T, (3000, mechanism.n_joints))
+    lengths, shortest = mechanism.tendon_lengths(poses), mechanism.shortest_lengths
+    assert (lengths > shortest - 0.01).all()
+    for j, start in enumerate(poses[lengths.argmin(axis=0)]):
+        found = minimize(lambda phi, j=j: mechanism.tendon_lengths(phi)[j], start, bounds=limits)
+        assert found.fun == pytest.approx(shortest[j], abs=0.01)
 
 
 def test_joint_angle_falls_as_the_contact_moves_right():

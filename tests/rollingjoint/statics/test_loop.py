@@ -101,8 +101,8 @@ def test_a_row_of_a_path_is_the_equilibrium_of_that_step() -> None:
         (((-5, np.inf),), {}, "swing.*2 finite numbers"),
         (((-5, 5), (90, np.nan)), {}, "middle.*2 finite numbers"),
         (((-5, 5),), {"given": "length"}, "given = 'length'.*Did you mean 'lengths'"),
-        (((-5, 5),), {"cycles": 0}, "cycles = 0: expected an integer >= 1"),
-        (((-5, 5),), {"steps": 2.5}, "steps = 2.5: expected an integer >= 1"),
+        (((-5, 5),), {"cycles": 0}, "cycles = 0: expected an integer from 1 to 125"),
+        (((-5, 5),), {"steps": 2.5}, "steps = 2.5: expected an integer from 1 to 25000"),
     ],
 )
 def test_wrong_input_is_refused(arguments: tuple[object, ...], options: dict[str, object], message: str) -> None:

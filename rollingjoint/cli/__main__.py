@@ -1,0 +1,8 @@
+"""`python -m rollingjoint.cli` is `rj`."""
+
+import sys
+
+from rollingjoint.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
