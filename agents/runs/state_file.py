@@ -16,6 +16,7 @@ import numpy as np
 import safetensors.numpy
 from numpy.typing import NDArray
 
+from agents.runs.checked_json import parse_json
 from rollingjoint.errors import InvalidInput
 
 _KEY = "state"
@@ -37,8 +38,8 @@ def unpacked(data: bytes, source: str) -> Any:
     """The values in the bytes of a state file, named `source` in messages; raises StateError for any other bytes."""
     try:
         arrays = safetensors.numpy.load(data)
-        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
-        return _read(json.loads(header["__metadata__"][_KEY]), arrays)
+        header = parse_json(data[8 : 8 + int.from_bytes(data[:8], "little")], "header")
+        return _read(parse_json(header["__metadata__"][_KEY], "metadata"), arrays)
     except Exception as error:  # whatever a parser makes of foreign bytes
         reason = f"{type(error).__name__}: {error}"[:200]
         raise StateError("state file", source, "a file as training writes it", reason) from error
