@@ -21,6 +21,7 @@ EXTRAS = PROJECT["optional-dependencies"]
 PAGE = (ROOT / "docs/install.md").read_text("utf-8")
 DISTRIBUTIONS = {"PIL": "pillow", "h5py": "minari[hdf5]", "minari": "minari[hdf5]"}
 DRAWING = ("matplotlib", "PIL", "pygame")
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
 
 
 def loop():
@@ -76,6 +77,20 @@ def test_ci_has_the_lowest_and_newest_releases_and_the_wheel_with_every_python()
     assert PROJECT["requires-python"] == f">={pythons[0]}"
     assert {"run": "make test-lowest"} in jobs["lowest"]["steps"]
     assert "constraints" not in str(jobs["newest"])
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_an_action_is_named_by_its_commit_beside_its_version(path):
+    used = re.findall(r"uses: (.*)", path.read_text("utf-8"))
+    assert [one for one in used if not re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}  # v\d+\.\d+\.\d+", one)] == []
+    assert len({one.partition("@")[0] for one in used}) == len(set(used))  # one version of each
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_a_checkout_leaves_no_credentials(path):
+    steps = [step for job in yaml.safe_load(path.read_text("utf-8"))["jobs"].values() for step in job["steps"]]
+    checkouts = [step for step in steps if step.get("uses", "").startswith("actions/checkout@")]
+    assert checkouts and all(step["with"]["persist-credentials"] is False for step in checkouts)
 
 
 @pytest.fixture
