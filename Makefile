@@ -7,10 +7,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 STAMP := $(VENV)/.installed
 LOWEST := .venv-lowest
 WITH ?= --torch-backend cpu
-EXTRAS := train,search,cluster,cad,onnx,data,view,docs,dev
-TORCH := $(shell sed -n 's/^\(torch==[0-9.]*\).*/\1/p' constraints.txt | head -n 1)
+EXTRAS := train,search,cluster,cad,onnx,data,view,docs,dev,benchmarks
+VERIFIED := install --require-hashes --only-binary :all:
+TORCH ?= $(shell sed -n 's/^torch==\([0-9.]*\) .*/\1/p' constraints.txt)
 
-.PHONY: help setup demo test test-slow test-lowest wheels fuzz fuzz-long speed campaign results docs lint clean
+.PHONY: help setup demo test test-slow test-lowest wheels sbom fuzz fuzz-long speed campaign results docs lint lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +19,7 @@ help:
 	@echo "make test      run the tests; make test-slow runs the ones left out"
 	@echo "make test-lowest  the same with the lowest releases that pyproject.toml admits (TESTS=tests/rj_gym: some)"
 	@echo "make wheels    build the wheel and use it from an empty folder (PYTHONS=\"python3.12 python3.14\": with these)"
+	@echo "make sbom      the same, which leaves the wheel and its bill of materials (CycloneDX) in dist/"
 	@echo "make fuzz      the standing attack, three minutes with new seeds (MINUTES=1: one); docs/reliability.md"
 	@echo "make fuzz-long the same until its goals are reached (about an hour; again: goes on)"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
@@ -25,6 +27,7 @@ help:
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
 	@echo "make docs      build the documentation site: site/index.html, which opens from disk"
 	@echo "make lint      style, types and import layers"
+	@echo "make lock      renew constraints.txt: versions and hashes of what setup installs (UPGRADE=1: the newest)"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
 	@echo "Another Python: make demo PYTHON=python3.12"
@@ -39,11 +42,14 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "$(PYTHON) lacks the venv module. Debian and Ubuntu: apt install python3-venv"; exit 1; }
 	@echo "==> Setting up $(VENV) (once; about 2 GB, a few minutes)"
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	@$(PIP) install -c constraints.txt torch 2>/dev/null || { \
+	@sed -n '/^torch==/,/[^\\]$$/p' constraints.txt > $(VENV)/torch.txt
+	@$(PIP) $(VERIFIED) --no-deps -r $(VENV)/torch.txt 2>$(VENV)/torch.log || { \
+	  grep -q "No matching distribution" $(VENV)/torch.log || { cat $(VENV)/torch.log; exit 1; }; \
 	  echo "    the CPU build of torch is not in pip's index; uv fetches it from PyTorch's own"; \
-	  $(PIP) install -c constraints.txt uv && \
-	  $(BIN)/uv pip install --quiet --python $(BIN)/python --torch-backend cpu -c constraints.txt "$(TORCH)"; }
-	@$(PIP) install -c constraints.txt -e ".[$(EXTRAS)]"
+	  $(PIP) $(VERIFIED) -r .ci/uv.txt && \
+	  $(BIN)/uv pip $(VERIFIED) --quiet --python $(BIN)/python --torch-backend cpu --no-deps -r $(VENV)/torch.txt; }
+	@$(PIP) $(VERIFIED) -r constraints.txt
+	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@
 
 demo: setup
@@ -63,7 +69,7 @@ test-slow: setup
 # Old releases warn of what newer ones of their own dependencies will change: that is not an error here.
 test-lowest: setup
 	@echo "==> Installing the lowest releases that pyproject.toml admits"
-	@$(PIP) install -c constraints.txt uv
+	@$(PIP) $(VERIFIED) -r .ci/uv.txt
 	@$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	@$(BIN)/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct $(WITH) -e ".[$(EXTRAS)]"
 	@echo "==> Running the tests"
@@ -72,6 +78,10 @@ test-lowest: setup
 wheels: setup
 	@echo "==> Building the wheel and using it"
 	@$(BIN)/python .ci/check_wheel.py $(PYTHONS)
+
+sbom: setup
+	@echo "==> Building the wheel, describing and using it"
+	@$(BIN)/python .ci/check_wheel.py --out dist $(PYTHONS)
 
 fuzz: setup
 	@echo "==> Attacking"
@@ -82,8 +92,6 @@ fuzz-long: setup
 	@$(BIN)/python -m tests.attack --goals --minutes 90 --out runs/attack.json
 
 speed: setup
-	@echo "==> Installing what the speed is compared with"
-	@$(PIP) install -c constraints.txt -e ".[train,benchmarks]"
 	@echo "==> Measuring"
 	@$(BIN)/python benchmarks/speed.py
 
@@ -110,6 +118,11 @@ lint: setup
 	@$(BIN)/mypy
 	@echo "==> Import layers"
 	@$(BIN)/lint-imports
+
+lock: setup
+	@echo "==> Renewing versions and hashes"
+	@$(PIP) $(VERIFIED) -r .ci/uv.txt
+	@$(BIN)/python .ci/lock.py --extras $(EXTRAS) --torch $(TORCH) --with-cpu="$(WITH)" $(if $(UPGRADE),--upgrade)
 
 clean:
 	@echo "==> Removing the environment, caches and builds"

@@ -8,6 +8,8 @@ from pathlib import Path
 import gymnasium
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import rj_gym  # noqa: F401 (registers the ids)
 from rollingjoint import errors, five_link, small_arm, trace_loop
@@ -21,6 +23,11 @@ EXTRAS = PROJECT["optional-dependencies"]
 PAGE = (ROOT / "docs/install.md").read_text("utf-8")
 DISTRIBUTIONS = {"PIL": "pillow", "h5py": "minari[hdf5]", "minari": "minari[hdf5]"}
 DRAWING = ("matplotlib", "PIL", "pygame")
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+LOCKED = ("constraints.txt", ".ci/uv.txt", ".ci/wheel.txt")
+ENTRY = re.compile(
+    r"(\S+==[^;\\]+(?: ; [^\\]+)?) \\\n((?:    --hash=sha256:[0-9a-f]{64} \\\n)*    --hash=sha256:[0-9a-f]{64})\n"
+)
 
 
 def loop():
@@ -76,6 +83,57 @@ def test_ci_has_the_lowest_and_newest_releases_and_the_wheel_with_every_python()
     assert PROJECT["requires-python"] == f">={pythons[0]}"
     assert {"run": "make test-lowest"} in jobs["lowest"]["steps"]
     assert "constraints" not in str(jobs["newest"])
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_an_action_is_named_by_its_commit_beside_its_version(path):
+    used = re.findall(r"uses: (.*)", path.read_text("utf-8"))
+    assert [one for one in used if not re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}  # v\d+\.\d+\.\d+", one)] == []
+    assert len({one.partition("@")[0] for one in used}) == len(set(used))  # one version of each
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_a_checkout_leaves_no_credentials(path):
+    steps = [step for job in yaml.safe_load(path.read_text("utf-8"))["jobs"].values() for step in job["steps"]]
+    checkouts = [step for step in steps if step.get("uses", "").startswith("actions/checkout@")]
+    assert checkouts and all(step["with"]["persist-credentials"] is False for step in checkouts)
+
+
+def locked(name):
+    """The requirements of a file whose every line belongs to an exact release and its hashes, or is a comment."""
+    text = (ROOT / name).read_text("utf-8")
+    assert re.sub("#.*\n", "", ENTRY.sub("", text)) == ""
+    return [Requirement(requirement) for requirement, _ in ENTRY.findall(text)]
+
+
+@pytest.mark.parametrize("name", LOCKED)
+def test_an_installation_is_of_exact_releases_with_hashes(name):
+    found = locked(name)
+    assert found and all(len(one.specifier) == 1 and "*" not in str(one.specifier) for one in found)
+    names = [one.name for one in found]
+    assert all(one.marker for one in found if names.count(one.name) > 1)  # torch, whose CPU build is Linux's
+
+
+def test_what_pyproject_asks_for_is_locked_within_its_bounds():
+    releases = {canonicalize_name(one.name): str(one.specifier)[2:] for one in locked("constraints.txt")}
+    everything = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in requirements(extra))]
+    wanted = [(canonicalize_name(one.name), one.specifier) for one in map(Requirement, everything)]
+    assert [name for name, bounds in wanted if not bounds.contains(releases[name])] == []
+
+
+def test_only_jobs_about_other_releases_install_without_hashes():
+    lines = [*(ROOT / "Makefile").read_text("utf-8").splitlines(), *WORKFLOWS[0].read_text("utf-8").splitlines()]
+    installing = [line for line in lines if re.search(r"pip\)? install|PIP\) (install|\$\(VERIFIED)", line)]
+    verified = ("$(VERIFIED)", "--require-hashes", "-c constraints.txt", "--no-deps --no-build-isolation -e .")
+    others = [line for line in installing if not any(option in line for option in verified)]
+    assert len(installing) > 6 and len(others) == 2
+    assert "--resolution lowest-direct" in others[0] and "uv pip install --system --torch-backend cpu -e" in others[1]
+
+
+def test_ci_keeps_the_wheel_beside_its_bill_of_materials():
+    run, kept = yaml.safe_load(WORKFLOWS[0].read_text("utf-8"))["jobs"]["wheel"]["steps"][-2:]
+    assert run == {"run": "python .ci/check_wheel.py --out dist"}
+    assert kept["uses"].startswith("actions/upload-artifact@") and kept["with"]["path"] == "dist"
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from rollingjoint import TorsionSpring, five_link, solve_lengths
+from rollingjoint import TorsionSpring, five_link, solve_lengths, uniform
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
 from rollingjoint.kernels.planar import chain as chain_kernels
@@ -135,3 +135,12 @@ def test_a_command_of_length_minus_stretch_is_the_same_equilibrium_as_the_tensio
     elastic = solve_lengths(chain, command).require()
     assert elastic.joint_angles == pytest.approx(wanted.joint_angles, abs=1e-8)
     assert elastic.tensions == pytest.approx(3.0 * wanted.tensions, abs=1e-6)
+
+
+def test_a_single_joint_reads_no_angle_beyond_its_own():
+    chain = uniform(2)
+    ones = np.ones(chain.n_tendons)
+    law = TendonLaw(chain.neutral_lengths - 0.5, 2.0 * ones, 0.1 * ones, 5.0 * ones)
+    state = new_state(1, chain.n_tendons)._replace(angle=np.array([0.1, np.nan])[:1])
+    numbers = evaluate(one_design(chain.arrays, 0), law, load_table([], chain.n_links), state)
+    assert np.isfinite(numbers).all() and np.isfinite(state.pose).all() and np.isfinite(state.residual).all()

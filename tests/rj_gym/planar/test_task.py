@@ -51,6 +51,13 @@ def advance(lanes, actions):
     return now(lanes, lanes.advance())
 
 
+def left_by_a_step(lanes, first, last):
+    """How many lanes of a range a step leaves to the solver for all cases."""
+    lanes.accept(np.ones((lanes.capacity, 2)))
+    observations = np.empty((lanes.capacity, lanes._entries), np.float32)
+    return lanes._step(observations.ctypes.data, first, last)
+
+
 def fail_in(lane, lanes):
     """From now on the solver gives this lane nothing usable."""
 
@@ -121,6 +128,14 @@ def test_a_solver_that_cannot_get_memory_leaves_all_lanes_to_the_other_one():
     lanes._bind_step()
     one, other = advance(lanes, np.ones((3, 2))), advance(others, np.ones((3, 2)))
     assert np.allclose(one.poses, other.poses, atol=1e-7) and np.all(one.status == "CONVERGED")
+    assert left_by_a_step(lanes, 1, 3) == 2
+
+
+def test_a_step_leaves_no_lane_where_all_are_solved_together_and_every_one_without_that_solver():
+    lanes = started()[0]
+    assert left_by_a_step(lanes, 1, 3) == 0
+    watch_solver(lanes)
+    assert left_by_a_step(lanes, 1, 3) == 2
 
 
 def test_pulling_tendons_in_raises_tension_and_shortens_commands():

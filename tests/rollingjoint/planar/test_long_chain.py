@@ -64,6 +64,36 @@ def test_the_sweep_solves_what_the_dense_matrix_says(springs):
     assert solved > 20
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_generators_of_stretching_tendons_are_the_dense_stiffness_and_its_differences(seed):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng, 24)
+    n, m = chain.n_joints, chain.n_tendons
+    loads = load_table(random_loads(rng, chain.n_links), chain.n_links)
+    state, H = new_state(n, m), np.empty((n, n))
+    one = one_design(chain.arrays, 0)
+    angles = chain.joint_angles(0.6 * chain.joint_limits[:, 1] * rng.uniform(-1, 1, n))
+    command = chain.tendon_lengths(angles) - rng.uniform(0.1, 0.5, m)
+    law = TendonLaw(command, chain.stiffnesses.copy(), np.zeros(m), np.full(m, 1e6))
+
+    def residual(turned):
+        state.angle[:] = turned
+        evaluate(one, law, loads, state)
+        return state.residual.copy()
+
+    turns = 1e-6 * np.eye(n)
+    differences = [(residual(angles + turn) - residual(angles - turn)) / 2e-6 for turn in turns]
+    residual(angles)
+    assert np.all(state.tension > 0) and np.all(state.elastic > 0)
+    stiffness(one, loads, state, H)
+    sweep = new_sweep(n, m + generator_columns(np.zeros((0, len(LOAD_COLUMNS))), loads))
+    fill_generators(one, loads, state, 0.0, sweep)
+    below = np.tril(sweep.U @ sweep.V.T, -1)
+    scale = np.abs(H).max()
+    assert np.abs(np.diag(sweep.diagonal) + below + below.T - H).max() < 1e-12 * scale
+    assert np.abs(np.transpose(differences) - H).max() < 1e-6 * scale
+
+
 @pytest.mark.parametrize("n", [14, 100, 1000])
 def test_long_chains_converge(n):
     chain = uniform(n)
