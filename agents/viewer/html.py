@@ -10,15 +10,15 @@ STYLE = "width:100%;font-size:0.85em;border-spacing:0 2px;text-align:right;white
 
 
 class Html(str):
-    """Text that is HTML; all other text is escaped where it becomes a part of HTML."""
+    """A cell that is HTML; html_table escapes all others."""
 
     __slots__ = ()
 
 
-def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table of cells, the first column left, the others right."""
     lines = [_row("th", head), *(_row("td", cells) for cells in rows)]
-    return Html(f'<table style="{STYLE}">{"".join(lines)}</table>')
+    return f'<table style="{STYLE}">{"".join(lines)}</table>'
 
 
 def coloured(colour: str, text: str, mark: str = "&#9632;") -> Html:

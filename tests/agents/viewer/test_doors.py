@@ -5,6 +5,7 @@ import http.client
 import types
 import weakref
 from contextlib import contextmanager
+from functools import partial
 from http import HTTPStatus
 
 import pytest
@@ -18,13 +19,17 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
+from agents.runs.files import write_text
 from agents.view import main
 from agents.viewer import guard as guards
 from agents.viewer import serving
 from agents.viewer.guard import Guard
+from agents.viewer.rooms.explore import Explore
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.server import Viewer
+from rollingjoint import two_segment
 from rollingjoint.errors import InvalidInput
+from rollingjoint.io.mechanism_file import dump_mechanism
 from tests.agents.viewer.conftest import until
 
 UPGRADE = {
@@ -102,7 +107,7 @@ class Client:
         until(lambda: set(viewer.visits) - known)
         (self.id,) = set(viewer.visits) - known
         self.visit = viewer.visits[self.id]
-        until(lambda: self.visit.room is not None and hasattr(self.visit.room, "slider"))
+        until(lambda: self.visit.room is not None and not self.visit._lock.locked())
         self.room = self.visit.room
 
     def send(self, kind, **values):
@@ -123,8 +128,11 @@ class Client:
     def answered(self):
         """Wait until all that was sent before has been handled: the slider moves."""
         at = self.room.slider.value + 1
-        self.send("GuiUpdateMessage", uuid=self.room.slider._impl.uuid, updates={"value": at})
+        self.set(self.room.slider, at)
         until(lambda: self.room.slider.value == at)
+
+    def set(self, widget, value):
+        self.send("GuiUpdateMessage", uuid=widget._impl.uuid, updates={"value": value})
 
     def received(self, kind):
         """The first message of this kind."""
@@ -346,6 +354,16 @@ def test_no_more_windows_than_allowed_are_open_at_once(viewer, monkeypatch):
         until(lambda: len(viewer.visits) == 1)
         with client_of(viewer):
             assert len(viewer.visits) == 2
+
+
+def test_a_client_has_no_other_file_read_than_those_that_were_named(tmp_path):
+    write_text(tmp_path / "theirs.yaml", dump_mechanism(two_segment()))
+    viewer = Viewer({"Explore": partial(Explore, mechanisms=["five_link"])}, port=0)
+    with client_of(viewer) as client:
+        client.set(client.room.which, str(tmp_path / "theirs.yaml"))
+        until(lambda: client.room.messages.line.visible)
+        assert "five" in client.room.messages.line.content and client.room.explorer.name == "five_link"
+    viewer.stop()
 
 
 class Frozen:
