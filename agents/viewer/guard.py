@@ -26,9 +26,9 @@ HEADERS = {
 class Guard:
     """The answer to every request that reaches a server, before the server sees it.
 
-    A request must name the server's own address as its host, since a name that an attacker owns may lead here, too; come
-    from a page of that address, if from a page; and have the token. The page takes it from its address and hands it on to
-    its WebSocket in a cookie.
+    A request must name the server's own address as its host, since a name that an attacker owns may lead here, too.
+    If a page makes it, the page must be of that address. And it must have the token, which the page takes from its
+    own address and hands on to its WebSocket in a cookie.
 
     Args:
         host: the address that the server listens at.
@@ -101,8 +101,8 @@ class Guard:
     def _has_token(self, request: Any, port: int) -> bool:
         """Whether the address of a page has the token, or address or cookie of a WebSocket.
 
-        A cookie is not enough for a page: pages of other ports of this machine could make the browser send it, and have a
-        page opened whose address names another WebSocket.
+        A cookie is not enough for a page: a page of another port of this machine makes the browser send it, too, and
+        could so open the viewer's page with an address that names another WebSocket.
         """
         tokens: Sequence[str] = parse_qs(request.path.partition("?")[2]).get("token", [])
         if [each.lower() for each in request.headers.get_all("Upgrade")] == ["websocket"]:

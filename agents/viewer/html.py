@@ -1,4 +1,4 @@
-"""Tables and text for the panel of a browser; names that come from files are shown as they are, never as HTML or Markdown."""
+"""Tables and text for the panel of a browser, in which names are shown as they are, never as HTML or Markdown."""
 
 from __future__ import annotations
 

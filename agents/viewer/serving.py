@@ -12,11 +12,11 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
 from typing import Any
 
 import viser
 from viser import _messages
-from viser.infra import _infra
 
 from agents.viewer.guard import Guard
 from rollingjoint.errors import InvalidInput
@@ -24,6 +24,7 @@ from rollingjoint.errors import InvalidInput
 LARGEST_MESSAGE = 2**20  # bytes; viser's page sends files in parts of half of it
 LARGEST_FILE = 16_000_000  # bytes that a browser may send
 KNOWN = "1.1.1"
+_infra: Any = import_module("viser.infra._infra")
 _SHARED_HANDLERS = (
     _messages.ShareUrlRequest,  # opens a public tunnel to the server
     _messages.ShareUrlDisconnect,
@@ -67,7 +68,7 @@ def _asked_first(guard: Guard) -> Iterator[list[Any]]:
     serve = module.serve
 
     def guarded(*places: Any, **options: Any) -> Any:
-        page = options.get("process_request")
+        page: Any = options.get("process_request")
         if getattr(page, "__module__", None) == _infra.__name__:
             options["process_request"] = lambda connection, request: guard.answer(connection, request, page)
             options["max_size"] = LARGEST_MESSAGE
@@ -90,9 +91,8 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise OSError(
-                f"--host {host} --port {port}: {error.strerror}; name another port, 0 for any that is free, or another host"
-            ) from None
+            hint = "name another port, 0 for any that is free, or an address of this machine"
+            raise OSError(f"--host {host} --port {port}: {error.strerror}; {hint}") from None
 
 
 def stop(server: viser.ViserServer) -> None:
