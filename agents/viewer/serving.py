@@ -25,11 +25,17 @@ LARGEST_MESSAGE = 2**20  # bytes; viser's page sends files in parts of half of i
 LARGEST_FILE = 16_000_000  # bytes that a browser may send
 KNOWN = "1.1.1"
 _infra: Any = import_module("viser.infra._infra")
-_SHARED_HANDLERS = (
-    _messages.ShareUrlRequest,  # opens a public tunnel to the server
+_REMOVED = (
+    _messages.ShareUrlRequest,  # would open a public tunnel to the server
     _messages.ShareUrlDisconnect,
-    _messages.FileTransferStartUpload,  # uploads belong to one browser each: see Uploads
+    _messages.FileTransferStartUpload,  # to widgets that all browsers share; those of one browser: see Uploads
     _messages.FileTransferPart,
+)
+_OF_UPLOADS = (
+    "_current_file_upload_states",
+    "_gui_input_handle_from_uuid",
+    "_handle_file_transfer_start",
+    "_handle_file_transfer_part",
 )
 _starting = threading.Lock()
 
@@ -47,14 +53,15 @@ def started(guard: Guard, port: int = 0) -> viser.ViserServer:
     with redirect_stdout(io.StringIO()), _asked_first(guard) as servers:
         server = viser.ViserServer(host=guard.host, port=port, verbose=False)
     try:
-        if not servers or not hasattr(viser.GuiApi, "_handle_file_transfer_part"):
-            raise AttributeError("viser.infra")
-        for message in _SHARED_HANDLERS:
+        for message in _REMOVED:
             server._websock_server.unregister_handler(message)
+        known = bool(servers) and all(hasattr(server.gui, name) for name in _OF_UPLOADS)
     except (AttributeError, AssertionError, KeyError):
+        known = False
+    if not known:
         stop(server)
         hint = f"Run pip install viser=={KNOWN}."
-        raise InvalidInput("viser", viser.__version__, "a version whose requests can be checked", hint) from None
+        raise InvalidInput("viser", viser.__version__, "a version whose requests can be checked", hint)
     return server
 
 
