@@ -2,7 +2,8 @@
 
 Modules:
     server: one browser, one state of its own.
-    serving: servers of viser that print nothing.
+    guard: who may talk to the viewer.
+    serving: servers of viser that print nothing and answer only whom a guard admits.
     rooms: what a browser sees and does.
     record: pages that play without a server.
     explorer: a mechanism and what a person sets of it.
@@ -18,7 +19,7 @@ Modules:
     solids: its shapes and lines.
     chart: a scatter plot in the scene.
     scoreboard: errors in the panel.
-    html: tables in the panel.
+    html: tables and text in the panel.
     camera: where a browser looks from.
     clock: time that passes in a room.
 """

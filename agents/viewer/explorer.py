@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
@@ -174,7 +175,7 @@ class Explorer:
         call = "solve_tensions" if self.inputs.drive == TENSIONS else "solve_lengths"
         given = self.inputs.tensions if self.inputs.drive == TENSIONS else self.lengths
         loads = f", [WorldForce({self.inputs.link}, {_numbers(self.inputs.force)})]" if self.loads else ""
-        source = f"{self.name}()" if self._is_preset else f'load_mechanism("{self.file_name}")'
+        source = f"{self.name}()" if self._is_preset else f"load_mechanism({json.dumps(self.file_name)})"
         names = [*(["WorldForce"] if loads else []), *([self.name] if self._is_preset else []), call]
         lines = [f"from rollingjoint import {', '.join(names)}"]
         lines += [] if self._is_preset else ["from rollingjoint.io.mechanism_file import load_mechanism"]

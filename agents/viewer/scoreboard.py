@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -66,7 +65,7 @@ class Scoreboard:
 
 def legend(films: Sequence[Film], step: int, when: str = "now") -> str:
     """HTML: the colour of every controller, its error at a step, and its mean over the last 10."""
-    names = [f"{coloured(_hex(place))} {escape(film.name)}" for place, film in enumerate(films)]
+    names = [coloured(_hex(place), film.name) for place, film in enumerate(films)]
     rows = [[name, *_figures(film, step)] for name, film in zip(names, films, strict=True)]
     return html_table(["", when, "last 10"], rows)
 

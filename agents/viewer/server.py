@@ -8,8 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agents.viewer.camera import View, begin_with
+from agents.viewer.guard import Guard
 from agents.viewer.rooms import Room
-from agents.viewer.serving import started, stop
+from agents.viewer.serving import Uploads, started, stop
 from rollingjoint.errors import InvalidInput
 
 Rooms = Mapping[str, Callable[[Any], Room]]
@@ -26,8 +27,8 @@ class Viewer:
         exposed: whether addresses that other machines can reach are allowed.
         view: of the first room, see camera.look.
     Raises:
-        InvalidInput: such an address without `exposed`.
-        OSError: a port that is in use.
+        InvalidInput: such an address without `exposed`, or a viser that cannot be guarded.
+        OSError: a port that is in use, or an address that is not this machine's.
     """
 
     def __init__(
@@ -41,7 +42,8 @@ class Viewer:
         check_host(host, exposed)
         self.rooms = rooms
         self.visits: dict[int, Visit] = {}
-        self.server = started(host, port)
+        self.guard = Guard(host)
+        self.server = started(self.guard, port)
         self.server.gui.set_panel_label("rolling joints")
         self.server.gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False)
         if view is not None:
@@ -51,9 +53,8 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where a browser finds it."""
-        host = self.server.get_host()
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
+        """What a browser opens, with the token that it needs."""
+        return self.guard.url(self.server.get_port())
 
     def stop(self) -> None:
         """Close all rooms and stop serving."""
@@ -82,6 +83,7 @@ class Visit:
         self.room: Room | None = None
         self._lock = threading.Lock()
         self._gone = False
+        self._uploads = Uploads(client, self._refused)
         self._doors = client.gui.add_button_group("Room", tuple(rooms))
         self._doors.on_click(lambda _: self.enter(self._doors.value))
         self._panel: Any = None
@@ -105,6 +107,11 @@ class Visit:
             if self.room is not None:
                 self.room.stop()
 
+    def _refused(self, error: InvalidInput) -> None:
+        """Tell that a file was refused."""
+        if self.room is not None:
+            self.room.messages.tell(error)
+
     def _leave(self) -> None:
         if self.room is not None:
             self.room.stop()
@@ -122,5 +129,5 @@ def check_host(host: str, exposed: bool) -> None:
     except ValueError:
         local = False
     if not local:
-        hint = "Whoever reaches the viewer can read files through it: add --exposed only in a network that you trust."
+        hint = "Nothing that is sent is encrypted: add --exposed only in a network that you trust."
         raise InvalidInput("--host", host, "127.0.0.1, ::1 or localhost", hint)

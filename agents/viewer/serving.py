@@ -1,35 +1,105 @@
-"""Servers of viser that print nothing of their own."""
+"""Servers of viser that print nothing and answer only whom a guard admits; all that reaches into viser.
+
+What begins with an underscore here is not viser's public interface, and was read in viser 1.1.0 and 1.1.1. A viser
+without it is refused when a server starts.
+"""
 
 from __future__ import annotations
 
 import io
 import os
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
+from typing import Any
 
 import viser
+from viser import _messages
+
+from agents.viewer.guard import Guard
+from rollingjoint.errors import InvalidInput
+
+LARGEST_MESSAGE = 2**20  # bytes; viser's page sends files in parts of half of it
+LARGEST_FILE = 16_000_000  # bytes that a browser may send
+KNOWN = "1.1.1"
+_infra: Any = import_module("viser.infra._infra")
+_REMOVED = (
+    _messages.ShareUrlRequest,  # would open a public tunnel to the server
+    _messages.ShareUrlDisconnect,
+    _messages.FileTransferStartUpload,  # to widgets that all browsers share; those of one browser: see Uploads
+    _messages.FileTransferPart,
+)
+_OF_UPLOADS = (
+    "_current_file_upload_states",
+    "_gui_input_handle_from_uuid",
+    "_handle_file_transfer_start",
+    "_handle_file_transfer_part",
+)
+_starting = threading.Lock()
 
 
-def started(host: str = "127.0.0.1", port: int = 0) -> viser.ViserServer:
-    """A server that runs; port 0: any that is free. Raises OSError for one that is in use."""
-    if port:
-        _check_free(host, port)
-    with redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=host, port=port, verbose=False)
+def started(guard: Guard, port: int = 0) -> viser.ViserServer:
+    """A server that runs at the guard's host and asks the guard first.
+
+    Args:
+        port: 0 for any that is free.
+    Raises:
+        OSError: a port that is in use, or an address that is not this machine's.
+        InvalidInput: a viser that cannot be guarded.
+    """
+    _check_free(guard.host, port)
+    with redirect_stdout(io.StringIO()), _asked_first(guard) as servers:
+        server = viser.ViserServer(host=guard.host, port=port, verbose=False)
+    try:
+        for message in _REMOVED:
+            server._websock_server.unregister_handler(message)
+        known = bool(servers) and all(hasattr(server.gui, name) for name in _OF_UPLOADS)
+    except (AttributeError, AssertionError, KeyError):
+        known = False
+    if not known:
+        stop(server)
+        hint = f"Run pip install viser=={KNOWN}."
+        raise InvalidInput("viser", viser.__version__, "a version whose requests can be checked", hint)
+    return server
+
+
+@contextmanager
+def _asked_first(guard: Guard) -> Iterator[list[Any]]:
+    """A context in which viser's servers ask the guard first; gives the list of those that do.
+
+    viser starts its server when it is made, by websockets' `serve`, and has no argument for a check of requests.
+    """
+    module, asked = _infra.websockets.asyncio.server, []
+    serve = module.serve
+
+    def guarded(*places: Any, **options: Any) -> Any:
+        page: Any = options.get("process_request")
+        if getattr(page, "__module__", None) == _infra.__name__:
+            options["process_request"] = lambda connection, request: guard.answer(connection, request, page)
+            options["max_size"] = LARGEST_MESSAGE
+            asked.append(page)
+        return serve(*places, **options)
+
+    with _starting:
+        module.serve = guarded
+        try:
+            yield asked
+        finally:
+            module.serve = serve
 
 
 def _check_free(host: str, port: int) -> None:
-    """Raise OSError for a port in use; viser would take another one."""
+    """Raise OSError for a port in use, where viser would take another one, and for an address of another machine."""
     kind = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(kind) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, os.name != "nt")
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise OSError(
-                f"--port {port} at {host}: {error.strerror}; name another, or 0 for any that is free"
-            ) from None
+            hint = "name another port, 0 for any that is free, or an address of this machine"
+            raise OSError(f"--host {host} --port {port}: {error.strerror}; {hint}") from None
 
 
 def stop(server: viser.ViserServer) -> None:
@@ -40,9 +110,60 @@ def stop(server: viser.ViserServer) -> None:
 
 @contextmanager
 def serving() -> Iterator[viser.ViserServer]:
-    """A server for what is done inside, at any port that is free."""
-    server = started()
+    """A server for what is done inside, which no browser can enter."""
+    server = started(Guard())
     try:
         yield server
     finally:
         stop(server)
+
+
+class Uploads:
+    """Files that one browser sends: one at a time, no larger than LARGEST_FILE, no more bytes than it announced.
+
+    Args:
+        client: the browser, before it has a button for files.
+        refused: called with the error where a file is refused.
+    """
+
+    def __init__(self, client: Any, refused: Callable[[InvalidInput], None]) -> None:
+        self.gui, self.refused = client.gui, refused
+        self._connection = client._websock_connection
+        self._running = client.gui._current_file_upload_states
+        for message, handler in (
+            (_messages.FileTransferStartUpload, self._begin),
+            (_messages.FileTransferPart, self._add),
+        ):
+            self._connection.unregister_handler(message)
+            self._connection.register_handler(message, handler)
+
+    def _begin(self, client_id: Any, message: Any) -> None:
+        """A file is announced; one that is still coming is forgotten."""
+        self._running.clear()
+        button = self.gui._gui_input_handle_from_uuid.get(message.source_component_uuid)
+        if not isinstance(button, viser.GuiUploadButtonHandle):
+            return
+        if message.size_bytes > LARGEST_FILE:
+            hint = "Start the viewer with --episodes and its path."
+            self._refuse(message, message.filename, f"a file of at most {LARGEST_FILE / 1e6:.0f} MB", hint)
+        elif 0 <= message.part_count <= message.size_bytes:
+            self.gui._handle_file_transfer_start(client_id, message)
+
+    def _add(self, client_id: Any, message: Any) -> None:
+        """A part of it."""
+        state = self._running.get(message.transfer_uuid)
+        if state is None:
+            return
+        size, announced = state["transferred_bytes"] + len(message.content), state["total_bytes"]
+        is_last = len(state["parts"]) + 1 == state["part_count"]
+        if size > announced or (is_last and size < announced):
+            self._running.clear()
+            self._refuse(message, state["filename"], f"the {announced} bytes that were announced")
+        else:
+            self.gui._handle_file_transfer_part(client_id, message)
+
+    def _refuse(self, message: Any, name: str, allowed: str, hint: str = "") -> None:
+        """Tell it, and end the transfer in the browser, which would wait for the rest."""
+        end = _messages.FileTransferPartAck(message.source_component_uuid, message.transfer_uuid, 0, 0)
+        self._connection.queue_message(end)
+        self.refused(InvalidInput("file", name, allowed, hint))

@@ -12,11 +12,14 @@ from __future__ import annotations
 
 from typing import ClassVar, Protocol
 
+from agents.viewer.rooms.messages import Messages
+
 
 class Room(Protocol):
     """One room for one client: made when the client enters, stopped when it vanishes, closed, too, when it leaves."""
 
     name: ClassVar[str]
+    messages: Messages  # from build() on
 
     def build(self) -> None:
         """Add the room's widgets to the panel, in the container that is open."""

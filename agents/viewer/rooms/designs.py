@@ -147,7 +147,7 @@ class DesignsRoom:
 
     def _compare(self) -> None:
         shown = {each: self.chosen[each] for each in PLACES if each in self.chosen}
-        head = [f"{coloured(_css(PLACES[each]), RING)} {design.title}" for each, design in shown.items()]
+        head = [coloured(_css(PLACES[each]), design.title, RING) for each, design in shown.items()]
         self.comparison.content = html_table(["", *head], self.designs.compared(list(shown.values())))
 
     def _mark(self, place: str) -> None:
@@ -184,7 +184,7 @@ class DesignsRoom:
 
 def _legend() -> str:
     """The kinds of points as HTML."""
-    parts = [f"{coloured(_css(colour), DOT)}&nbsp;{kind}" for kind, colour in zip(KINDS, COLOURS, strict=True)]
+    parts = [coloured(_css(colour), kind, DOT) for kind, colour in zip(KINDS, COLOURS, strict=True)]
     return f'<p style="font-size:0.85em">{" &ensp; ".join(parts)}</p>'
 
 

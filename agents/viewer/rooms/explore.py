@@ -11,11 +11,13 @@ import numpy as np
 from agents.viewer.body import Body
 from agents.viewer.camera import look, mechanism_view
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
+from agents.viewer.html import code_block
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.solids import Array, front, in_space, strands
 from agents.viewer.stage import FAINT, add_grid
 from rj_gym.rendering.canvas import FAINT as GREY
 from rj_gym.rendering.canvas import LINK, LOAD, Color
+from rollingjoint.checks import as_choice
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.presets import PRESETS
 
@@ -80,8 +82,8 @@ class Explore:
     def begin(self) -> None:
         """Show the chosen mechanism from the start."""
         with self._lock, self.messages.told():
+            name = as_choice("mechanism", self.which.value, self.mechanisms)
             self._clear()
-            name = self.which.value
             self.explorer = Explorer(load_mechanism(name), name)
             look(self.client, mechanism_view(self.explorer.mechanism))
             self._fill()
@@ -104,8 +106,8 @@ class Explore:
         """Show the equilibrium, or in grey the last one where there is none."""
         explorer, found = self.explorer, self.explorer.usable
         self.headline.content = explorer.headline
-        self.numbers.content = f"```text\n{explorer.table}\n```"
-        self.code.content = f"```python\n{explorer.python}```"
+        self.numbers.content = code_block(explorer.table)
+        self.code.content = code_block(explorer.python, "python")
         with self.client.atomic():
             for usable, body in self._bodies.items():
                 body.visible = usable is bool(explorer.found.ok) and found is not None

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from agents.viewer.html import markdown
 from rollingjoint.errors import RollingJointError, one_line
 
 
@@ -16,8 +17,12 @@ class Messages:
         self.line = gui.add_markdown("", visible=False)
 
     def show(self, text: str) -> None:
-        """Tell something; nothing hides the line."""
-        self.line.content, self.line.visible = text, bool(text)
+        """Tell something, which is no Markdown; nothing hides the line."""
+        self.line.content, self.line.visible = markdown(text), bool(text)
+
+    def tell(self, error: RollingJointError) -> None:
+        """Tell an error."""
+        self.show(f"⚠ {one_line(str(error))}")
 
     @contextmanager
     def told(self) -> Iterator[None]:
@@ -26,4 +31,4 @@ class Messages:
         try:
             yield
         except RollingJointError as error:
-            self.show(f"⚠ {one_line(str(error))}")
+            self.tell(error)

@@ -1,5 +1,6 @@
 """The mechanism in a person's hands, without a browser."""
 
+import ast
 import io
 import zipfile
 
@@ -116,6 +117,13 @@ def test_the_program_solves_the_same(change, tmp_path, monkeypatch, capsys):
     exec(explorer.python, names)
     assert names["found"].tip == pytest.approx(explorer.found.tip, abs=1e-6)
     assert capsys.readouterr().out.startswith("stable equilibrium [")
+
+
+def test_the_program_of_a_file_runs_no_part_of_its_name():
+    name = 'x"); raise SystemExit("\\'
+    program = ast.parse(Explorer(five_link(), name).python)
+    texts = [node.value for node in ast.walk(program) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    assert texts == [f"{name}.yaml"]
 
 
 def test_the_file_is_the_mechanism(tmp_path):

@@ -4,6 +4,7 @@ import re
 import shlex
 import threading
 import time
+from html import escape, unescape
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from agents.baselines import JacobianFeedback
 from agents.runs.environment import EnvConfig
 from agents.viewer.clock import Clock
 from agents.viewer.drive import filmed
+from agents.viewer.html import code_block, coloured, html_table, markdown
 from agents.viewer.solids import frames, in_space, solids, strands, strands_of
 from agents.viewer.steering import KEYS, nudge, pulls
 from rj_gym.core.registry import task_of
@@ -142,6 +144,27 @@ def test_a_legend_names_every_controller_and_its_errors():
     during, after = legend([film], 1), legend([film], 3)
     assert "&lt;mine&gt;" in during and "–" in during and "–" not in after
     assert f"{film.errors[1]:.1f} mm" in during or f"{film.errors[1]:.3f} mm" in during
+
+
+NAMES = [
+    "<img src=x onerror=alert(1)>.json",
+    "&lt;b&gt; & <b>",
+    "# 1. *a* _b_ ~~c~~ `d` [e](javascript:f) ![g](h) | i |",
+    "`````\n<script>alert(1)</script>\n```",
+    "\\<b>",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_from_files_are_shown_as_they_are(name):
+    reader = pytest.importorskip("markdown_it", reason="markdown-it-py is not installed")
+    read = reader.MarkdownIt().enable(["table", "strikethrough"]).render
+    line = " ".join(name.split())
+    shown, code = read(markdown(line)), read(code_block(name))
+    assert shown.count("<") == 2 and unescape(shown) == f"<p>{line}</p>\n"
+    assert code.count("<") == 4 and unescape(code) == f'<pre><code class="language-text">{name}\n</code></pre>\n'
+    assert f">{escape(name)}</td>" in html_table([""], [[name]])
+    assert f"&nbsp;{escape(name)}</th>" in html_table([coloured("red", name)], [])
 
 
 @pytest.mark.parametrize(
