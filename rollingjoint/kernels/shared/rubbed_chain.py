@@ -295,7 +295,7 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
     one = rubbed(chain, before, memory, n, columns, conservative)
     sweep = new_sweep(n, one.lu.U.shape[1] + columns)
     H = np.empty((start.size - n, start.size - n))
-    status, count, worst = settle(one, conservative, most_escapes, law, loads, start, state, H, sweep)
+    status, count, worst = settle(one, conservative, most_escapes, False, law, loads, start, state, H, sweep)
     if status == NOT_CONVERGED:
         begin(one, start, state.angle)
         for softness in _SOFTER:
