@@ -8,6 +8,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels.planar.loads import generator_columns, has_potential
 from rollingjoint.kernels.shared.arrays import UNSTABLE
 from rollingjoint.kernels.shared.long_chain import new_sweep
+from rollingjoint.kernels.shared.newton import MAX_ITERATIONS
 from rollingjoint.kernels.shared.rubbed_chain import settle_rubbed
 from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
 
@@ -19,10 +20,11 @@ def solve(chain, law, loads, start, state):
     n = long_joints(start.size, conservative)
     sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
-    found = settle(chain, conservative, MOST_ESCAPES, False, law, loads, start, state, H, sweep)
+    found = settle(chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, False, law, loads, start, state, H, sweep)
     if found[0] < UNSTABLE:
         return found
-    status, count, worst = settle(chain, conservative, MOST_ESCAPES, True, law, loads, start, state, H, sweep)
+    how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, True
+    status, count, worst = settle(*how, law, loads, start, state, H, sweep)
     return status, found[1] + count, worst
 
 

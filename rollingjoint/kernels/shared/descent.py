@@ -1,11 +1,11 @@
 """The slow, sure way from a start to an equilibrium, where Newton's method has ended without one.
 
 Every step solves (H + shift D) step = -r: an implicit step of the overdamped motion D dphi/dt = -r of length 1 / shift,
-and Newton's step where the shift is 0. D, the damping of every joint, is the largest stiffness that it has had lately: a
-contact that has met a flat spot approaches it in small steps, while the others go on. Under conservative loads a step has
-to lower the energy and not to end uphill, otherwise it has to follow that motion; where it does not, or is too long, the shift grows and the
-step becomes shorter. A step that cannot be taken as a whole ends where its first joint meets a limit: clipping every
-joint by itself, as Newton's method does, may turn a descent into an ascent.
+and Newton's step where the shift is 0. D, the damping of every joint, is the largest stiffness that it has had lately:
+a contact that has met a flat spot approaches it in small steps, while the others go on. Under conservative loads a step
+has to lower the energy and not to end uphill, under follower forces it has to stay near that motion; where it does not,
+or is too long, the shift grows and the step becomes shorter. A step that cannot be taken as a whole ends where its
+first joint meets a limit: clipping every joint by itself, as Newton's method does, may turn a descent into an ascent.
 """
 
 from __future__ import annotations

@@ -149,7 +149,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
 
 @part
 def _stalled_goal(state, scale):
-    """The residual that is good enough where rounding stops the descent; that of the lengths counts in stiff tendons."""
+    """The residual that is good enough where rounding stops the descent, also that of the lengths of stiff tendons."""
     pull = 0.0
     for j in range(state.length.size):
         for i in range(state.angle.size):
@@ -216,18 +216,21 @@ def reclassified(chain, loads, state, free, kind):
 
 
 @part
-def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep):
+def minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep):
     """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|).
 
-    Under conservative loads it leaves up to `most_escapes` saddles along their negative curvature.
+    most: iterations, unless dense steps of so many joints allow fewer. Under conservative loads it leaves up to
+    `most_escapes` saddles along their negative curvature.
     """
     n = state.angle.size
+    most = min(most, most_iterations(0 if sweep.diagonal.size > 0 else n))
     return _minimise(
         chain,
         law,
         loads,
         conservative,
         most_escapes,
+        most,
         prox,
         anchor,
         state,
@@ -240,7 +243,7 @@ def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state,
 
 
 @part
-def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep, L, vectors, free):
+def _minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep, L, vectors, free):
     """minimise with its scratch space."""
     H, sweep, L, vectors, free = borrow(H), borrow(sweep), borrow(L), borrow(vectors), borrow(free)
     residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
@@ -250,7 +253,6 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
     energy, magnitude = renew(chain, state, energy + proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
-    most = most_iterations(0 if long else n)
     for iteration in range(most):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:

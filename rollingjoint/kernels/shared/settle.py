@@ -21,11 +21,13 @@ def long_joints(n_joints, conservative):
 
 
 @part
-def settle(chain, conservative, most_escapes, careful, law, loads, start, state, H, sweep):
+def settle(chain, conservative, most_escapes, most, careful, law, loads, start, state, H, sweep):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, largest free |r|).
 
-    careful: Newton's method begins where the slow descent (descent.py) ends. Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
+    Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
     falls to 0: it ends at the admissible pose nearest the start.
+
+    careful: whether Newton's method begins where the slow descent (descent.py) ends.
     """
     last = len(_PROXIMAL_PATH) - 1
     count, phase, size = 0, 0, 0.0
@@ -34,7 +36,7 @@ def settle(chain, conservative, most_escapes, careful, law, loads, start, state,
         prox = size * _PROXIMAL_PATH[phase]
         if careful:
             count += descend(chain, law, loads, conservative, prox, start, state)
-        found = minimise(chain, law, loads, conservative, most_escapes, prox, start, state, H, sweep)
+        found = minimise(chain, law, loads, conservative, most_escapes, most, prox, start, state, H, sweep)
         status, iterations, worst = found
         count += iterations
         if phase == last:
