@@ -176,7 +176,7 @@ class Deferred(tuple[M, ...]):
 
     def __getitem__(self, place: Any) -> Any:
         places = range(len(self))[place]
-        return tuple(map(self._build, places)) if isinstance(place, slice) else self._build(places)  # type: ignore[arg-type]
+        return tuple(map(self._build, places)) if isinstance(place, slice) else self._build(places)
 
     def __iter__(self) -> Iterator[M]:
         return map(self._build, range(len(self)))

@@ -18,6 +18,7 @@ from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.shared.bounds import begin, moved
+from rollingjoint.kernels.shared.descent import most_descent_steps
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
@@ -312,7 +313,7 @@ def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, 
             found = minimise(*how, 0.0, start, state, H, sweep)
             status, iterations, worst = found
             count += iterations
-    if status == NOT_CONVERGED and conservative:
+    if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
         dense = rubbed(chain, before, memory, 0, columns, True)
         H, sweep = np.empty((start.size, start.size)), new_sweep(0, 0)
         how = dense, conservative, most_escapes, MAX_ITERATIONS, True

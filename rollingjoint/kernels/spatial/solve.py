@@ -14,6 +14,7 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.shared.bounds import begin, mark_free, move
+from rollingjoint.kernels.shared.descent import most_descent_steps
 from rollingjoint.kernels.shared.formulas import evaluate, stiffness
 from rollingjoint.kernels.shared.long_chain import new_sweep
 from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
@@ -154,7 +155,7 @@ def solve_hinges(chain, law, loads, start, rest, state):
         scratch = np.empty((3, law.low.size)), np.empty(loads.shape)
         status, more, worst, escapes = _grow(chain, law, loads, conservative, rest, state, H, sweep, *scratch)
         count += more
-    if status >= UNSTABLE and conservative:
+    if status >= UNSTABLE and conservative and most_descent_steps(start.size) > 0:
         how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, True
         found = settle(*how, law, loads, start, state, H, sweep)
         status, more, worst = found
