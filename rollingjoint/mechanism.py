@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Generic, Self, TypeVar
 
@@ -174,8 +175,36 @@ AnyMechanism = Mechanism[Any]
 M = TypeVar("M", bound=AnyMechanism)
 
 
+class Deferred(tuple[M, ...]):
+    """A tuple of mechanisms, each of which is built when it is asked for.
+
+    Args:
+        count: how many. build: makes the one at a place, always the same one.
+    """
+
+    _build: Callable[[int], M]
+
+    def __new__(cls, count: int, build: Callable[[int], M]) -> Self:
+        """Keep a place for every mechanism."""
+        made = super().__new__(cls, [None] * count)  # type: ignore[list-item]
+        made._build = functools.cache(build)
+        return made
+
+    def __getitem__(self, place: Any) -> Any:
+        places = range(len(self))[place]
+        return tuple(map(self._build, places)) if isinstance(place, slice) else self._build(places)
+
+    def __iter__(self) -> Iterator[M]:
+        return map(self._build, range(len(self)))
+
+    def __reduce__(self) -> tuple[type[tuple[M, ...]], tuple[tuple[M, ...]]]:
+        return tuple, (tuple(self),)
+
+
 class Variations(Sequence[M]):
     """D variations of one nominal mechanism, whose arrays are filled all at once and which are built when asked for.
+
+    `solve_tensions_batch` and `solve_lengths_batch` take them as they are, one per row.
 
     Attributes:
         nominal: what they vary. They have its names, friction and numbers of links, tendons and crossed joints.
@@ -218,6 +247,10 @@ class Variations(Sequence[M]):
         """What makes them again from the nominal mechanism: arrays by the name of their argument, copied."""
 
     @abstractmethod
+    def members(self) -> Deferred[M]:
+        """What they are now, whatever `take` replaces later."""
+
+    @abstractmethod
     def _take(self, rows: NDArray[np.int64], other: Any, places: NDArray[np.int64]) -> bool:
         """Replace what a family has of its own."""
 
@@ -236,6 +269,8 @@ def designs_of(mechanism: AnyMechanism | Sequence[AnyMechanism], n_rows: int) ->
         return mechanism.arrays, np.zeros(n_rows, np.int64)
     if len(mechanism) != n_rows:
         raise InvalidInput("number of mechanisms", len(mechanism), f"{n_rows}, one per row of the batch")
+    if isinstance(mechanism, Variations):
+        return mechanism.arrays, mechanism.designs
     different = distinct(mechanism)
     places = {each: place for place, each in enumerate(different)}
     return stack(different), np.array([places[each] for each in mechanism], np.int64)

@@ -14,7 +14,7 @@ from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
 from rollingjoint.kernels.planar import block_formulas
-from rollingjoint.kernels.planar.arrays import EDGES, PinnedBatch
+from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, PinnedBatch
 from rollingjoint.kernels.planar.block import PHASE, RUNNING, Block, begin_lane, block_sizes
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate
@@ -138,7 +138,7 @@ def _do_piece(block, search, batch, designs, piece):
 def _look_up(chain, designs, state, places):
     """What evaluate_joints does before it reads the table."""
     angle, cells = numbers(state.angle), of_width(chain.cells, 4)
-    joints, buckets = of_width(chain.joints, 3), of_width(chain.buckets, EDGES)
+    joints, buckets = of_width(chain.joints, 3), of_width(chain.buckets, BUCKET_ENDS)
     for i in range(angle.shape[0]):
         for lane in range(WIDTH):
             which = designs[lane]

@@ -78,7 +78,7 @@ class TabulatedChain:
 
     Attributes:
         joints: smallest and largest angle, buckets per radian, (B or 1, J, 3).
-        buckets: first cell of every bucket, and the last cell, (B or 1, J, BUCKETS + 1).
+        buckets: first and last cell of every bucket in turn, (B or 1, J, 2 BUCKETS).
         cells: smallest and largest angle, middle, 2 / width, (cells, 4).
         coefficients: of the joint's numbers in powers of a cell's coordinate, (powers, cells, 8).
         holes: on the link below and on the link above every gap, complex (B or 1, J, m, 2) [mm].
@@ -113,7 +113,7 @@ class TabulatedChain:
             _complex_pairs(holes, device),
             torch.tensor(channels, device=device),
             torch.tensor(crosses, dtype=torch.float64, device=device),
-            int(np.diff(arrays.buckets, axis=-1).max(initial=0)),
+            int((arrays.buckets[..., 1::2] - arrays.buckets[..., ::2]).max(initial=0)),
         )
 
     def put(self, rows: NDArray[np.int64], arrays: Chain) -> None:
@@ -171,7 +171,7 @@ class TabulatedChain:
         low, per_radian = self.joints[..., 0], self.joints[..., 2]
         bucket = ((angles - low) * per_radian).nan_to_num(0.0).clamp(0.0, BUCKETS - 1.0).long()[..., None]
         buckets = self.buckets.expand(len(angles), -1, -1)
-        first, last = buckets.gather(-1, bucket)[..., 0], buckets.gather(-1, bucket + 1)[..., 0]
+        first, last = buckets.gather(-1, 2 * bucket)[..., 0], buckets.gather(-1, 2 * bucket + 1)[..., 0]
         for _ in range(self.most.bit_length()):  # halves the cells of the bucket that are still possible
             middle = (first + last + 1) // 2
             beyond = angles >= self.cells[middle, 0]

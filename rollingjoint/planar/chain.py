@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-from rollingjoint.kernels.planar.arrays import BUCKETS, Chain, aligned
+from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, Chain, aligned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 from rollingjoint.load import Load, checked_springs, load_table
 from rollingjoint.mechanism import Mechanism, members, read_only
@@ -126,12 +126,12 @@ class RollingChain(Mechanism["Equilibrium"]):
         pairs = itertools.pairwise(self.links)
         tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
         n_joints, n_tendons = self.n_joints, self.n_tendons
-        joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKETS + 1), np.int64)
+        joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKET_ENDS), np.int64)
         before = 0
         for i, table in enumerate(tables):
-            per_radian, first = joint_table.buckets(table.cells)
+            per_radian, ends = joint_table.buckets(table.cells)
             joints[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
-            buckets[i] = before + first
+            buckets[i] = before + ends
             before += len(table.cells)
         holes, directions = np.zeros((2, n_joints, n_tendons, 4))
         crossed = np.zeros(n_tendons, np.int64)

@@ -139,10 +139,11 @@ def profile_table(child_profile: Profile, parent_profile: Profile) -> JointTable
 
 
 def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
-    """Equal buckets over a joint's angles: how many per radian, and the first cell of each, then the last cell."""
+    """Equal buckets over a joint's angles: how many per radian, and the first and the last cell of each in turn."""
     low, high = cells[0, 0], cells[-1, 1]
-    edges = low + (high - low) * (np.arange(BUCKETS + 1) - 1e-9) / BUCKETS  # a little low, for rounding in the lookup
-    return float(BUCKETS / (high - low)), np.searchsorted(cells[:-1, 1], edges, side="right")
+    slack = np.array([-1e-9, 1.0 + 1e-9])  # every bucket a little wider than it is, for rounding in the lookup
+    ends = low + (high - low) * (np.arange(BUCKETS)[:, None] + slack) / BUCKETS
+    return float(BUCKETS / (high - low)), np.searchsorted(cells[:-1, 1], ends.ravel(), side="right")
 
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rollingjoint.errors import MechanismError
 from rollingjoint.kernels.planar.arrays import BUCKETS, Chain
 from rollingjoint.load import load_table
-from rollingjoint.mechanism import Variations
+from rollingjoint.mechanism import Deferred, Variations
 from rollingjoint.planar import joint_table
 from rollingjoint.planar.chain import Link, RollingChain
 from rollingjoint.profile import Surface
@@ -85,6 +85,11 @@ class ChainVariations(Variations[RollingChain]):
 
     def _build(self, place: int) -> RollingChain:
         return varied_chain(self.nominal, self._offsets[place], self._factors[place])
+
+    def members(self) -> Deferred[RollingChain]:
+        """What they are now, whatever `take` replaces later."""
+        nominal, offsets, factors = self.nominal, self._offsets.copy(), self._factors.copy()
+        return Deferred(len(self), lambda place: varied_chain(nominal, offsets[place], factors[place]))
 
     def _take(self, rows: NDArray[np.int64], other: ChainVariations, places: NDArray[np.int64]) -> bool:
         if self._moves != other._moves:

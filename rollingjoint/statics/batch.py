@@ -13,9 +13,10 @@ from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.family import Family
 from rollingjoint.friction import FrictionState
+from rollingjoint.friction_step import friction_laws
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
-from rollingjoint.mechanism import AnyMechanism, Mechanism, designs_of, distinct
+from rollingjoint.mechanism import AnyMechanism, Mechanism, Variations, designs_of, distinct
 from rollingjoint.solution import stacked
 from rollingjoint.statics.families import KINDS, family_of, family_of_kind
 from rollingjoint.statics.history import History, Start, checked_history, start_of
@@ -29,22 +30,31 @@ class Batch:
 
     mechanism: AnyMechanism | tuple[AnyMechanism, ...]
     family: Family
-    chains: tuple[AnyMechanism, ...]  # the distinct mechanisms
+    chains: tuple[AnyMechanism, ...]  # the distinct mechanisms; of variations the nominal one
     arrays: Any
     designs: NDArray[np.int64]
     inputs: Array
+    variations: Variations[AnyMechanism] | None = None
 
     @classmethod
     def of(cls, mechanism: AnyMechanism | Sequence[AnyMechanism], what: str, inputs: ArrayLike) -> Batch:
         """The batch with checked inputs."""
+        if isinstance(mechanism, Variations):
+            nominal = mechanism.nominal
+            array = _rows(what, inputs, nominal.n_tendons)
+            stacked_arrays = designs_of(mechanism, len(array))
+            return cls(mechanism.members(), family_of(nominal), (nominal,), *stacked_arrays, array, mechanism)
         every = mechanism if isinstance(mechanism, Mechanism) else _mechanisms(mechanism)
         chains = distinct(every) if isinstance(every, tuple) else (every,)
         array = _rows(what, inputs, chains[0].n_tendons)
         return cls(every, family_of(chains[0]), chains, *designs_of(every, len(array)), array)
 
-    def per_row(self, values: Sequence[Array]) -> Array:
-        """Values of the distinct mechanisms, taken for every row, (B, ...)."""
-        return np.take(values, self.designs, axis=0)
+    def per_row(self, name: str) -> Array:
+        """An array that every mechanism has, such as its stiffnesses, of every row, (B, ...)."""
+        if self.variations is not None:
+            values: Array = getattr(self.variations, name)
+            return values
+        return np.take([getattr(chain, name) for chain in self.chains], self.designs, axis=0)
 
     def repeated(self, values: Array) -> Array:
         """The same values for every row, (B, ...)."""
@@ -59,7 +69,8 @@ class Batch:
             return self.family.solve_batch(*inputs)
         before = checked_history(self.mechanism, history, len(self.inputs))
         if all(rub):
-            return self.family.step_batch(*inputs, before)
+            one = self.mechanism if self.variations is None else self.chains[0]
+            return self.family.step_batch(*inputs, before, friction_laws(one, len(self.inputs)))
         return self._solve_apart(np.array(rub)[self.designs], laws, tables, phi, before)
 
     def _solve_apart(
@@ -94,7 +105,7 @@ class Batch:
 
     def _starts(self, angles: ArrayLike | None) -> Array:
         if angles is None:
-            return self.per_row([chain.neutral_angles for chain in self.chains])
+            return self.per_row("neutral_angles")
         if np.ndim(angles) == 1 and np.shape(angles) == (self.chains[0].n_joints,):
             angles = self.repeated(as_floats("starts", angles, "numbers"))
         phi = _rows("starts", angles, self.chains[0].n_joints)

@@ -151,7 +151,7 @@ def solve_lengths_batch(
     batch = Batch.of(mechanism, "lengths", lengths)
     limits = tension_limits_of(tension_limits, batch.inputs.shape[1])
     low, high = map(batch.repeated, limits)
-    stiffnesses = batch.per_row([chain.stiffnesses for chain in batch.chains])
+    stiffnesses = batch.per_row("stiffnesses")
     return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
 
 

@@ -43,6 +43,10 @@ class ArmGeometry:
         """The angles of the result, (B, J) [rad]."""
         return np.array(result.joint_angles)
 
+    def turning_rates(self, angles):
+        """d joint angle / d coordinate, (B, J)."""
+        return np.ones_like(angles)
+
     def inside(self, j):
         """Length of a tendon inside the beads [mm]."""
         end = self.ends[j]

@@ -15,7 +15,8 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
-from rollingjoint.planar.random_chain import random_chain
+from rollingjoint.load import load_table
+from rollingjoint.planar.random_chain import HARD_KINDS, hard_chain, hard_inputs, hard_loads, random_chain
 
 _CHAINS = (five_link, two_segment, uniform, lambda: uniform(2), lambda: uniform(9), lambda: uniform(20))
 _HUGE = (np.nan, np.inf, -np.inf, 1e13, -1e300)
@@ -45,6 +46,16 @@ def draw_chain(rng, with_friction):
     if with_friction:
         changes["friction"] = draw_friction(rng, rolls=True)
     return chain.replace(**changes) if changes else chain
+
+
+def draw_hard(rng, rows):
+    """(chain, what is given, inputs, load table) of a chain that is hard to solve."""
+    kind, given = str(rng.choice(HARD_KINDS)), str(rng.choice(["tensions", "lengths"]))
+    chain = hard_chain(rng, kind)
+    largest, follower = float(rng.choice([0.01, 1.5])), bool(rng.random() < 0.25)
+    loads = hard_loads(rng, chain, kind, largest, follower) if rng.random() < 0.75 else []
+    table = np.repeat(load_table(loads, chain.n_links)[None], rows, axis=0)
+    return chain, given, hard_inputs(rng, chain, kind, given, rows), table
 
 
 def draw_arm(rng, with_friction):

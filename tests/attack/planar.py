@@ -61,6 +61,11 @@ class PlanarGeometry:
             s[:, i] = np.clip(s[:, i] - error / slope, low[i], high[i])
         return s
 
+    def turning_rates(self, s):
+        """d joint angle / d arc length, (B, J) [1/mm]."""
+        pairs = zip(self.child[:-1], self.parent[1:], s.T, strict=True)
+        return np.stack([child.curvature(at) - parent.curvature(at) for child, parent, at in pairs], axis=-1)
+
     def cuts(self, s):
         """Everything at arc lengths s, (B, J)."""
         B, J, m = len(s), self.J, self.m

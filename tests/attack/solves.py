@@ -9,13 +9,17 @@ from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
 from tests.attack import drawing
 from tests.attack.arms import ArmGeometry
 from tests.attack.law import tendon_energy, tendon_tensions
+from tests.attack.minima import minimum
 from tests.attack.planar import PlanarGeometry
 
-ROWS = 8192
+ROWS, HARD_ROWS = 8192, 512
 STEPS_WITH_FRICTION = 4
 PLACE, LENGTH = 1e-7, 1e-7  # mm: how far poses and lengths may be off
 BALANCE = 1e-7  # N·mm, and times 1e-7 of the sum of the terms: how far moments may be off
 CLOSED = 1e-4  # mm: a gap below it has no direction that can be recomputed
+HARD = 0.3  # of the rounds with planar chains without friction
+MISSED = 4  # rows without an equilibrium, of one round, that the second solver looks at
+_LIMITS = ((0.0, np.inf), (0.0, 15.0), (0.5, 30.0))
 _AT_END = 1e-9  # rad
 
 
@@ -48,7 +52,7 @@ class Case:
 class _Recomputed:
     def __init__(self, case, result):
         self.case, self.result = case, result
-        self.geometry = (ArmGeometry if hasattr(case.mechanism, "beads") else PlanarGeometry)(case.mechanism)
+        self.geometry = geometry_of(case.mechanism)
         self.rows = np.flatnonzero(Status.usable(result.status))
 
     def faults(self, invalid):
@@ -139,14 +143,25 @@ def draw(rng, family, with_friction=False):
     starts = np.repeat(np.array(chain.neutral_angles)[None], rows, axis=0)
     if rng.random() < 0.5:
         starts = starts + rng.normal(0.0, 0.1, starts.shape)
-    limits = [(0.0, np.inf), (0.0, 15.0), (0.5, 30.0)][rng.integers(3)]
+    limits = _LIMITS[rng.integers(3)]
     return Case(chain, given, drawing.draw_inputs(rng, chain, given, rows), tables, starts, limits)
+
+
+def draw_hard(rng):
+    """A case of a chain that is hard to solve, from cold starts."""
+    chain, given, inputs, tables = drawing.draw_hard(rng, HARD_ROWS)
+    starts = np.repeat(np.array(chain.neutral_angles)[None], HARD_ROWS, axis=0)
+    return Case(chain, given, inputs, tables, starts, _LIMITS[rng.integers(3)])
 
 
 def cases(rng):
     """(case, rows with unusable numbers) of one round; with friction a path of steps."""
     family = "planar" if rng.random() < 0.65 else "arm"
     with_friction = bool(rng.random() < 0.35)
+    if family == "planar" and not with_friction and rng.random() < HARD:
+        case = draw_hard(rng)
+        yield case, np.zeros(len(case.inputs), bool)
+        return
     case = draw(rng, family, with_friction)
     if not with_friction:
         yield case, drawing.spoil(rng, case.inputs, case.starts, case.tables)
@@ -182,6 +197,7 @@ def attack(rng, report):
         again_alone(rng, case, result, report)
         if case.before is None:
             energies(rng, case, result, report)
+            missed(rng, case, result, report)
 
 
 def again_alone(rng, case, result, report):
@@ -196,11 +212,10 @@ def again_alone(rng, case, result, report):
 def energies(rng, case, result, report):
     """Where there is a potential, no small step away from an equilibrium lowers it."""
     spatial = hasattr(case.mechanism, "beads")
-    driving = case.tables[:, :, 7:16] if spatial else case.tables[:, :, 5:7]
     rows = np.flatnonzero(np.asarray(result.status) == Status.CONVERGED)[:16]
-    if not rows.size or np.any(driving[rows]):
+    if not rows.size or not has_potential(case)[rows].all():
         return
-    geometry = (ArmGeometry if spatial else PlanarGeometry)(case.mechanism)
+    geometry = geometry_of(case.mechanism)
     pick, low_high = _Rows(result, rows), limits_of(case.mechanism)
     stiffnesses = np.array([tendon.stiffness for tendon in case.mechanism.tendons])
     potential = tendon_energy(case.inputs[rows], case.given, stiffnesses, case.limits)
@@ -216,6 +231,33 @@ def energies(rng, case, result, report):
     noise = 1e-9 * (1.0 + np.abs(here)) + 1e-9
     _report_lower(report, rows[free & (least < -noise)], case)
     report.count("energies compared by finite differences", int(free.sum()))
+
+
+def missed(rng, case, result, report):
+    """Where there is a potential, no row ends without an equilibrium while a bounded minimiser finds one."""
+    failed = np.isin(np.asarray(result.status), (Status.UNSTABLE, Status.NOT_CONVERGED)) & has_potential(case)
+    report.count("rows with a potential", int(has_potential(case).sum()))
+    report.count("rows with a potential that end without an equilibrium", int(failed.sum()))
+    rows = np.flatnonzero(failed)[:MISSED]
+    if not rows.size:
+        return
+    geometry = geometry_of(case.mechanism)
+    ends = geometry.coordinates(_Rows(result, rows))
+    for row, end in zip(rows.tolist(), ends, strict=True):
+        if minimum(rng, case, geometry, row, end) is not None:
+            name = Status(int(result.status[row])).name
+            report.fail(f"{name} where a minimiser finds a minimum: row {row}", rows=[row], case=case)
+
+
+def has_potential(case):
+    """Rows on which no force turns with its link, (B,)."""
+    driving = case.tables[:, :, 7:16] if hasattr(case.mechanism, "beads") else case.tables[:, :, 5:7]
+    return ~np.any(driving, axis=(1, 2))
+
+
+def geometry_of(mechanism):
+    """What recomputes the mechanism from its description."""
+    return (ArmGeometry if hasattr(mechanism, "beads") else PlanarGeometry)(mechanism)
 
 
 def _report_lower(report, rows, case):

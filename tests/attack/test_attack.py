@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rollingjoint import CapstanFriction, five_link, small_arm
+from rollingjoint import CapstanFriction, Status, five_link, small_arm
+from rollingjoint.planar.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
-from tests.attack import environments, found, inputs, ledger, solves
+from tests.attack import environments, found, inputs, ledger, minima, solves
 from tests.pages import rows
 
 ROWS = 64
@@ -156,3 +157,41 @@ def test_a_few_seconds_of_the_attack(report, monkeypatch):
             report.run(part.attack, number)
     assert report.failures == []
     assert report.counts["solves recomputed"] > 500 and report.counts["inputs"] > 24
+
+
+def test_an_equilibrium_that_only_the_second_solver_finds_is_a_failure(report):
+    case, rng = a_case(five_link(), "lengths"), np.random.default_rng(0)
+    result = case.solve()
+    solves.missed(rng, case, result, report)
+    assert report.failures == [] and report.counts["rows with a potential"] == ROWS
+    lost = replace(result, status=np.where(np.arange(ROWS) == 7, Status.NOT_CONVERGED, result.status))
+    solves.missed(rng, case, lost, report)
+    assert "row 7" in report.failures[0]["what"]
+    case.tables[7, 0, 5] = 0.3  # a force that turns with its link has no potential
+    solves.missed(rng, case, lost, report)
+    assert len(report.failures) == 1
+
+
+@pytest.mark.parametrize("mechanism", [five_link(), small_arm()], ids=lambda chain: chain.name)
+@pytest.mark.parametrize("given", ["tensions", "lengths"])
+def test_the_second_solver_ends_where_the_solver_does(mechanism, given):
+    case, rng = a_case(mechanism, given), np.random.default_rng(1)
+    result, geometry = case.solve(), solves.geometry_of(mechanism)
+    for row in np.flatnonzero(result.ok)[:4].tolist():
+        at = geometry.coordinates(solves._Rows(result, np.array([row])))[0]
+        one = minima.Row(case, geometry, row)
+        step = 1e-6 * rng.normal(size=at.shape)
+        slope = (one.energy(at + 0.05 + step) - one.energy(at + 0.05 - step)) / 2.0
+        assert one.gradient(at + 0.05) @ step == pytest.approx(slope, rel=1e-4, abs=1e-12)
+        assert one.balances(at) and not one.balances(at + 0.05)
+        best = minima.minimum(rng, case, geometry, row, at + 0.05)
+        assert one.balances(best) and one.energy(best) <= one.energy(at) + 1e-7
+
+
+def test_hard_draws_bring_every_kind_of_chain(report):
+    rng, names = np.random.default_rng(0), set()
+    for _ in range(60):
+        case = solves.draw_hard(rng)
+        names.add(case.mechanism.name)
+        assert case.inputs.shape == (solves.HARD_ROWS, case.mechanism.n_tendons)
+    assert names == set(HARD_KINDS)

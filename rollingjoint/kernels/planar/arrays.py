@@ -18,7 +18,7 @@ from rollingjoint.kernels.shared.formulas import formula
 
 N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
 BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
-EDGES = BUCKETS + 1
+BUCKET_ENDS = 2 * BUCKETS
 
 # Columns of State.joint, in the proximal link's frame: cos and sin of the angle, contact point, origin of the distal
 # link, rate d contact point / d angle
@@ -36,7 +36,7 @@ class Chain(NamedTuple):
     """
 
     joints: Annotated[Floats, "D", "J", 3]  # smallest and largest angle, buckets per radian
-    buckets: Annotated[Integers, "D", "J", EDGES]  # first cell of every bucket, and the last cell
+    buckets: Annotated[Integers, "D", "J", BUCKET_ENDS]  # first and last cell of every bucket
     cells: Annotated[Floats, "cells", 4]  # smallest and largest angle, middle, 2 / width
     coefficients: Annotated[Floats, "cells", N_COEFFICIENTS, 8]  # State.joint in powers of a cell's coordinate, -1 to 1
     arc_coefficients: Annotated[Floats, "cells", N_COEFFICIENTS]  # arc length, likewise

@@ -34,7 +34,8 @@ from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
 from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import confirmed, symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.shared.newton import reclassified
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
 
@@ -140,7 +141,7 @@ def fill_generators(chain, loads, state, prox, sweep):
 formula(formulas.direction, Chain)(symmetric_direction)
 formula(formulas.renew, Chain)(unchanged)
 formula(formulas.overshoots, Chain)(unlimited)
-formula(formulas.reconsider, Chain)(confirmed)
+formula(formulas.reconsider, Chain)(reclassified)
 
 
 @formula(formulas.first_tendon_column, Chain)

@@ -19,7 +19,7 @@ def locate(joints, buckets, cells, i, phi):
     place = (phi - joints[i, 0]) * joints[i, 2]
     place = place if place > 0.0 else 0.0  # also where it is not a number
     bucket = int(min(place, BUCKETS - 1.0))
-    cell, last = buckets[i, bucket], buckets[i, bucket + 1]
+    cell, last = buckets[i, 2 * bucket], buckets[i, 2 * bucket + 1]
     while last > cell + 1:
         middle = (cell + last) // 2
         if phi >= cells[middle, 0]:

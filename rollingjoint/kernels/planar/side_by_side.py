@@ -21,10 +21,10 @@ from rollingjoint._numba.simd import WIDTH, any_lane, columns, where
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width, table_rows
 from rollingjoint.kernels.planar import block_formulas
 from rollingjoint.kernels.planar.arrays import (
+    BUCKET_ENDS,
     COS,
     CX,
     CY,
-    EDGES,
     FX,
     FY,
     GX,
@@ -84,7 +84,7 @@ SHORTEST = 1.0 / 64.0  # of a Newton step
 def evaluate_joints(chain, designs, state, rows):
     """Fill state.joint from the tables of each lane's design."""
     angle, joint = numbers(state.angle), state.joint
-    cells, joints, buckets = of_width(chain.cells, 4), of_width(chain.joints, 3), of_width(chain.buckets, EDGES)
+    cells, joints, buckets = of_width(chain.cells, 4), of_width(chain.joints, 3), of_width(chain.buckets, BUCKET_ENDS)
     coefficients = of_width(table_rows(chain.coefficients), N_COEFFICIENTS)
     n_joints = angle.shape[0]
     for i in range(n_joints):

@@ -3,6 +3,7 @@
 Modules:
     arrays: status codes and the tendon law.
     bounds: joint angles between the limits of their joints.
+    descent: the slow, sure way to an equilibrium, where Newton's method ends without one.
     elementary: elementary functions of numbers and SIMD lanes alike.
     formulas: the formulas that each family registers: energy, residual and stiffness.
     friction: capstan friction with memory: tensions, slip and their rates.

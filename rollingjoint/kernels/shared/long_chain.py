@@ -120,11 +120,6 @@ def symmetric_direction(chain, H, sweep, free, residual, L, step):
         descent_step(H, free, residual, L, step)
 
 
-def confirmed(chain, loads, state, free, kind):
-    """`reconsider` where H is the whole derivative of the residual."""
-    return kind
-
-
 def unchanged(chain, state, energy, magnitude):
     """`renew` where the line search holds nothing constant."""
     return energy, magnitude

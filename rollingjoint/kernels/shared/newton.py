@@ -30,7 +30,7 @@ from rollingjoint.kernels.shared.linear import (
     lu_step,
     smallest_real_part,
 )
-from rollingjoint.kernels.shared.long_chain import factor
+from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, factor, new_sweep
 from rollingjoint.kernels.shared.tolerances import (
     MAX_STEP,
     NEGLIGIBLE,
@@ -46,8 +46,10 @@ MAX_ITERATIONS = 200
 _FEWEST_ITERATIONS = 80
 _ALL_ITERATIONS_JOINTS = 220  # up to here; a dense step takes the cube of the joints
 _MOST_DENSE_JOINTS = 1000  # beyond, a single step takes too long
+_MOST_DENSE_EIGEN_JOINTS = 300  # beyond, eigenvalues take too long
 _STAGED_ITERATIONS = 1000  # with 300 joints, in all the stages of a load that grows
 _STALLED_FLOOR = 1e-10  # N·mm: good enough where rounding stops the descent
+_ROUNDING_OF_LENGTH = 4e-16  # relative
 _MAX_HALVINGS = 40
 
 
@@ -68,7 +70,8 @@ def most_staged_iterations(n_joints):
 
 
 @part
-def _proximal_energy(state, prox, anchor):
+def proximal_energy(state, prox, anchor):
+    """prox/2 |angle - anchor|²."""
     energy = 0.0
     for i in range(anchor.size):
         energy += 0.5 * prox * (state.angle[i] - anchor[i]) ** 2
@@ -76,7 +79,8 @@ def _proximal_energy(state, prox, anchor):
 
 
 @part
-def _proximal_residual(state, prox, anchor, out):
+def proximal_residual(state, prox, anchor, out):
+    """Fill out with the residual, the proximal term included."""
     for i in range(anchor.size):
         out[i] = state.residual[i] + prox * (state.angle[i] - anchor[i])
 
@@ -109,7 +113,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
     angle = state.angle
     n = angle.size
     phi, residual = work[0], work[1]
-    _proximal_residual(state, prox, anchor, residual)
+    proximal_residual(state, prox, anchor, residual)
     squared = 0.0
     for i in range(n):
         phi[i] = angle[i]
@@ -120,7 +124,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
         restored = attempt == _MAX_HALVINGS
         move(chain, phi, step, 0.0 if restored else t, angle)
         new_energy, new_magnitude, scale = evaluate(chain, law, loads, state)
-        new_energy += _proximal_energy(state, prox, anchor)
+        new_energy += proximal_energy(state, prox, anchor)
         new_worst = mark_free(chain, state, prox, anchor, free)
         if conservative:
             slope, new_slope = 0.0, 0.0
@@ -141,6 +145,16 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
             break
         t *= 0.5
     return not restored, new_energy, new_magnitude, scale, new_worst
+
+
+@part
+def _stalled_goal(state, scale):
+    """The residual that is good enough where rounding stops the descent, also that of the lengths of stiff tendons."""
+    pull = 0.0
+    for j in range(state.length.size):
+        for i in range(state.angle.size):
+            pull = max(pull, state.elastic[j] * state.length[j] * abs(state.gap[i, j, 1]))
+    return min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale, _ROUNDING_OF_LENGTH * pull))
 
 
 @part
@@ -187,19 +201,36 @@ def classify(H, sweep, free, L):
     return INDETERMINATE if smallest > -1e-9 * size else UNSTABLE
 
 
+def reclassified(chain, loads, state, free, kind):
+    """`reconsider` where H is the whole derivative of the residual.
+
+    The pivots of a long chain lose what is small beside its largest lever, so that an UNSTABLE by them is judged again
+    by the eigenvalues of the dense H.
+    """
+    n = free.size
+    if kind != UNSTABLE or n <= DENSE_JOINTS or n > _MOST_DENSE_EIGEN_JOINTS:
+        return kind
+    H = np.empty((n, n))
+    stiffness(chain, loads, state, H)
+    return classify(H, new_sweep(0, 0), free, np.empty((n, n)))
+
+
 @part
-def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep):
+def minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep):
     """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|).
 
-    Under conservative loads it leaves up to `most_escapes` saddles along their negative curvature.
+    most: iterations, unless dense steps of so many joints allow fewer. Under conservative loads it leaves up to
+    `most_escapes` saddles along their negative curvature.
     """
     n = state.angle.size
+    most = min(most, most_iterations(0 if sweep.diagonal.size > 0 else n))
     return _minimise(
         chain,
         law,
         loads,
         conservative,
         most_escapes,
+        most,
         prox,
         anchor,
         state,
@@ -212,17 +243,16 @@ def minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state,
 
 
 @part
-def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state, H, sweep, L, vectors, free):
+def _minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep, L, vectors, free):
     """minimise with its scratch space."""
     H, sweep, L, vectors, free = borrow(H), borrow(sweep), borrow(L), borrow(vectors), borrow(free)
     residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
     n = state.angle.size
     long = sweep.diagonal.size > 0
     energy, magnitude, scale = evaluate(chain, law, loads, state)
-    energy, magnitude = renew(chain, state, energy + _proximal_energy(state, prox, anchor), magnitude)
+    energy, magnitude = renew(chain, state, energy + proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
-    most = most_iterations(0 if long else n)
     for iteration in range(most):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:
@@ -231,7 +261,7 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
             stiffness(chain, loads, state, H)
             for i in range(n):
                 H[i, i] += prox
-        if worst <= goal or (stalled and worst <= min(RESIDUAL_LIMIT, max(_STALLED_FLOOR, 1e-8 * scale))):
+        if worst <= goal or (stalled and worst <= _stalled_goal(state, scale)):
             kind = classify(H, sweep, free, L)
             if kind != CONVERGED:
                 kind = reconsider(chain, loads, state, free, kind)
@@ -245,7 +275,7 @@ def _minimise(chain, law, loads, conservative, most_escapes, prox, anchor, state
         elif stalled:
             return NOT_CONVERGED, iteration, worst
         else:
-            _proximal_residual(state, prox, anchor, residual)
+            proximal_residual(state, prox, anchor, residual)
             newton_step(chain, state, H, sweep, conservative, damping, free, residual, L, step)
         moved, energy, magnitude, scale, worst = _line_search(
             chain, law, loads, prox, anchor, conservative, step, state, free, energy, magnitude, worst, work

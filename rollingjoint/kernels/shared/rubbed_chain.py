@@ -16,8 +16,9 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED
+from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
 from rollingjoint.kernels.shared.bounds import begin, moved
+from rollingjoint.kernels.shared.descent import most_descent_steps
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
@@ -42,9 +43,10 @@ from rollingjoint.kernels.shared.friction import (
 from rollingjoint.kernels.shared.linear import descent_step, downhill_step
 from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
 from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
-from rollingjoint.kernels.shared.newton import classify, minimise
+from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, classify, minimise
 from rollingjoint.kernels.shared.settle import long_joints, settle
 
+_FEW_ITERATIONS = 40
 _SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
 
 
@@ -288,22 +290,60 @@ def reconsider(chain, loads, state, free, kind):
 def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, law, loads, start, state, memory):
     """The step with friction from its history, begun at joint angles `start`; returns what `settle` returns.
 
-    Where it fails, it is solved with a softer presliding first: only the start of Newton's method is another one.
+    Where it fails, Newton's method goes by the magnitude of the residual, then the step is solved with a softer
+    presliding first, then by the slow descent: only the way to the equilibrium is another one.
     """
     n = long_joints(start.size, conservative)
     _soften(friction, 1.0, memory.law)
     one = rubbed(chain, before, memory, n, columns, conservative)
     sweep = new_sweep(n, one.lu.U.shape[1] + columns)
     H = np.empty((start.size - n, start.size - n))
-    status, count, worst = settle(one, conservative, most_escapes, law, loads, start, state, H, sweep)
+    how = one, conservative, most_escapes, _patience(friction), False
+    status, count, worst = settle(*how, law, loads, start, state, H, sweep)
+    if status == NOT_CONVERGED and conservative:
+        found = _by_residual(chain, before, memory, columns, law, loads, start, state)
+        count += found[1]
+        if found[0] < UNSTABLE:
+            return found[0], count, found[2]
     if status == NOT_CONVERGED:
         begin(one, start, state.angle)
         for softness in _SOFTER:
             _soften(friction, softness, memory.law)
-            found = minimise(one, law, loads, conservative, most_escapes, 0.0, start, state, H, sweep)
+            how = one, law, loads, conservative, most_escapes, MAX_ITERATIONS
+            found = minimise(*how, 0.0, start, state, H, sweep)
             status, iterations, worst = found
             count += iterations
+    if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
+        dense = rubbed(chain, before, memory, 0, columns, True)
+        H, sweep = np.empty((start.size, start.size)), new_sweep(0, 0)
+        how = dense, conservative, most_escapes, MAX_ITERATIONS, True
+        found = settle(*how, law, loads, start, state, H, sweep)
+        status, iterations, worst = found
+        count += iterations
     return status, count, worst
+
+
+@part
+def _patience(friction):
+    """Iterations of Newton's method on the incremental potential: under constant friction forces it may cycle."""
+    for j in range(friction.tendons.shape[0]):
+        if friction.tendons[j, CONSTANT] > 0.0:
+            return _FEW_ITERATIONS
+    return MAX_ITERATIONS
+
+
+@part
+def _by_residual(chain, before, memory, columns, law, loads, start, state):
+    """The step from its start by Newton's method with a line search on |r|; returns what `minimise` returns.
+
+    The incremental potential changes with the grips after every search, and constant friction forces that use up a
+    tension make it jump; the residual does not. It also leads to unstable equilibria.
+    """
+    n = start.size
+    dense = rubbed(chain, before, memory, 0, columns, False)
+    begin(dense, start, state.angle)
+    how = dense, law, loads, False, 0, MAX_ITERATIONS
+    return minimise(*how, 0.0, start, state, np.empty((n, n)), new_sweep(0, 0))
 
 
 @part

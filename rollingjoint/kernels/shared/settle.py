@@ -5,6 +5,7 @@ from __future__ import annotations
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import INDETERMINATE, UNSTABLE
 from rollingjoint.kernels.shared.bounds import begin, moved
+from rollingjoint.kernels.shared.descent import descend
 from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS
 from rollingjoint.kernels.shared.newton import minimise
 from rollingjoint.kernels.shared.relaxation import relax
@@ -20,18 +21,22 @@ def long_joints(n_joints, conservative):
 
 
 @part
-def settle(chain, conservative, most_escapes, law, loads, start, state, H, sweep):
+def settle(chain, conservative, most_escapes, most, careful, law, loads, start, state, H, sweep):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, largest free |r|).
 
     Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
     falls to 0: it ends at the admissible pose nearest the start.
+
+    careful: whether Newton's method begins where the slow descent (descent.py) ends.
     """
     last = len(_PROXIMAL_PATH) - 1
     count, phase, size = 0, 0, 0.0
     begin(chain, start, state.angle)
     while True:
         prox = size * _PROXIMAL_PATH[phase]
-        found = minimise(chain, law, loads, conservative, most_escapes, prox, start, state, H, sweep)
+        if careful:
+            count += descend(chain, law, loads, conservative, prox, start, state)
+        found = minimise(chain, law, loads, conservative, most_escapes, most, prox, start, state, H, sweep)
         status, iterations, worst = found
         count += iterations
         if phase == last:
@@ -44,7 +49,7 @@ def settle(chain, conservative, most_escapes, law, loads, start, state, H, sweep
                     size = max(size, law.stiffness[j] * state.gap[i, j, 1] ** 2)
             begin(chain, start, state.angle)
             phase = 1
-        elif status >= UNSTABLE and not conservative:
+        elif status >= UNSTABLE and not conservative and not careful:
             begin(chain, start, state.angle)
             count += relax(chain, law, loads, state, H, sweep)
             phase = last

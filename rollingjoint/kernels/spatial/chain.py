@@ -11,7 +11,8 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import confirmed, symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.shared.newton import reclassified
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 from rollingjoint.kernels.spatial.arrays import (
     BODY_FORCE,
@@ -282,7 +283,7 @@ def _add_followers(state, m, H):
 formula(formulas.direction, Hinges)(symmetric_direction)
 formula(formulas.renew, Hinges)(unchanged)
 formula(formulas.overshoots, Hinges)(unlimited)
-formula(formulas.reconsider, Hinges)(confirmed)
+formula(formulas.reconsider, Hinges)(reclassified)
 
 
 @formula(formulas.first_tendon_column, Hinges)

@@ -2,7 +2,8 @@
 
 Long chains whose loads all have a potential take the O(n) steps of long_chain.py. Where the energy decides, an unstable
 equilibrium is left downhill and counted, here and not in Newton's method. Where something has no potential, or Newton's
-method does not converge, the overdamped motion from the start follows, then loads and tendons grow from nothing.
+method does not converge, the overdamped motion from the start follows, then loads and tendons grow from nothing; the
+slow descent comes last.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.shared.bounds import begin, mark_free, move
+from rollingjoint.kernels.shared.descent import most_descent_steps
 from rollingjoint.kernels.shared.formulas import evaluate, stiffness
 from rollingjoint.kernels.shared.long_chain import new_sweep
-from rollingjoint.kernels.shared.newton import escape_direction, minimise, most_staged_iterations
+from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.shared.relaxation import relax
 from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
-from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints
+from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
 from rollingjoint.kernels.spatial.arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
 from rollingjoint.kernels.spatial.springs import has_springs
 
@@ -68,7 +70,9 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
     free, step = np.ones(n, np.bool_), np.empty(n)
     count, escapes = 0, 0
     while True:
-        status, iterations, worst = minimise(chain, law, loads, conservative, 0, 0.0, anchor, state, H, sweep)
+        status, iterations, worst = minimise(
+            chain, law, loads, conservative, 0, MAX_ITERATIONS, 0.0, anchor, state, H, sweep
+        )
         count += iterations
         if status != UNSTABLE or not conservative or escapes == MOST_ESCAPES:
             break
@@ -150,6 +154,11 @@ def solve_hinges(chain, law, loads, start, rest, state):
     if status >= UNSTABLE:
         scratch = np.empty((3, law.low.size)), np.empty(loads.shape)
         status, more, worst, escapes = _grow(chain, law, loads, conservative, rest, state, H, sweep, *scratch)
+        count += more
+    if status >= UNSTABLE and conservative and most_descent_steps(start.size) > 0:
+        how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, True
+        found = settle(*how, law, loads, start, state, H, sweep)
+        status, more, worst = found
         count += more
     return status, count, worst, escapes
 

@@ -1,9 +1,20 @@
 """Variations of a chain, whose arrays are filled all at once, are the chains that are built one by one."""
 
+import pickle
+
 import numpy as np
 import pytest
 
+from rollingjoint import (
+    CapstanFriction,
+    InvalidInput,
+    WorldForce,
+    solve_lengths_batch,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.mechanism import stack
+from rollingjoint.planar import variations as variations_module
 from rollingjoint.planar.variations import ChainVariations, varied_chain
 from rollingjoint.presets import five_link, two_segment
 
@@ -51,3 +62,40 @@ def test_taken_variations_are_those_of_the_other_and_the_rest_stays(mm):
         assert np.allclose(joints, expected.joints) and np.allclose(first.arrays.coefficients, expected.coefficients)
     other = ChainVariations(nominal, *drawn(nominal, 5, 0.3 - 0.3 * bool(mm), 0.0, 0.2))
     assert not first.take(np.array([0]), other, np.array([0]))
+
+
+@pytest.mark.parametrize("mm", [0.0, 0.3])
+def test_batches_take_variations_without_building_a_chain(mm, monkeypatch):
+    nominal = five_link().replace(friction=CapstanFriction(0.1, 0.05))
+    variations = ChainVariations(nominal, *drawn(nominal, 5, mm, 0.1 * mm, 0.2))
+    chains = list(ChainVariations(nominal, *drawn(nominal, 5, mm, 0.1 * mm, 0.2)))
+    lengths = nominal.neutral_lengths - np.random.default_rng(1).uniform(0.0, 3.0, (5, 2))
+    loads = [WorldForce(-1, (0.2, 0.0))]
+    expected = solve_lengths_batch(chains, lengths, loads)
+    stepped = solve_lengths_batch(chains, lengths - 0.5, loads, history=expected.friction_state)
+    with monkeypatch.context() as patched:
+        patched.setattr(variations_module, "varied_chain", None)
+        result = solve_lengths_batch(variations, lengths, loads)
+        tight = solve_tensions_batch(variations, np.ones((5, 2)), loads)
+    assert result.ok.all() and tight.ok.all()
+    again = solve_lengths_batch(variations, lengths - 0.5, loads, history=expected.friction_state)
+    for mine, theirs in ((result, expected), (again, stepped)):
+        assert np.allclose(mine.poses, theirs.poses, rtol=0, atol=1e-9)
+        assert np.allclose(mine.tensions, theirs.tensions, rtol=0, atol=1e-7)
+    with pytest.raises(InvalidInput, match="one per row"):
+        solve_lengths_batch(variations, lengths[:4])
+
+
+def test_an_equilibrium_of_variations_keeps_the_mechanisms_that_were_solved():
+    nominal = five_link()
+    first, second = (ChainVariations(nominal, *drawn(nominal, 3, 0.3, 0.03, 0.2, seed)) for seed in (1, 2))
+    solved = solve_tensions_batch(first, np.ones((3, 2)))
+    stiffnesses = np.array(first.stiffnesses)
+    assert first.take(np.arange(3), second, np.arange(3))
+    assert np.array_equal([chain.stiffnesses for chain in solved.mechanism], stiffnesses)
+    row = solved.row(-1)
+    assert row.mechanism is solved.mechanism[2] and len(solved.mechanism[1:]) == 2
+    alone = solve_tensions(row.mechanism, (1, 1))
+    assert np.allclose(row.arc_lengths, alone.arc_lengths, rtol=0, atol=1e-8)
+    kept = pickle.loads(pickle.dumps(solved))
+    assert np.array_equal([chain.stiffnesses for chain in kept.mechanism], stiffnesses)

@@ -348,3 +348,17 @@ def test_what_hinges_cannot_have_is_refused_in_one_line():
     assert not rubbed(small_arm(model="linear"), 0.0).has_friction
     doubled = rubbed(small_arm()).scaled(np.full(4, 2.0), np.ones(4), np.ones(4))
     assert doubled.friction == CapstanFriction(0.1)
+
+
+@pytest.mark.parametrize("constant", [0.02, 0.3])
+def test_constant_forces_that_use_up_the_tension_of_slack_tendons_stop_no_walk(constant):
+    arm, rng = small_arm(20).replace(friction=CapstanFriction(0.1, 0.02, constant=constant)), np.random.default_rng(0)
+    begin = solve_tensions(arm, np.full(4, 3.0))
+    first = begin.lengths - begin.tensions / arm.stiffnesses
+    commands = np.tile(first, (2, 1))
+    history = FrictionState(*(np.repeat(array[None], 2, axis=0) for array in begin.friction_state))
+    for _ in range(30):
+        commands = np.clip(commands + rng.uniform(-1.0, 1.0, commands.shape), first - 12.0, first + 12.0)
+        found = solve_lengths_batch(arm, commands, tension_limits=(0.005, 15.0), history=history)
+        assert found.ok.all() and np.all(found.residual <= 1e-8)
+        history = found.friction_state
