@@ -317,7 +317,7 @@ class Solution(ABC):
             SolverError: when it is not a stable equilibrium.
         """
         if not np.all(self.ok):
-            statuses = sorted({Status(code) for code in self._codes.flat} - {Status.CONVERGED, Status.AT_LIMIT})
+            statuses = sorted({Status(int(code)) for code in self._codes.flat} - {Status.CONVERGED, Status.AT_LIMIT})
             raise SolverError("; ".join(f"{status.name}: {status.message}" for status in statuses))
         return self
 
