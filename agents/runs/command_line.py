@@ -12,13 +12,14 @@ from typing import Any
 from agents.runs.pickles import pickle_warnings
 from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
+from rollingjoint.interrupts import INTERRUPTED, interrupted, interruptible
 from rollingjoint.tables import print_any_character
 
-FAILED, INTERRUPTED = 2, 130
+FAILED = 2
 
 
 def exit_code(command: Callable[[], int], trust: bool = False) -> int:
-    """The exit code of `command`; errors that a user can fix become one line and code 2.
+    """The exit code of `command`; errors that a user can fix become one line and code 2, Ctrl-C one line and code 130.
 
     Args:
         trust: whether pickles of run folders are read without a warning.
@@ -26,7 +27,7 @@ def exit_code(command: Callable[[], int], trust: bool = False) -> int:
     print_any_character()
     try:
         with pickle_warnings(trust):
-            return command()
+            return interruptible(command)
     except (RollingJointError, OSError) as error:
         print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
@@ -35,9 +36,8 @@ def exit_code(command: Callable[[], int], trust: bool = False) -> int:
             raise
         print("error:", missing, file=sys.stderr)
         return FAILED
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+    except KeyboardInterrupt:  # after the command
+        return interrupted()
 
 
 @contextmanager
