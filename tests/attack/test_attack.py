@@ -1,6 +1,7 @@
 """The attack itself: it notices what is wrong, keeps what it finds, adds up what it has done; a few seconds of it."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -178,6 +179,7 @@ def test_a_bad_end_after_ctrl_c_is_noticed(started, code, seconds, left, fault):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 @pytest.mark.parametrize("name", ["rj loop", "campaign", "evaluate, two jobs", "campaign, killed"])
 def test_ctrl_c_and_kills_at_a_moment_of_a_command(name, report):
     report.round = signals.ROUND.index(name)

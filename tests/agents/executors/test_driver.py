@@ -187,6 +187,7 @@ time.sleep(60)
 
 
 @pytest.mark.slow  # imports twice
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_a_process_whose_parent_is_killed_before_its_unit_begins_ends():
     with subprocess.Popen([sys.executable, "-c", PARENT], env=sources_first(), stdout=subprocess.PIPE) as parent:
         worker = int(parent.stdout.readline())
