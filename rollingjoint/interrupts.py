@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, Self
 
 INTERRUPTED = 130  # the exit code
 PATIENCE = 3.0  # s from Ctrl-C to the end of the process, if the exception does not end it before
@@ -67,8 +66,8 @@ class Interruptible:
         self._give_up, self._for_good = give_up or _end_process, for_good
         self._is_lost = self._is_over = False
 
-    def __enter__(self) -> Self:
-        self._before: Any = None
+    def __enter__(self) -> Interruptible:
+        self._before: Callable[[int, FrameType | None], object] | int | None = None
         if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
             self._report, sys.unraisablehook = sys.unraisablehook, self._raise_again
             self._before = signal.signal(signal.SIGINT, self._interrupt)
@@ -89,7 +88,7 @@ class Interruptible:
         self._is_lost = False
         raise KeyboardInterrupt
 
-    def _raise_again(self, lost: Any) -> None:
+    def _raise_again(self, lost: sys.UnraisableHookArgs) -> None:
         """In place of a report of an exception that nobody catches, as in a callback: it is raised later."""
         if lost.exc_type is not KeyboardInterrupt:
             self._report(lost)

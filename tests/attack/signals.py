@@ -27,6 +27,11 @@ LINGER = 3.0  # s after the end of a command in which what it has started ends
 ORPHANS = 8.0  # s that a unit may take to stop after its parent was killed
 HANGS = 60.0  # s: not waited for any longer
 MARK = "ROLLINGJOINT_ATTACK"
+_FIRST = {
+    "agents/__init__.py",
+    "rollingjoint/__init__.py",
+    "rollingjoint/interrupts.py",
+}  # Python runs before all others
 _SAID = re.compile(r"^(interrupted|stopped by SIGINT|rj warmup: interrupted)", re.MULTILINE)
 _TINY = ("total_timesteps=400", "env.n_envs=2", "env.settings.episode_steps=10", "policy.hidden=[8]",
          "evaluation.every=200", "evaluation.episodes=2", "checkpoint_every=200",
@@ -133,7 +138,8 @@ def _faults(started, code, seconds, left, before):
     """What is wrong with how it ended; ["Python's"] if the interpreter had not come to our code, or had left it."""
     output, errors = started.output(), started.errors()
     had_ended = code in (0, -signal.SIGINT) and not errors and seconds < 1.0
-    if had_ended or ("Traceback" in errors and str(ROOT) not in errors):
+    files = set(re.findall(rf'File "{re.escape(str(ROOT))}/([^"]+)"', errors))
+    if had_ended or ("Traceback" in errors and files <= _FIRST):
         return ["Python's"]
     faults = []
     if code is None or seconds > LIMIT:

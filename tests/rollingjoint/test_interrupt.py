@@ -147,6 +147,32 @@ def test_a_follower_force_on_a_long_arm_ends_in_the_stated_time(beads, seed):
     assert time.process_time() - begin < 15.0
 
 
+WHILE_LAPACK_IS_IMPORTED = """
+import signal, sys
+import numpy as np
+from rollingjoint import solve_tensions_batch, two_segment
+
+class PressesCtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith("scipy.linalg"):
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, PressesCtrlC())
+rng = np.random.default_rng(0)
+tensions = rng.uniform(0, 3, (300, 4)) * (rng.random((300, 4)) < 0.5)  # slack: LAPACK is asked for eigenvalues
+try:
+    solve_tensions_batch(two_segment(), tensions)
+except KeyboardInterrupt:
+    print("interrupted")
+print(len(solve_tensions_batch(two_segment(), tensions).status))
+"""
+
+
+def test_ctrl_c_while_lapack_is_imported_is_no_fatal_error(run_python):
+    assert run_python("-c", WHILE_LAPACK_IS_IMPORTED) == "interrupted\n300\n"
+
+
 def callees(call):
     """What a call calls in Python: file name, function name and text of its arguments."""
     seen = []
