@@ -21,7 +21,7 @@ help:
 	@echo "make wheels    build the wheel and use it from an empty folder (PYTHONS=\"python3.12 python3.14\": with these)"
 	@echo "make sbom      the same, which leaves the wheel and its bill of materials (CycloneDX) in dist/"
 	@echo "make fuzz      the standing attack, three minutes with new seeds (MINUTES=1: one); docs/reliability.md"
-	@echo "make fuzz-long the same until its goals are reached (about an hour; again: goes on)"
+	@echo "make fuzz-long the same until its goals are reached (one to two hours; again: goes on)"
 	@echo "make speed     measure everything and rewrite docs/speed.md (some minutes, nothing else running)"
 	@echo "make campaign  train the runs of docs/results.md into runs/instrument (some hours; again: goes on)"
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
@@ -89,7 +89,7 @@ fuzz: setup
 
 fuzz-long: setup
 	@echo "==> Attacking until every goal is reached"
-	@$(BIN)/python -m tests.attack --goals --minutes 90 --out runs/attack.json
+	@$(BIN)/python -m tests.attack --goals --minutes 150 --out runs/attack.json
 
 speed: setup
 	@echo "==> Measuring"

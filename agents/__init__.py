@@ -25,5 +25,7 @@ Modules:
     view: python -m agents.view: episodes and designs in a browser.
     viewer: its rooms.
 
-Nothing is imported here: torch and Stable-Baselines3 are loaded by the modules that need them.
+Torch and Stable-Baselines3 are loaded by the modules that need them.
 """
+
+from rollingjoint import interrupts as _interrupts  # noqa: F401 (it handles Ctrl-C while a command is imported)

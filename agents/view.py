@@ -28,7 +28,7 @@ EXPOSED = "allow addresses that other machines can reach"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code of the command: 0 stopped by Ctrl-C, 2 an error."""
+    """Exit code of the command: 130 stopped by Ctrl-C, 2 an error."""
     parser = argparse.ArgumentParser(prog="python -m agents.view", description="Mechanisms in a browser.")
     parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
@@ -90,7 +90,7 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
     print(f"Open {viewer.url} in a browser; Ctrl-C stops.", flush=True)
     try:
         threading.Event().wait()
-    except KeyboardInterrupt:
+    finally:
         viewer.stop()
     return 0
 

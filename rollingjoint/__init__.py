@@ -13,6 +13,7 @@ Modules:
     family: the interface of a family of mechanisms.
     friction: coefficients of friction, and what it remembers.
     identify: parameters of a mechanism from measurements.
+    interrupts: Ctrl-C in commands.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
@@ -32,6 +33,9 @@ Modules:
     warmup: all kernels compiled in advance, in several processes.
 """
 
+from rollingjoint import interrupts as _interrupts  # noqa: F401 (first: it handles Ctrl-C while a command is imported)
+
+# isort: split
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce

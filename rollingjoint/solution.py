@@ -40,7 +40,16 @@ class Status(IntEnum):
     @staticmethod
     def usable(status: ArrayLike) -> NDArray[np.bool_]:
         """True where the result is a stable equilibrium, at a joint limit or not."""
-        return np.asarray(status) <= Status.AT_LIMIT
+        return codes_of(status) <= int(Status.AT_LIMIT)
+
+
+def codes_of(status: ArrayLike) -> NDArray[np.int64]:
+    """Statuses as integers, () of a single one.
+
+    NumPy would ask the class of an enum for attributes, and drop whatever is raised meanwhile: in Python 3.11, where
+    that runs Python code, a Ctrl-C too.
+    """
+    return np.asarray(int(status) if isinstance(status, Status) else status)
 
 
 _MESSAGES = {
@@ -71,7 +80,8 @@ def stacked(solutions: Sequence[Any]) -> Any:
     rows = max(len(one.loads) for one in solutions)
     tables = [np.pad(one.loads, ((0, rows - len(one.loads)), (0, 0))) for one in solutions]
     names = [each.name for each in fields(first) if each.name not in ("mechanism", "loads", "friction")]
-    arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names}
+    arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names if name != "status"}
+    arrays["status"] = np.array([int(one.status) for one in solutions])
     friction = None
     if any(one.friction is not None for one in solutions):
         steps = [one.friction or _no_friction(one) for one in solutions]
@@ -155,7 +165,7 @@ class Solution(ABC):
     def __post_init__(self) -> None:
         """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
         one = self.mechanism[0] if isinstance(self.mechanism, tuple) else self.mechanism
-        rows = np.shape(self.status)
+        rows = self._codes.shape
         for name, shape in self._shapes(one.n_joints, one.n_tendons).items():
             check_shape(name, getattr(self, name), (*rows, *shape))
         if self.friction is not None:
@@ -193,6 +203,11 @@ class Solution(ABC):
         usable = Status.usable(self.status)
         return bool(usable) if usable.ndim == 0 else usable
 
+    @property
+    def _codes(self) -> NDArray[np.int64]:
+        """(B,) or () status as integers."""
+        return codes_of(self.status)
+
     def row(self, index: int) -> Self:
         """One equilibrium of many."""
         names = [each.name for each in fields(self) if each.name not in ("mechanism", "loads", "status", "friction")]
@@ -200,7 +215,7 @@ class Solution(ABC):
         plain = {name: value.item() if np.ndim(value) == 0 else value for name, value in values.items()}
         mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
         friction = None if self.friction is None else self.friction.row(index)
-        status = Status(int(np.asarray(self.status)[index]))
+        status = Status(int(self._codes[index]))
         rest = {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
         return self.filled(plain | rest)
 
@@ -256,7 +271,7 @@ class Solution(ABC):
         """
         if self.friction is not None:
             return self.friction.work
-        return 0.0 if np.ndim(self.status) == 0 else np.zeros(np.size(self.status))
+        return 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
 
     @abstractmethod
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
@@ -272,7 +287,7 @@ class Solution(ABC):
     @cached_property
     def stiffness(self) -> Array:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
-        known = np.asarray(self.status) != Status.INVALID_INPUT
+        known = self._codes != int(Status.INVALID_INPUT)
         loads = np.where(known[..., None, None], self.loads, 0.0)
         angles = self._rows(self.joint_angles)
         if self.friction is not None:
@@ -302,24 +317,24 @@ class Solution(ABC):
             SolverError: when it is not a stable equilibrium.
         """
         if not np.all(self.ok):
-            statuses = sorted({Status(code) for code in np.ravel(self.status)} - {Status.CONVERGED, Status.AT_LIMIT})
+            statuses = sorted({Status(int(code)) for code in self._codes.flat} - {Status.CONVERGED, Status.AT_LIMIT})
             raise SolverError("; ".join(f"{status.name}: {status.message}" for status in statuses))
         return self
 
     def __repr__(self) -> str:
         kind = type(self).__name__
         name = repr("several mechanisms" if isinstance(self.mechanism, tuple) else self.mechanism.name)
-        if np.ndim(self.status):
-            codes, counts = np.unique(self.status, return_counts=True)
+        if self._codes.ndim:
+            codes, counts = np.unique(self._codes, return_counts=True)
             found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
-            return f"<{kind} of {name}, {np.size(self.status)} rows: {found or 'none'}>"
+            return f"<{kind} of {name}, {self._codes.size} rows: {found or 'none'}>"
         point = ", ".join(f"{x:.3f}" for x in self.tip)
-        return f"<{kind} of {name}: {Status(int(self.status)).name}, tip at ({point}) mm>"
+        return f"<{kind} of {name}: {Status(int(self._codes)).name}, tip at ({point}) mm>"
 
     @cached_property
     def _designs(self) -> tuple[Any, NDArray[np.int64]]:
         """The arrays of the mechanisms, and which of them each row has."""
-        return designs_of(self.mechanism, np.size(self.status))
+        return designs_of(self.mechanism, self._codes.size)
 
     @abstractmethod
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
@@ -365,7 +380,7 @@ class Solution(ABC):
     def _with_friction(self) -> tuple[Array, Array]:
         """(n - 1, n - 1) d residual / d joint angle, (n - 1, m) d residual / d tension, after a step with friction."""
         assert self.friction is not None
-        known = np.asarray(self.status) != Status.INVALID_INPUT
+        known = self._codes != int(Status.INVALID_INPUT)
         loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
         states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
@@ -378,4 +393,4 @@ class Solution(ABC):
 
     def _rows(self, values: Array, axes: int = 1) -> Array:
         """A copy with a leading axis of rows, in the form that kernels are compiled for."""
-        return np.array(values, float, order="C").reshape(np.size(self.status), *values.shape[values.ndim - axes :])
+        return np.array(values, float, order="C").reshape(self._codes.size, *values.shape[values.ndim - axes :])

@@ -115,7 +115,7 @@ def episode_floor(
     def at(step: int) -> Floor:
         wanted = tensions[:, min(step, tensions.shape[1] - 1)]
         found = solve_tensions_batch(chains, wanted, pulled)
-        lost = found.status > Status.AT_LIMIT
+        lost = found.status > int(Status.AT_LIMIT)
         targets = (
             found.tip
             if not lost.any()
@@ -222,7 +222,7 @@ def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
     errors = np.where(allowed, np.linalg.norm(points.misses, axis=1), np.inf)
     order = np.lexsort((errors, episodes))
     best = order[np.unique(episodes[order], return_index=True)[1]]
-    status = np.where(ended & allowed, points.status, Status.NOT_CONVERGED)
+    status = np.where(ended & allowed, points.status, int(Status.NOT_CONVERGED))
     chosen = points.take(best)
     return Floor(errors[best], chosen.tips, chosen.tensions, chosen.commands, chosen.angles, status[best])
 

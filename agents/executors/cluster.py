@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import platform
+import signal
 import socket
 import tempfile
 import time
@@ -15,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.executors.protocol import UnitStopped, WorkerLost
-from agents.executors.worker import Answer, answered, prepare
+from agents.executors.worker import Answer, answered, end_process, prepare
 from rollingjoint import __version__
 from rollingjoint.errors import ConfigError
+from rollingjoint.interrupts import Interruptible
 
 MEMORY = 2**30  # bytes per unit: a training of PPO takes some 600 MB
 LOOPBACK = ("127.0.0.1", "localhost")
@@ -42,6 +44,7 @@ class RayExecutor:
         remote = self._ray.remote(num_cpus=1, memory=memory, max_retries=0)
         self._answer = remote(_answer_there)
         self._references: dict[Future[Any], Any] = {}
+        self._stopped: set[Future[Any]] = set()
         self._slots, self._looked = 1, -REFRESH
 
     @property
@@ -64,6 +67,7 @@ class RayExecutor:
         """Ask Ray to interrupt it; one that waits never begins."""
         reference = self._references.get(future)
         if reference is not None:
+            self._stopped.add(future)
             with suppress(self._ray.exceptions.RayError):
                 self._ray.cancel(reference, force=False)
 
@@ -76,7 +80,7 @@ class RayExecutor:
         error = theirs.exception()
         if error is None:
             theirs.result().settle(future)
-        elif isinstance(error, self._ray.exceptions.TaskCancelledError):
+        elif future in self._stopped or isinstance(error, self._ray.exceptions.TaskCancelledError):
             future.set_exception(UnitStopped())
         elif isinstance(error, self._ray.exceptions.RayTaskError):  # such as a function that cannot be imported there
             Answer(failure=_reason(error.cause), details=str(error)).settle(future)
@@ -131,5 +135,7 @@ def _answer_there(version: str, folder: str, function: Callable[..., Any], argum
         return Answer(failure=f"rollingjoint {version} is needed, {place}: install the same version on all machines")
     if Path(folder).is_dir():
         os.chdir(folder)
+    if not callable(signal.getsignal(signal.SIGINT)):  # ignored, if Ray was started in the background of a script
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     prepare()
-    return answered(function, arguments)
+    return answered(function, arguments, Interruptible(end_process))

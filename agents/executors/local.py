@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context, parent_process
+from functools import partial
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from agents.executors.protocol import UnitStopped, WorkerLost
-from agents.executors.worker import THREADS, Answer, answered, prepare
+from agents.executors.worker import THREADS, Answer, answered, end_process, prepare
+from rollingjoint.interrupts import Interruptible
 
+BEGUN = "begun"  # what a process sends when its unit begins: from now on SIGINT stops that unit
+GRACE = 1.0  # s that a process without work may take to end by itself
+ORPHAN = 5.0  # s that a unit may take to stop when the parent has ended
 _environment = threading.Lock()
 
 
@@ -26,7 +32,7 @@ class InlineExecutor:
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """The future of function(*arguments), which has ended."""
         future: Future[Any] = Future()
-        answered(function, arguments).settle(future)
+        answered(function, arguments, Interruptible()).settle(future)
         return future
 
     def cancel(self, future: Future[Any]) -> None:
@@ -41,6 +47,10 @@ class LocalExecutor:
 
     They are in sessions of their own, so that Ctrl-C reaches them through this process alone, and stop their unit as if
     it had been cancelled when this process ends.
+
+    SIGINT goes to a process from its word that a unit has begun to its answer; one that comes too late arrives before
+    the next unit, and is ignored: none is lost, and none stops another unit. A process that has not begun, since it
+    imports or compiles for a minute, is killed.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -50,6 +60,7 @@ class LocalExecutor:
         self._busy: dict[Future[Any], _Worker] = {}
         self._lock = threading.Lock()
         self._stopped: set[Future[Any]] = set()
+        self._is_over = False
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """The future of function(*arguments)."""
@@ -62,35 +73,42 @@ class LocalExecutor:
         with self._lock:
             self._stopped.add(future)
             if worker := self._busy.get(future):
-                worker.interrupt()
+                worker.stop()
 
     def shutdown(self) -> None:
-        """Wait for the units that run, and end the processes."""
+        """Stop the units that are left, wait for them, and end the processes."""
+        with self._lock:
+            self._is_over = True
+            for worker in self._busy.values():
+                worker.stop()
         self._threads.shutdown()
+        for worker in self._idle:
+            worker.dismiss()
         for worker in self._idle:
             worker.end()
 
     def _work(self, future: Future[Any], function: Callable[..., Any], arguments: Any) -> None:
-        with self._lock:
-            if future in self._stopped:
-                future.set_exception(UnitStopped())
-                return
-            worker = self._idle.pop() if self._idle else None
         try:
-            worker = worker or _Worker()
+            worker = self._worker_for(future)
         except OSError as error:  # no memory, or too many processes
             future.set_exception(WorkerLost(f"no process could be started: {error!r}"))
             return
-        with self._lock:
-            self._busy[future] = worker
-            if future in self._stopped:
-                worker.interrupt()
+        if worker is None:
+            future.set_exception(UnitStopped())
+            return
         try:
-            answer = worker.call(function, arguments)
+            worker.send(function, arguments)
+            worker.wait_for_begin()
+            with self._lock:
+                worker.has_begun = True
+                if self._is_stopped(future):
+                    worker.stop()
+            answer = worker.answer()
         except (EOFError, OSError) as error:
             self._forget(future)
             worker.end()
-            future.set_exception(WorkerLost(f"its process was ended by {worker.end_in_words}: {error!r}"))
+            lost = WorkerLost(f"its process was ended by {worker.end_in_words}: {error!r}")
+            future.set_exception(UnitStopped() if self._is_stopped(future) else lost)
         except Exception as error:  # arguments that do not pickle
             self._forget(future, worker)
             future.set_exception(error)
@@ -98,10 +116,26 @@ class LocalExecutor:
             self._forget(future, worker)
             answer.settle(future)
 
+    def _is_stopped(self, future: Future[Any]) -> bool:
+        return self._is_over or future in self._stopped
+
+    def _worker_for(self, future: Future[Any]) -> _Worker | None:
+        """The process that the unit has from now on, None if it is not to begin; raises OSError if none can start."""
+        with self._lock:
+            worker = self._idle.pop() if self._idle else None
+        worker = worker or _Worker()
+        with self._lock:
+            if self._is_stopped(future):
+                self._idle.append(worker)
+                return None
+            self._busy[future] = worker
+        return worker
+
     def _forget(self, future: Future[Any], worker: _Worker | None = None) -> None:
         with self._lock:
             del self._busy[future]
             if worker:
+                worker.has_begun = False
                 self._idle.append(worker)
 
 
@@ -115,21 +149,38 @@ class _Worker:
         with _one_thread_each(), _interrupts_blocked():
             self._process.start()
         theirs.close()
+        self.has_begun = False  # its unit
 
-    def call(self, function: Callable[..., Any], arguments: Any) -> Answer:
-        """What the process answers; raises EOFError or OSError where it is gone."""
+    def send(self, function: Callable[..., Any], arguments: Any) -> None:
+        """Give it a unit; raises OSError where the process is gone."""
         self._pipe.send((function, arguments))
+
+    def wait_for_begin(self) -> None:
+        """Wait until the unit begins; raises EOFError or OSError where the process is gone."""
+        assert self._pipe.recv() == BEGUN
+
+    def answer(self) -> Answer:
+        """What the process answers; raises EOFError or OSError where it is gone."""
         answer: Answer = self._pipe.recv()
         return answer
 
-    def interrupt(self) -> None:
-        """Send SIGINT."""
+    def stop(self) -> None:
+        """Send SIGINT for the unit in work; end a process that has not begun one."""
         with suppress(ProcessLookupError):
-            os.kill(self._process.pid or 0, signal.SIGINT)
+            if self.has_begun:
+                os.kill(self._process.pid or 0, signal.SIGINT)
+            else:
+                self._process.kill()
+
+    def dismiss(self) -> None:
+        """Let go of its pipe, whereupon it ends by itself, unless it imports."""
+        self._pipe.close()
 
     def end(self) -> None:
-        """Wait until the process has ended, which it does when nobody holds the other end of its pipe."""
-        self._pipe.close()
+        """End the process, and wait for that."""
+        self.dismiss()
+        self._process.join(GRACE)
+        self._process.kill()
         self._process.join()
 
     @property
@@ -141,30 +192,21 @@ class _Worker:
 
 def serve(pipe: Connection) -> None:
     """Work on the units that arrive until the pipe ends; SIGINT stops a unit, and is nothing between two."""
-    is_busy = False
-
-    def interrupt(number: int, frame: object) -> None:
-        if is_busy:
-            raise KeyboardInterrupt
-
+    works = threading.Event()
     if hasattr(os, "setsid"):
         with suppress(PermissionError):  # a process that leads its group already
             os.setsid()
-    signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGINT, lambda number, frame: None)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_stop_with_parent, daemon=True).start()
-    prepare()
+    threading.Thread(target=_end_with_parent, args=(works,), daemon=True).start()
     with suppress(EOFError, OSError):
         while True:
             function, arguments = pipe.recv()
-            try:
-                is_busy = True
-                answer = answered(function, arguments)
-            except KeyboardInterrupt:
-                answer = Answer(is_stopped=True)
-            finally:
-                is_busy = False
+            prepare()
+            works.set()
+            answer = answered(function, arguments, Interruptible(end_process), partial(pipe.send, BEGUN))
+            works.clear()
             _send(pipe, answer)
 
 
@@ -178,12 +220,16 @@ def _send(pipe: Connection, answer: Answer) -> None:
         pipe.send(Answer(failure=f"its value cannot be sent: {error!r}"))
 
 
-def _stop_with_parent() -> None:
-    """Wait until the parent has ended, then stop the unit in work; the pipe ends the process."""
+def _end_with_parent(works: threading.Event) -> None:
+    """Wait until the parent has ended, then end this process: at once if it does not work, else as its unit stops."""
     parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
+    if parent is None:
+        return
+    wait([parent.sentinel])
+    if works.is_set():
         os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(ORPHAN)
+    end_process()
 
 
 @contextmanager
@@ -192,6 +238,7 @@ def _interrupts_blocked() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # the first process would start it, and it unblocks SIGINT for this thread
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -27,7 +27,7 @@ class Executor(Protocol):
         """Ask a unit to stop: one that runs receives SIGINT, another never begins. Its future tells when it ends."""
 
     def shutdown(self) -> None:
-        """Wait for the units that run, and end the workers."""
+        """Ask the units that are left to stop, wait for them, and end the workers."""
 
 
 class UnitFailed(RollingJointError):

@@ -16,6 +16,7 @@ from typing import Any
 from agents.executors.protocol import UnitFailed, UnitStopped
 from agents.runs.locks import file_lock
 from rollingjoint.errors import RollingJointError, one_line
+from rollingjoint.interrupts import INTERRUPTED, Interruptible
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # read when the libraries are loaded
 
@@ -41,15 +42,34 @@ class Answer:
             future.set_result(self.value)
 
 
-def answered(function: Callable[..., Any], arguments: Sequence[Any]) -> Answer:
-    """Call the function; the answer. Nothing is raised."""
+def answered(
+    function: Callable[..., Any],
+    arguments: Sequence[Any],
+    inside: Interruptible,
+    begin: Callable[[], None] = lambda: None,
+) -> Answer:
+    """Call the function; the answer. Nothing is raised.
+
+    Args:
+        inside: has SIGINT stop it.
+        begin: called when SIGINT does so.
+    """
     try:
-        return Answer(function(*arguments))
+        with inside:
+            begin()
+            return Answer(function(*arguments))
     except KeyboardInterrupt:
         return Answer(is_stopped=True)
     except Exception as error:
+        if inside.is_interrupted:
+            return Answer(is_stopped=True)
         expected = isinstance(error, RollingJointError | OSError)
         return Answer(failure=one_line(str(error) if expected else repr(error)), details=traceback.format_exc())
+
+
+def end_process() -> None:
+    """End this process, whose unit was interrupted and goes on."""
+    os._exit(INTERRUPTED)
 
 
 @functools.cache

@@ -12,17 +12,25 @@ from typing import Any
 from agents.runs.consent import Consent, allowing
 from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
+from rollingjoint.interrupts import INTERRUPTED, interrupted, interruptible
 from rollingjoint.tables import print_any_character
 
-FAILED, INTERRUPTED = 2, 130
+FAILED = 2
 
 
 def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
-    """The exit code of `command`, called with this consent; errors that a user can fix become one line and code 2."""
-    print_any_character()
-    try:
+    """The exit code of `command`, called with this consent; Ctrl-C is one line and code 130.
+
+    Errors that a user can fix become one line and code 2.
+    """
+
+    def allowed() -> int:
         with allowing(given or Consent()):
             return command()
+
+    print_any_character()
+    try:
+        return interruptible(allowed)
     except (RollingJointError, OSError) as error:
         print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
@@ -31,9 +39,8 @@ def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
             raise
         print("error:", missing, file=sys.stderr)
         return FAILED
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+    except KeyboardInterrupt:  # after the command
+        return interrupted()
 
 
 @contextmanager

@@ -93,6 +93,9 @@ class Checkpoints(BaseCallback):
 class Evaluator(BaseCallback):
     """Evaluates the deterministic policy on fixed seeds, at regular intervals and at the end, and keeps the best one.
 
+    Not where a signal ends training: an evaluation may take seconds, and the resumed run does not count it. The policy
+    is then the best one if there is no other.
+
     The tip errors go to evaluations.csv, in one line to `show`, and to the training log (evaluation/...). The best
     policy has the smallest mean error over the last 10 steps in tracking tasks, else at the end (RunFolder.judged_by).
 
@@ -101,10 +104,15 @@ class Evaluator(BaseCallback):
     """
 
     def __init__(
-        self, run: RunFolder, config: TrainConfig, show: Callable[[str], Any] = tqdm.write, watch: Watch | None = None
+        self,
+        run: RunFolder,
+        config: TrainConfig,
+        stop: StopOnSignal,
+        show: Callable[[str], Any] = tqdm.write,
+        watch: Watch | None = None,
     ) -> None:
         super().__init__()
-        self.run, self.config, self.show, self.watch = run, config, show, watch
+        self.run, self.config, self.stop, self.show, self.watch = run, config, stop, show, watch
         self.seeds = config.evaluation.seeds
 
     def _on_training_start(self) -> None:
@@ -123,7 +131,10 @@ class Evaluator(BaseCallback):
         return True
 
     def _on_training_end(self) -> None:
-        self.evaluate()
+        if not self.stop.ends:
+            self.evaluate()
+        elif not self.run.policy_files("best").are_there:
+            save_policy(self.model, self.run.policy_files("best"))
         self.logger.dump(self.num_timesteps)
 
     def evaluate(self) -> Row:

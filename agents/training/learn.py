@@ -109,7 +109,7 @@ def _learn_and_save(
     logger = training_log(run, model.num_timesteps)
     model.set_logger(logger)
     checkpoints = Checkpoints(run, config.checkpoint_every, stop, moment)
-    callbacks = [stop, Progress(), FinalError(), checkpoints, Evaluator(run, config)]
+    callbacks = [stop, Progress(), FinalError(), checkpoints, Evaluator(run, config, stop)]
     try:
         learn(model, config, callbacks)
     except KeyboardInterrupt:

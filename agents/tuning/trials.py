@@ -215,9 +215,9 @@ def _train(
         run = RunFolder.create(path / f"seed-{seed}", train, [], force=True)  # a lost worker may have left one
         logger = training_log(run)
         model.set_logger(logger)
-        evaluator = Evaluator(run, train, show=lambda line: None, watch=watch)
         with StopOnSignal() as stop, ExitStack() as stack:
             stack.callback(logger.close)
+            evaluator = Evaluator(run, train, stop, show=lambda line: None, watch=watch)
             learn(model, train, [stop, FinalError(), evaluator])
     finally:
         close(model)

@@ -118,7 +118,7 @@ class StartingEpisodes(BoundEpisodes):
                 continue
             self._solve_at(tensions[:, k], forces)
             aims[:, k] = self._tips(len(aims))
-            lost = self._results.status[: len(aims)] != Status.CONVERGED
+            lost = self._results.status[: len(aims)] != int(Status.CONVERGED)
             if lost.any():
                 self._solve_at(tensions[:, k])
                 aims[lost, k] = self._tips(len(aims))[lost]

@@ -217,7 +217,7 @@ def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> A
     else:
         improvement = (before - judged.error) / reward.error_scale_mm
     violation = judged.violation
-    failed = (violation == 0) & (judged.status > Status.AT_LIMIT).any(-1)
+    failed = (violation == 0) & (judged.status > int(Status.AT_LIMIT)).any(-1)
     return np.stack([improvement, -reward.violation * violation, -reward.failure * failed], -1) + 0.0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import gc
+import importlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -21,18 +22,27 @@ PART_OPTIONS = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True,
 
 
 def kernel(
-    function: Callable[..., Any] | None = None, *, title: str = "", short_loops: bool = False, **options: Any
+    function: Callable[..., Any] | None = None,
+    *,
+    title: str = "",
+    short_loops: bool = False,
+    lapack: bool = False,
+    **options: Any,
 ) -> Any:
     """Compile a function of plain arrays: IEEE arithmetic that never raises, cached on disk.
 
     `title`: what a person who waits for it is told that it belongs to, such as "the planar solver".
     `short_loops`: all its loops are short, or over SIMD lanes, and not worth being unrolled or vectorised.
+    `lapack`: it may call LAPACK. numba would import that in the middle of a call, where Ctrl-C is a fatal error; so it
+    is imported when the kernel's machine code is bound.
     """
     if function is None:
-        return functools.partial(kernel, title=title, short_loops=short_loops, **options)
+        return functools.partial(kernel, title=title, short_loops=short_loops, lapack=lapack, **options)
     compiler: dict[str, Any] = {"pipeline_class": ShortLoopsCompiler} if short_loops else {}
     dispatcher = numba.njit(**_OPTIONS, **compiler, **options)(function)
     keep_on_disk(dispatcher, title or f"{function.__module__}.{function.__name__}")
+    if lapack:
+        _with_lapack.add(dispatcher)
     return dispatcher
 
 
@@ -55,6 +65,7 @@ def standalone(piece: Any) -> Any:
 
 
 _compiled: dict[Any, Any] = {}
+_with_lapack: set[Any] = set()
 
 
 def _compiled_for(dispatcher: Any, kinds: tuple[Any, ...]) -> Any:
@@ -62,6 +73,8 @@ def _compiled_for(dispatcher: Any, kinds: tuple[Any, ...]) -> Any:
     key = dispatcher, *(kind if layout.is_declaration(kind) else layout.numba_type(kind) for kind in kinds)
     if (compiled := _compiled.get(key)) is None:
         arguments = tuple(map(layout.numba_type, kinds))
+        if dispatcher in _with_lapack:
+            importlib.import_module("scipy.linalg.cython_lapack")
         with _no_garbage_collection():
             dispatcher.compile(arguments)
         compiled = _compiled[key] = dispatcher.overloads[arguments]

@@ -1,7 +1,7 @@
 """The command `rj`: solve and draw a mechanism from the shell; documented in docs/cli.md.
 
 Exit codes: 0 a usable result, 2 wrong input (one line on stderr), 3 the solver gave no usable result
-(rj warmup: kernels that do not compile), 130 interrupted by Ctrl-C.
+(rj warmup: kernels that do not compile), 130 Ctrl-C (one line on stderr).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
 from rollingjoint.cli.identify import add_identify, run_identify
 from rollingjoint.errors import InvalidInput, MissingPackage, SolverError, one_line
+from rollingjoint.interrupts import interrupted, interruptible
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.mechanism import AnyMechanism
@@ -28,13 +29,17 @@ from rollingjoint.solution import Solution
 from rollingjoint.statics.families import family_of
 from rollingjoint.tables import print_any_character
 
-OK, WRONG_INPUT, NOT_USABLE, INTERRUPTED = 0, 2, 3, 130
+OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
 _LARGEST_FRICTION = 100.0
 _MOST_OPTIONS = 2_000  # what argparse reads in a tenth of a second; its time grows with their square
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command line argv (default: that of the process)."""
+    return interruptible(lambda: _main(argv))
+
+
+def _main(argv: Sequence[str] | None) -> int:
     print_any_character()
     argv = sys.argv[1:] if argv is None else argv
     command = f"rj {argv[0]}" if argv else "rj"
@@ -51,9 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SolverError as error:
         print(f"{command}: {error}", file=sys.stderr)
         return NOT_USABLE
-    except KeyboardInterrupt:
-        print(f"{command}: interrupted", file=sys.stderr)
-        return INTERRUPTED
 
 
 def _run(argv: Sequence[str]) -> int:
@@ -140,8 +142,7 @@ def _warmup(args: argparse.Namespace) -> int:
     try:
         return OK if warmup_command.run() else NOT_USABLE
     except KeyboardInterrupt:
-        print("rj warmup: interrupted; what is compiled is kept", file=sys.stderr)
-        return INTERRUPTED
+        return interrupted("rj warmup: interrupted; what is compiled is kept")
 
 
 def _check(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from rollingjoint.kernels.shared.friction import FrictionLaw
 from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.chain import RollingChain
 from rollingjoint.planar.family import PLANAR
-from rollingjoint.solution import Status
+from rollingjoint.solution import Status, codes_of
 
 
 def solve_compiled(
@@ -64,7 +64,7 @@ def solve_compiled(
         equilibrium = PLANAR.step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
     phi[mask] = torch.tensor(equilibrium.joint_angles).to(phi)
     held[mask] = torch.tensor(~equilibrium.free_joints).to(held.device)
-    status[mask] = torch.tensor(np.asarray(equilibrium.status)).to(status)
+    status[mask] = torch.tensor(codes_of(equilibrium.status)).to(status)
     return phi, held, status
 
 

@@ -35,7 +35,7 @@ class Equilibria:
     @property
     def ok(self) -> Tensor:
         """(...) True for a stable equilibrium."""
-        return self.status <= Status.AT_LIMIT
+        return self.status <= int(Status.AT_LIMIT)
 
     @property
     def joint_angles(self) -> Tensor:
@@ -91,7 +91,7 @@ class Equilibria:
     @property
     def slip(self) -> Tensor:
         """(..., n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
-        rubbing, stands = self._state.rubbing, (self.status <= Status.INDETERMINATE)[..., None, None]
+        rubbing, stands = self._state.rubbing, (self.status <= int(Status.INDETERMINATE))[..., None, None]
         return torch.zeros_like(self.tendon_rates) if rubbing is None else self._shown(rubbing.slipped.mT) * stands
 
     @property
@@ -120,7 +120,7 @@ class Equilibria:
         )
         if before is None or seen(self.ok.all(), False):
             return found
-        stands = self.status <= Status.INDETERMINATE
+        stands = self.status <= int(Status.INDETERMINATE)
         kept = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
         chosen = {}
         for name, axes in HISTORY.items():

@@ -195,23 +195,29 @@ class RollingChain(Mechanism["Equilibrium"]):
         """Contact arc lengths at joint angles, (..., n - 1) [mm]; beyond the surface limits, the limit."""
         phi = self.per_joint("joint angles", joint_angles)
         rows = phi.reshape(-1, self.n_joints)
-        s = arc_lengths_of(self.arrays, np.zeros(len(rows), np.int64), rows).reshape(phi.shape)
-        return np.clip(s, *self.joint_limits.T)
+        s = np.empty_like(rows)
+        arc_lengths_of(self.arrays, np.zeros(len(rows), np.int64), rows, s)
+        return np.clip(s.reshape(phi.shape), *self.joint_limits.T)
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
-        phi = self.per_joint("joint angles", joint_angles)
-        poses, _ = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
-        return poses.reshape(*phi.shape[:-1], self.n_links, 3)
+        return self._placed(joint_angles)[0]
 
     def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
         """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm].
 
         Source: rolling-contact paper, eq. 28.
         """
+        return self._placed(joint_angles)[1]
+
+    def _placed(self, joint_angles: ArrayLike) -> tuple[Array, Array]:
+        """Link poses and tendon lengths at joint angles."""
         phi = self.per_joint("joint angles", joint_angles)
-        _, lengths = poses_of(self.arrays, phi.reshape(-1, self.n_joints))
-        return lengths.reshape(*phi.shape[:-1], self.n_tendons)
+        rows = phi.reshape(-1, self.n_joints)
+        poses, lengths = np.empty((len(rows), self.n_links, 3)), np.empty((len(rows), self.n_tendons))
+        poses_of(self.arrays, rows, poses, lengths)
+        at = phi.shape[:-1]
+        return poses.reshape(*at, self.n_links, 3), lengths.reshape(*at, self.n_tendons)
 
     def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
         """World points of every tendon's holes, base to end, a list of (2 links passed, 2) [mm]."""

@@ -62,7 +62,9 @@ class Equilibrium(Solution):
         chain, designs = self._designs
         chains = distinct(self.mechanism) if isinstance(self.mechanism, tuple) else (self.mechanism,)
         low, high = np.moveaxis(np.array([each.joint_limits for each in chains])[designs], -1, 0)
-        s = arc_lengths_of(chain, designs, self._rows(self.joint_angles))
+        angles = self._rows(self.joint_angles)
+        s = np.empty_like(angles)
+        arc_lengths_of(chain, designs, angles, s)
         return np.clip(s, low, high).reshape(self.joint_angles.shape)
 
     @property

@@ -32,10 +32,11 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "solves": Part(0.3, "solves recomputed", 1_000_000),
+    "solves": Part(0.2, "solves recomputed", 1_000_000),
     "environments": Part(0.2, "environment steps", 1_000_000),
     "inputs": Part(0.2, "inputs", 10_000),
     "kills": Part(0.2, "kills", 100),
+    "signals": Part(0.1, "signals", 208),
     "edges": Part(0.1, "rounds: edges", 10),
     "checked": Part(0.0, "rounds: checked", 1, 7200.0),  # compiles all kernels a second time
 }

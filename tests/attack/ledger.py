@@ -20,11 +20,15 @@ class Report:
 
     def __init__(self, part, seed):
         self.part, self.seed, self.round = part, seed, 0
-        self.counts, self.failures = Counter(), []
+        self.counts, self.worst, self.failures = Counter(), {}, []
 
     def count(self, what, number=1):
         """Count something that was done."""
         self.counts[what] += int(number)
+
+    def longest(self, what, seconds):
+        """Note how long something took; the longest is kept."""
+        self.worst[what] = max(round(seconds, 2), self.worst.get(what, 0.0))
 
     def fail(self, what, **details):
         """Note a failure, with what it takes to do it again."""
@@ -59,14 +63,16 @@ class Report:
 
 def load(path):
     """The sums of a file; empty ones where there is none."""
-    empty = {"counts": {}, "failures": [], "rounds": {}, "seeds": []}
-    return json.loads(path.read_text("utf-8")) if path and path.exists() else empty
+    empty = {"counts": {}, "worst": {}, "failures": [], "rounds": {}, "seeds": []}
+    return empty | (json.loads(path.read_text("utf-8")) if path and path.exists() else {})
 
 
 def add(path, sums, other):
     """Add what a worker has written to the sums, and save them."""
     for name, number in other["counts"].items():
         sums["counts"][name] = sums["counts"].get(name, 0) + number
+    for name, seconds in other.get("worst", {}).items():
+        sums["worst"][name] = max(seconds, sums["worst"].get(name, 0.0))
     sums["failures"] += other["failures"]
     if path:
         part = path.with_name(f".{path.name}.{os.getpid()}")
@@ -76,8 +82,9 @@ def add(path, sums, other):
 
 def summary(sums):
     """A table of everything counted, and the failures."""
-    width = max(map(len, sums["counts"]), default=0)
+    width = max(map(len, [*sums["counts"], *sums["worst"]]), default=0)
     lines = [f"{name:{width}}  {number:>12,}" for name, number in sorted(sums["counts"].items())]
+    lines += [f"{name:{width}}  {seconds:>12,.2f}" for name, seconds in sorted(sums["worst"].items())]
     lines += [
         f"{'seeds':{width}}  {', '.join(map(str, sums['seeds']))}",
         f"{'failures':{width}}  {len(sums['failures']):>12,}",
@@ -88,5 +95,5 @@ def summary(sums):
 def written(report, folder):
     """The file that a worker leaves for its parent."""
     path = Path(folder) / "worker.json"
-    path.write_text(json.dumps({"counts": report.counts, "failures": report.failures}), "utf-8")
+    path.write_text(json.dumps({"counts": report.counts, "worst": report.worst, "failures": report.failures}), "utf-8")
     return path

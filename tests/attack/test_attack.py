@@ -1,6 +1,7 @@
 """The attack itself: it notices what is wrong, keeps what it finds, adds up what it has done; a few seconds of it."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 from rollingjoint import CapstanFriction, Status, five_link, small_arm
 from rollingjoint.planar.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
-from tests.attack import environments, found, inputs, ledger, minima, solves
+from tests.attack import environments, found, inputs, ledger, minima, signals, solves
 from tests.pages import rows
 
 ROWS = 64
@@ -145,6 +146,47 @@ def test_a_worker_that_dies_is_a_failure(monkeypatch):
     monkeypatch.setattr(command.subprocess, "Popen", lambda *_: killed)
     done = command._slice("solves", 1, 5, 1.0)
     assert "exit code -11" in done["failures"][0]["what"] and "round 5" in done["failures"][0]["what"]
+
+
+def ended(output="", errors="interrupted\n"):
+    return SimpleNamespace(output=lambda: output, errors=lambda: errors)
+
+
+@pytest.mark.parametrize(
+    ("started", "code", "seconds", "left", "fault"),
+    [
+        (ended(), 130, 1.0, [], None),
+        (ended("stopped by SIGINT; to go on: so\n", ""), 130, 1.0, [], None),
+        (ended(), 130, 6.0, [], "ended late"),
+        (ended(), None, 60.0, [], "does not end"),
+        (ended(), 2, 1.0, [], "exit code 2"),
+        (ended("all done\n", ""), 0, 3.0, [], "exit code 0"),
+        (ended(), 130, 1.0, ["7 a worker"], "left running: 7 a worker"),
+        (
+            ended(errors=f'Traceback\n  File "{signals.ROOT}/agents/tune.py"\ninterrupted\n'),
+            130,
+            1.0,
+            [],
+            "a traceback",
+        ),
+        (ended(errors="interrupted\ninterrupted\n"), 130, 1.0, [], "not one line"),
+        (ended(errors=""), 130, 1.0, [], "not one line"),
+        (ended(errors='Traceback\n  File "site.py"\nKeyboardInterrupt'), 1, 0.1, [], "Python's"),
+    ],
+)
+def test_a_bad_end_after_ctrl_c_is_noticed(started, code, seconds, left, fault):
+    faults = signals._faults(started, code, seconds, left, 0)
+    assert fault in faults[0] if fault else not faults
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("name", ["rj loop", "campaign", "evaluate, two jobs", "campaign, killed"])
+def test_ctrl_c_and_kills_at_a_moment_of_a_command(name, report):
+    report.round = signals.ROUND.index(name)
+    signals.attack(np.random.default_rng(), report)
+    assert report.failures == []
+    assert report.counts["signals"] + report.counts["parents killed"] == 1
 
 
 @pytest.mark.slow

@@ -12,15 +12,18 @@ import pytest
 
 from rollingjoint import (
     BodyWrench,
+    CapstanFriction,
     Status,
     five_link,
     planar,
     set_threads,
     small_arm,
+    solve_lengths,
     solve_lengths_batch,
     solve_tensions,
     solve_tensions_batch,
     spatial,
+    trace,
     uniform,
 )
 from rollingjoint.threads import run_in_threads
@@ -142,3 +145,80 @@ def test_a_follower_force_on_a_long_arm_ends_in_the_stated_time(beads, seed):
     begin = time.process_time()
     solve_tensions(arm, tensions, [BodyWrench(-1, tuple(force))])
     assert time.process_time() - begin < 15.0
+
+
+WHILE_LAPACK_IS_IMPORTED = """
+import signal, sys
+import numpy as np
+from rollingjoint import solve_tensions_batch, two_segment
+
+class PressesCtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith("scipy.linalg"):
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, PressesCtrlC())
+rng = np.random.default_rng(0)
+tensions = rng.uniform(0, 3, (300, 4)) * (rng.random((300, 4)) < 0.5)  # slack: LAPACK is asked for eigenvalues
+try:
+    solve_tensions_batch(two_segment(), tensions)
+except KeyboardInterrupt:
+    print("interrupted")
+print(len(solve_tensions_batch(two_segment(), tensions).status))
+"""
+
+
+def test_ctrl_c_while_lapack_is_imported_is_no_fatal_error(run_python):
+    assert run_python("-c", WHILE_LAPACK_IS_IMPORTED) == "interrupted\n300\n"
+
+
+def callees(call):
+    """What a call calls in Python: file name, function name and text of its arguments."""
+    seen = []
+
+    def look(frame, event, argument):
+        if event == "call":
+            code = frame.f_code
+            values = [str(frame.f_locals.get(name)) for name in code.co_varnames[1 : code.co_argcount]]
+            seen.append((code.co_filename, code.co_name, values))
+
+    call()  # whatever is made once
+    sys.setprofile(look)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return seen
+
+
+def calls_of_compiled_code():
+    chain, arm = five_link(), small_arm()
+    lengths, tensions = chain.neutral_lengths - 1.0, np.ones(arm.n_tendons)
+    bent, batch = solve_lengths(chain, lengths), solve_lengths_batch(chain, [lengths] * 3)
+    rubbing = chain.replace(friction=CapstanFriction(0.1, 0.05))
+    return {
+        "poses": lambda: chain.poses(bent.joint_angles),
+        "tendon lengths": lambda: chain.tendon_lengths(bent.joint_angles),
+        "arc lengths": lambda: chain.arc_lengths(bent.joint_angles),
+        "a solve": lambda: (solve_lengths(chain, lengths).smallest_eigenvalue, batch.row(1).smallest_eigenvalue),
+        "what a solve returns": lambda: (
+            bent.ok,
+            repr(bent),
+            bent.require(),
+            solve_lengths(chain, lengths).arc_lengths,
+        ),
+        "a batch": lambda: (solve_lengths_batch(chain, [lengths] * 3).smallest_eigenvalue, batch.ok, repr(batch)),
+        "an arm": lambda: solve_tensions(arm, tensions).smallest_eigenvalue,
+        "a path with friction": lambda: trace(rubbing, [lengths, lengths - 0.1]).stiffness,
+    }
+
+
+@pytest.mark.parametrize("name", calls_of_compiled_code())
+def test_nothing_that_drops_exceptions_runs_python_code(name):
+    """numba drops what is raised while it makes arrays, NumPy what is raised while it looks at the class of an enum."""
+    called = callees(calls_of_compiled_code()[name])
+    assert called
+    for file, function, arguments in called:
+        assert function != "_numba_unpickle", file
+        assert not (function == "__getattr__" and any(word.startswith("__array") for word in arguments)), arguments

@@ -16,6 +16,7 @@ import rj_gym.warmup
 from rollingjoint import warmup
 from rollingjoint._numba.cache import NotCompiled
 from rollingjoint.cli import commands, warmup_command
+from rollingjoint.interrupts import INTERRUPTED
 from rollingjoint.warmup import Group, Progress, compile_kernels, missing
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -187,7 +188,7 @@ def test_ctrl_c_is_one_line():
     assert process.stdout.readline().startswith("compiling the ")
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == commands.INTERRUPTED
+    assert process.returncode == INTERRUPTED
     assert said == "rj warmup: interrupted; what is compiled is kept\n"
     _wait_for_the_end_of(process.pid)
 

@@ -50,7 +50,7 @@ def store(chain, state, outcome, results, lane):
     results.status[lane], results.iterations[lane], results.residual[lane] = outcome
 
 
-@kernel(nogil=True, short_loops=True, title="the planar solver for special cases")
+@kernel(nogil=True, lapack=True, short_loops=True, title="the planar solver for special cases")
 def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
     """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
     _solve_each(chain, designs, laws, loads, starts, results, lanes, new_state(starts.shape[1], laws.command.shape[1]))

@@ -19,7 +19,7 @@ from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, rememb
 from rollingjoint.kernels.shared.rubbed_lanes import begin_each, stiffness_each
 
 
-@kernel(nogil=True, short_loops=True, title="the planar solver with friction")
+@kernel(nogil=True, lapack=True, short_loops=True, title="the planar solver with friction")
 def step_lanes(chain, designs, laws, loads, starts, results, friction, lanes):
     """Solve the steps of the given lanes; all inputs carry a leading lane axis."""
     sizes = MemorySizes(starts.shape[1], laws.command.shape[1])

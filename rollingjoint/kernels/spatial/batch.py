@@ -52,7 +52,7 @@ def store(state, outcome, results, lane):
     results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
 
 
-@kernel(nogil=True, title="the arm's solver")
+@kernel(nogil=True, lapack=True, title="the arm's solver")
 def solve_hinge_lanes(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
     n_joints, n_tendons = starts.shape[1], laws.low.shape[1]

@@ -17,7 +17,7 @@ from rollingjoint.kernels.spatial.batch import STIFFNESSES, solve_invalid, store
 from rollingjoint.kernels.spatial.solve import step_hinges
 
 
-@kernel(nogil=True, title="the arm's solver with friction")
+@kernel(nogil=True, lapack=True, title="the arm's solver with friction")
 def step_hinge_lanes(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of lanes first to last - 1; all inputs carry a leading lane axis."""
     sizes = MemorySizes(starts.shape[1], laws.command.shape[1])

@@ -1,9 +1,12 @@
 """Units on the executors of one machine: values, failures, lost workers, Ctrl-C, folders that travel."""
 
+import os
+import subprocess
 import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from signal import SIGINT
 
 import pytest
@@ -13,12 +16,13 @@ from agents.executors.driver import RETRIES, Unit, work_through
 from agents.executors.folders import FolderUnit, marked
 from agents.executors.local import InlineExecutor, LocalExecutor
 from agents.executors.progress import Progress
-from agents.executors.protocol import UnitFailed
-from agents.runs.command_line import exit_code
+from agents.executors.protocol import UnitFailed, UnitStopped
+from agents.runs.command_line import exit_code, signals_seen
 from agents.runs.locks import alone_in, file_lock
 from rollingjoint.errors import ConfigError
 from tests.agents.executors import units
 from tests.agents.forked import CONTEXT
+from tests.conftest import sources_first
 
 
 @pytest.fixture
@@ -99,6 +103,104 @@ def test_a_worker_is_used_again_after_its_unit_was_stopped(monkeypatch, tmp_path
     assert type(running.exception()) is type(waiting.exception()) is local.UnitStopped
     assert executor.submit(units.double, 2).result() == 4
     executor.shutdown()
+
+
+def wait_for(condition, seconds=30.0):
+    until = time.monotonic() + seconds
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.02)
+    assert condition()
+
+
+def test_a_unit_that_is_stopped_before_it_begins_never_does_and_takes_no_time(executor):
+    future = executor.submit(units.double, units.SlowToArrive())
+    wait_for(lambda: executor._busy)
+    begin = time.monotonic()
+    executor.cancel(future)
+    assert type(future.exception(30)) is UnitStopped
+    assert time.monotonic() - begin < 20
+    assert executor.submit(units.double, 2).result() == 4
+
+
+def test_an_interrupt_between_two_units_stops_neither(executor):
+    assert executor.submit(units.double, 1).result() == 2
+    (worker,) = executor._idle
+    os.kill(worker._process.pid, SIGINT)
+    assert executor.submit(units.double, 2).result() == 4
+    assert executor._idle == [worker]
+
+
+def test_shutdown_stops_what_is_left(monkeypatch, tmp_path):
+    monkeypatch.setattr(local, "get_context", lambda method: CONTEXT)
+    executor = LocalExecutor(1)
+    running = executor.submit(units.wait_for_interrupt, tmp_path, "a")
+    waiting = executor.submit(units.wait_for_interrupt, tmp_path, "b")
+    wait_for(lambda: (tmp_path / "a.runs").exists())
+    executor.shutdown()
+    assert type(running.exception()) is type(waiting.exception()) is UnitStopped
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.runs", "a.saved"]
+
+
+def test_a_unit_that_swallows_its_interrupt_is_ended_with_its_process(executor, tmp_path):
+    future = executor.submit(units.swallow_ctrl_c, tmp_path)
+    wait_for(lambda: (tmp_path / "begun").exists())
+    begin = time.monotonic()
+    executor.cancel(future)
+    assert type(future.exception(50)) is UnitStopped
+    assert time.monotonic() - begin < 30
+
+
+def test_ctrl_c_stops_a_unit_in_this_process_too():
+    with signals_seen() as signals:
+        future = InlineExecutor().submit(units.press_ctrl_c)
+    assert type(future.exception()) is UnitStopped and not signals
+
+
+FIRST = """
+import signal
+from multiprocessing import resource_tracker
+from agents.executors.local import _interrupts_blocked
+
+with _interrupts_blocked():
+    resource_tracker.getfd()  # as the first process that is started does
+    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
+"""
+
+
+def test_the_first_process_is_started_with_interrupts_blocked_too(run_python):
+    assert run_python("-c", FIRST) == "True\n"
+
+
+PARENT = """
+import time
+from agents.executors.local import LocalExecutor
+from tests.agents.executors import units
+
+executor = LocalExecutor(1)
+executor.submit(units.double, units.SlowToArrive())
+while not executor._busy:
+    time.sleep(0.02)
+(worker,) = executor._busy.values()
+print(worker._process.pid, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.slow  # imports twice
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_a_process_whose_parent_is_killed_before_its_unit_begins_ends():
+    with subprocess.Popen([sys.executable, "-c", PARENT], env=sources_first(), stdout=subprocess.PIPE) as parent:
+        worker = int(parent.stdout.readline())
+        parent.kill()
+    wait_for(lambda: not runs(worker))
+
+
+def runs(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 def test_libraries_of_workers_use_one_thread(executor):

@@ -1,5 +1,6 @@
 """What units of the tests do; workers import it."""
 
+import contextlib
 import os
 import signal
 import time
@@ -56,3 +57,24 @@ def threads():
 def busy(seconds):
     time.sleep(seconds)
     return os.getpid()
+
+
+class SlowToArrive:
+    """An argument that takes a minute to unpickle: a process that has it does not begin its unit before."""
+
+    def __reduce__(self):
+        return time.sleep, (60.0,)
+
+
+def press_ctrl_c():
+    signal.raise_signal(signal.SIGINT)
+    return "went on"
+
+
+def swallow_ctrl_c(folder):
+    """Go on for a minute whatever is raised."""
+    (folder / "begun").touch()
+    until = time.monotonic() + 60
+    while time.monotonic() < until:
+        with contextlib.suppress(KeyboardInterrupt):
+            time.sleep(60)

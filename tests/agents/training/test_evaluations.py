@@ -11,7 +11,7 @@ from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from agents.training import callbacks
-from agents.training.callbacks import Evaluator
+from agents.training.callbacks import Evaluator, StopOnSignal
 from agents.tuning.study import StudyConfig
 
 EARLIER = "steps,mean_mm,median_mm,p95_mm,mean_reward\n10,3.5,3.5,3.5,-1.0\n"
@@ -31,7 +31,7 @@ def evaluated(run: RunFolder, config: TrainConfig, found: list[Episodes], monkey
     monkeypatch.setattr(callbacks, "policy_of", lambda *_: None)
     monkeypatch.setattr(callbacks, "driving", lambda *_: None)
     monkeypatch.setattr(callbacks, "save_policy", lambda model, files: kept.append(files))
-    evaluator = Evaluator(run, config, said.append)
+    evaluator = Evaluator(run, config, StopOnSignal(), said.append)
     evaluator.model = SimpleNamespace(
         num_timesteps=20, get_vec_normalize_env=lambda: None, logger=SimpleNamespace(record=lambda *_: None)
     )
@@ -67,3 +67,20 @@ def test_a_run_of_an_earlier_version_goes_on_by_the_error_at_the_end(run, monkey
 def test_tracking_is_judged_by_its_last_steps_and_designs_by_the_final_one(id, column, tmp_path):
     config = TrainConfig(env=EnvConfig(f"rj_gym/{id}"))
     assert RunFolder.create(tmp_path / "run", config, []).judged_by == StudyConfig(config, {}).score == column
+
+
+def test_where_a_signal_ends_training_nothing_is_evaluated_and_a_policy_is_kept(run, monkeypatch):
+    kept = []
+    monkeypatch.setattr(Evaluator, "evaluate", lambda self: pytest.fail("takes seconds"))
+    monkeypatch.setattr(callbacks, "save_policy", lambda model, files: kept.append(files))
+    stop = StopOnSignal()
+    evaluator = Evaluator(run, TrainConfig(), stop)
+    evaluator.model = SimpleNamespace(logger=SimpleNamespace(dump=lambda steps: None))
+    stop.ends = True
+    evaluator._on_training_end()
+    assert kept == [run.policy_files("best")]
+    for path in kept[0]:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    evaluator._on_training_end()
+    assert len(kept) == 1

@@ -317,17 +317,6 @@ def test_only_lengths_that_are_far_too_short_are_noted(
     assert ("note: lengths far too short" in note, "no real tendon" in note) == (noted, stretched)
 
 
-def test_ctrl_c_ends_a_command_with_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*arguments: object, **options: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rollingjoint.cli.loop_command.trace_loop", interrupted)
-    assert rj("loop five_link --friction 0.1") == 130
-    assert capsys.readouterr().err == "rj loop: interrupted\n"
-
-
 @pytest.mark.parametrize("module", ["rollingjoint", "rollingjoint.cli"])
 def test_the_package_run_as_a_module_is_rj(module: str, run_python: Callable[..., str]) -> None:
     assert run_python("-m", module, "mechanisms").split()[0] == next(iter(PRESETS))
