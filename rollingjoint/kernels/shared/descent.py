@@ -30,7 +30,7 @@ from rollingjoint.kernels.shared.tolerances import (
 
 _MOST_STEPS = 2000
 _ALL_STEPS_JOINTS = 60  # up to here; a step takes the cube of the joints
-_MOST_JOINTS = 300  # beyond, so few steps lead nowhere
+_MOST_JOINTS = 150  # beyond, a solve would take too long
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-12, 1e12
 _SMALLEST_DAMPING, _MEMORY = 1e-6, 0.5  # of the largest stiffness; of the damping, from one step to the next
 _MOST_ESCAPES = 8
