@@ -24,12 +24,13 @@ from pathlib import Path
 
 from guard_rows.checkout import REPOSITORY, Checkout, checked_out, run_sides
 from guard_rows.compare import Allowances, Result, compare
-from guard_rows.drawing import FULL, QUICK, Sizes
+from guard_rows.drawing import FULL, QUICK, Sizes, inputs_of
 from guard_rows.record import read_folder
 from guard_rows.timings import speed_results, startup_results
 
 COMPARED = ("solves", "episodes", "names", "files")  # the sections of records; the other two are timings
 SECTIONS = (*COMPARED, "speed", "startup")
+SHOWN, WIDTH = 3, 400  # fields of a row, and characters of what was asked; --out has all
 ALLOWED = Path(__file__).resolve().parent / "guard_allowed.yaml"
 
 
@@ -72,6 +73,9 @@ def _results(
         for row in dict.fromkeys([*before, *after]):
             result = compare(row, before.get(row), after.get(row))
             allowed.apply(result)
+            if section == "solves" and not result.ok:
+                first = result.differences[0]
+                result.inputs = inputs_of(first.case, first.place[0] if first.place else 0, sizes)
             yield result
 
 
@@ -79,7 +83,12 @@ def _line(result: Result) -> str:
     """A row of the table."""
     verdict = ("allowed" if result.differences else "ok") if result.ok else "DIFFERS"
     lines = [f"{verdict:8} {result.row:60} {result.figure or result.sample}"]
-    return "\n".join([*lines, *(f"         {one}" for one in result.differences)])
+    lines += [f"         {one}" for one in result.differences[:SHOWN]]
+    if (more := len(result.differences) - SHOWN) > 0:
+        lines.append(f"         and {more} more fields, which --out writes")
+    if result.inputs:
+        lines.append(f"         asked: {result.inputs[:WIDTH]}{' ...' if len(result.inputs) > WIDTH else ''}")
+    return "\n".join(lines)
 
 
 def _summary(results: Sequence[Result], unused: Sequence[str]) -> str:

@@ -56,12 +56,11 @@ def run_sides(checkouts: Sequence[Checkout], section: str, folder: Path, quick: 
     for one, out in zip(checkouts, outs, strict=True):
         out.mkdir(parents=True)
         words = [section, str(out), str(one.folder), str(older), *(["--quick"] if quick else [])]
-        processes.append(one.start("-m", "guard_rows.child", *words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL))
+        processes.append(one.start("-m", "guard_rows.child", *words, stdout=subprocess.DEVNULL))
     try:
         for one, process in zip(checkouts, processes, strict=True):
-            _, said = process.communicate()
-            if process.returncode:
-                raise SystemExit(f"{section} of {one.name} ({one.folder}) failed:\n{said[-3000:]}")
+            if process.wait():
+                raise SystemExit(f"{section} of {one.name} ({one.folder}) failed with exit code {process.returncode}")
     finally:
         for process in processes:
             process.kill()

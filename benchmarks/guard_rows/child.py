@@ -24,7 +24,8 @@ def main() -> None:
     begin = time.perf_counter()
     for number, record in enumerate(module.records(*arguments)):
         record.write(out / f"{number:03}.npz")
-        print(f"{time.perf_counter() - begin:5.0f} s  {record.row}: {record.count:,}", file=sys.stderr, flush=True)
+        done = f"{time.perf_counter() - begin:.0f} s: {out.name}: {record.row}: {record.count:,}"
+        print(done, file=sys.stderr, flush=True)
 
 
 def check_imports(checkout: Path) -> None:

@@ -23,12 +23,18 @@ class Difference:
 
     row: str
     field: str
-    where: str
+    case: str
     old: Any
     new: Any
+    place: tuple[int, ...] = ()  # in the array of that case
     count: int = 1
     largest: float = float("inf")  # inf where numbers cannot be subtracted
     reason: str = ""  # why it is allowed
+
+    @property
+    def where(self) -> str:
+        """The first place, in words."""
+        return f"{self.case} {list(self.place)}" if self.place else self.case
 
     def __str__(self) -> str:
         off = "" if np.isinf(self.largest) else f", at most {self.largest:.3g} off"
@@ -45,6 +51,7 @@ class Result:
     sample: str
     differences: list[Difference] = field(default_factory=list)
     figure: str = ""  # of a timing: the ratio and its interval
+    inputs: str = ""  # of the first difference, where they were drawn
 
     @property
     def ok(self) -> bool:
@@ -103,9 +110,8 @@ def _differences(
         apart = apart & ~unsteady.reshape(-1, *[1] * (apart.ndim - 1))
     if apart.any():
         place = tuple(int(k) for k in np.argwhere(apart)[0])
-        where = f"{case} {list(place)}" if place else case
         values = (_text(one[place]) for one in (old, new))
-        yield Difference(row, name, where, *values, int(apart.sum()), float(np.max(off[apart])))
+        yield Difference(row, name, case, *values, place, int(apart.sum()), float(np.max(off[apart])))
 
 
 def _apart(old: NDArray[Any], new: NDArray[Any], limits: tuple[float, float]) -> tuple[NDArray[np.bool_], Any]:
@@ -119,7 +125,7 @@ def _apart(old: NDArray[Any], new: NDArray[Any], limits: tuple[float, float]) ->
     off = np.where(np.isnan(off), np.inf, off)
     if limits == EXACT:
         bits = f"i{old.dtype.itemsize}"
-        return ~nothing & (np.ascontiguousarray(old).view(bits) != np.ascontiguousarray(new).view(bits)), off
+        return ~nothing & (np.array(old, order="C").view(bits) != np.array(new, order="C").view(bits)), off
     absolute, relative = limits
     return off > absolute + relative * np.abs(np.where(nothing, 0.0, old)), off
 

@@ -6,6 +6,8 @@ length a share of the mechanism's length beyond the neutral one.
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -19,6 +21,7 @@ Load = tuple[str, dict[str, Any]]
 
 SEED = 2026
 ROWS, LONG, LONG_ROWS = 24, 41, 6  # rows of a batch, and from how many links on there are fewer
+ALONE = 8  # rows of a case that are solved one by one, and rows of a step of a batch with friction
 LIMITS = ((0.0, float("inf")), (0.5, 15.0))  # of tensions [N]
 LOADS = ("force", "moment", "follower", "spring", "torsion spring", "gravity")
 KINDS = ("plain", *LOADS, "all loads", "own springs", "unusable numbers", "friction")
@@ -91,6 +94,21 @@ def arm_cases(kind: str, count: int) -> Iterator[Case]:
         hanging: Load = ("Gravity", {"weights": [0.1] * (n + 1), "direction": (0.0, 0.0, 1.0)})
         loads = () if kind == "plain" else (hanging, *(_arm_loads(rng, n) if kind == "loads" else ()))
         yield _case(rng, f"{kind}, arm {number} of {n} beads", mechanism, loads, kind)
+
+
+def inputs_of(case: str, row: int, sizes: Sizes) -> str:
+    """JSON of what a row of a case was asked; empty for a case that is not drawn here."""
+    name, kind, number = re.fullmatch(r"(.*?)(?:, (step|row) (\d+))?", case).groups()
+    row += int(number or 0) * (ALONE if kind == "step" else 1)
+    drawn = (
+        *(one for kind in KINDS for one in planar_cases(kind, sizes.links)),
+        *(one for kind in ARM_KINDS for one in arm_cases(kind, sizes.arms)),
+    )
+    for one in drawn:
+        if one.name == name:
+            asked = {one.given: one.inputs[row].tolist(), "limits": one.limits, "loads": one.loads}
+            return json.dumps(asked | {"mechanism": one.mechanism})
+    return ""
 
 
 def variations(mechanism: dict[str, Any], count: int) -> list[dict[str, Any]]:

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 import rollingjoint as rj
-from guard_rows.drawing import ARM_KINDS, KINDS, LONG, Case, Load, Sizes, arm_cases, planar_cases, variations
+from guard_rows.drawing import ALONE, ARM_KINDS, KINDS, LONG, Case, Sizes, arm_cases, planar_cases, variations
 from guard_rows.record import Record
 from rollingjoint.io.mechanism_file import mechanism_from_dict
 
 PLACES = ("joint_angles", "poses", "tip", "tensions", "lengths", "status")
-PLANAR = (*PLACES, "tendon_rates", "tendon_stiffness", "residual", "iterations", "ok", "free_joints")
-PLANAR = (*PLANAR, "contact_points", "contact_tangents", "contact_forces", "arc_lengths", "pressing_margins")
+PLANAR = (
+    *(*PLACES, "tendon_rates", "tendon_stiffness", "residual", "iterations", "ok", "free_joints"),
+    *("contact_points", "contact_tangents", "contact_forces", "arc_lengths", "pressing_margins"),
+)
 MATRICES = ("stiffness", "smallest_eigenvalue")  # not of long chains: large, and eigenvalues take long
 FRICTION = ("gap_tensions", "friction_states", "sticking", "slip", "dissipated_work")
 DERIVATIVES = ("dposes_dlengths", "dtensions_dlengths")
@@ -23,7 +25,7 @@ ARMS = ("poses", "tip", "tensions", "lengths", "gap_tensions", "slip")  # in mm 
 ARM_RULE = {**dict.fromkeys(ARMS, (1e-7, 0.0)), "status": (0.0, 0.0)}
 NUDGE, STEADY = 1e-11, 1e-7  # a change of the inputs, relative, and the answer that it may have [mm, N]
 
-ALONE, PREPARED, LEAST_SQUARES = 8, 4, 4  # rows of a case that are solved so
+PREPARED, LEAST_SQUARES = 4, 4  # rows of a case that are solved so
 
 
 def records(sizes: Sizes) -> Iterator[Record]:
@@ -44,19 +46,18 @@ def records(sizes: Sizes) -> Iterator[Record]:
 class Asked:
     """A case as the checkout takes it."""
 
-    def __init__(self, case: Case, mechanism: dict[str, Any] | None = None) -> None:
-        self.case, self.given = case, case.given
-        self.mechanism = mechanism_from_dict(mechanism or case.mechanism)
-        self.loads = loads_of(case.loads)
+    def __init__(self, case: Case) -> None:
+        self.name, self.given = case.name, case.given
+        self.mechanism = mechanism_from_dict(case.mechanism)
+        self.loads = [getattr(rj, name)(**arguments) for name, arguments in case.loads]
         neutral, length = self.mechanism.neutral_lengths, self.mechanism.length
         self.inputs = case.inputs if self.given == "tensions" else neutral + length * case.inputs
         self.options = {} if self.given == "tensions" else {"tension_limits": case.limits}
-        self.name = case.name
 
-    def alone(self, row: int, **options: Any) -> Any:
+    def alone(self, row: int) -> Any:
         """The single solve of a row."""
         solve = rj.solve_tensions if self.given == "tensions" else rj.solve_lengths
-        return solve(self.mechanism, self.inputs[row], self.loads, **self.options, **options)
+        return solve(self.mechanism, self.inputs[row], self.loads, **self.options)
 
     def batch(self, inputs: Any = None, mechanism: Any = None, loads: Any = None, **options: Any) -> Any:
         """Some rows in one call."""
@@ -69,11 +70,6 @@ class Asked:
 def planar_fields(case: Case) -> tuple[str, ...]:
     """What is compared of a chain."""
     return PLANAR if case.size >= LONG else (*PLANAR, *MATRICES)
-
-
-def loads_of(loads: Sequence[Load]) -> list[Any]:
-    """The public loads of these names and arguments."""
-    return [getattr(rj, name)(**arguments) for name, arguments in loads]
 
 
 def answers(found: Any, names: Sequence[str]) -> dict[str, Any]:

@@ -135,7 +135,7 @@ def startup_results(sides: Sides, sizes: Sizes, allowed: Allowances) -> Iterator
     """First solves and warm-ups with empty caches, in seconds of all processors; Python finds its bytecode on disk."""
     with tempfile.TemporaryDirectory() as folder:
         fresh = [partial(_fresh, one, Path(folder) / one.name) for one in sides]
-        for run in fresh:
+        for run in fresh if sizes.judged else ():
             run(FIRST_SOLVE)  # leaves the bytecode
         first = in_pairs(sizes.starts, [lambda run=run: run(FIRST_SOLVE)[0] for run in fresh])
         limits = (FIRST_SOLVE_LIMIT, WARMUP_LIMIT, WHOLE_WARMUP_LIMIT) if sizes.judged else (math.inf,) * 3
