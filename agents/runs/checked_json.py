@@ -22,7 +22,7 @@ def read_json(path: Path) -> Any:
     try:
         if path.exists() and not path.is_file():
             raise ConfigError("file", str(path), "a file, no folder or device")
-        with gzip.open(path) if path.suffix == PACKED else path.open("rb") as stream:
+        with gzip.open(path, "rb") if path.suffix == PACKED else path.open("rb") as stream:
             content = stream.read(LARGEST + 1)
     except (OSError, EOFError, zlib.error) as error:  # EOFError: cut short
         raise ConfigError("file", str(path), "readable JSON, gzipped or not as its name says", str(error)) from None

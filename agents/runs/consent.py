@@ -90,7 +90,7 @@ def check_pickles(*paths: Path) -> None:
     files = " and ".join(str(path) for path in paths if path.is_file())
     if files and not _given.pickles:
         hint = "Reading one can run any code that its author put there; --trust reads it."
-        raise RunFolderError("pickle", files, "files without code", hint)
+        raise RunFolderError(files, "pickles", "files without code", hint)
 
 
 def check_named(what: str, name: str, module: str) -> None:

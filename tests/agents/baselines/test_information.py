@@ -48,7 +48,7 @@ def test_without_tensions_a_load_leaves_what_it_moves(information: Any, driven: 
     rows[:, force] += sds[force] * np.random.default_rng(1).standard_normal((2000, 2))
     _, _, tips = information.follow(unread, information.Hidden.of(rows), np.tile(motors, (2000, 1, 1)))
     around = np.linalg.norm(tips[:, -1] - tips[:, -1].mean(axis=0), axis=1).mean()
-    assert information.least_error(unread, truth, motors, sds) == pytest.approx(around, rel=0.05)
+    assert information.expected_error(unread, truth, motors, sds) == pytest.approx(around, rel=0.05)
 
 
 def test_the_more_is_known_the_nearer(information: Any, driven: Any) -> None:
@@ -56,9 +56,9 @@ def test_the_more_is_known_the_nearer(information: Any, driven: Any) -> None:
     sds = information.spreads(config)
     exact = np.where(np.arange(sds.size) < 30, 0.0, sds)
     loud = replace(config, sensing=replace(config.sensing, tension_noise=1.0))
-    limit = information.least_error(config, truth, motors, sds)
-    assert information.least_error(config, truth, motors, exact) < 0.9 * limit
-    assert information.least_error(loud, truth, motors, sds) > 1.1 * limit
+    limit = information.expected_error(config, truth, motors, sds)
+    assert information.expected_error(config, truth, motors, exact) < 0.9 * limit
+    assert information.expected_error(loud, truth, motors, sds) > 1.1 * limit
 
 
 def test_the_command_prints_a_row_per_controller(information: Any, capsys: pytest.CaptureFixture[str]) -> None:

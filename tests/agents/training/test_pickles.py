@@ -130,7 +130,7 @@ def test_a_pickle_is_named_and_not_read_without_trust(command, words, named, tra
     before = files(run)
     assert command([str(run), *words]) == 2
     (error,) = capsys.readouterr().err.splitlines()
-    assert error.startswith(f"error: pickle = '{run / named}") and "any code" in error and "--trust" in error
+    assert error.startswith(f"error: {run / named}") and "any code" in error and "--trust" in error
     assert not sprung.exists()
     assert files(run) == before
     assert command([str(run), *words, "--trust"]) == 2
@@ -152,7 +152,7 @@ def test_a_campaign_resumes_no_run_in_pickles_without_trust(trapped, tmp_path, m
     )
     command = [str(tmp_path / "list.yaml"), "--out", str(tmp_path), "--jobs", "1"]
     assert campaign.main(command) == 2
-    assert f"cannot be trained: member seed 1: pickle = '{run}/checkpoints/0" in capsys.readouterr().err
+    assert f"cannot be trained: member seed 1: {run}/checkpoints/0" in capsys.readouterr().err
     assert resumed == []
     assert campaign.main([*command, "--trust"]) == 0
     assert [member.folder(tmp_path) for member in resumed] == [run]
