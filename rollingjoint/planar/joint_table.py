@@ -141,9 +141,11 @@ def profile_table(child_profile: Profile, parent_profile: Profile) -> JointTable
 def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
     """Equal buckets over a joint's angles: how many per radian, and the first and the last cell of each in turn."""
     low, high = cells[0, 0], cells[-1, 1]
-    slack = np.array([-1e-9, 1.0 + 1e-9])  # every bucket a little wider than it is, for rounding in the lookup
-    ends = low + (high - low) * (np.arange(BUCKETS)[:, None] + slack) / BUCKETS
-    return float(BUCKETS / (high - low)), np.searchsorted(cells[:-1, 1], ends.ravel(), side="right")
+    edges = low + (high - low) * np.arange(BUCKETS + 1) / BUCKETS
+    rounding = 1e-9 * (high - low) / BUCKETS  # of the lookup, and much more
+    first = np.searchsorted(cells[:-1, 1], edges[:-1] - rounding, side="right")
+    last = np.searchsorted(cells[:-1, 1], edges[1:], side="left")  # from a cell that begins at the end it goes on one
+    return float(BUCKETS / (high - low)), np.stack([first, last], axis=1).ravel()
 
 
 def check_rolling(joint: int, child: Surface, parent: Surface) -> None:

@@ -60,6 +60,6 @@ def test_a_bucket_reaches_from_its_first_cell_to_its_last_and_no_further(chain):
     edges = low + (high - low) * np.arange(BUCKETS + 1) / BUCKETS
     rounding, margin = 1e-14 * (high - low), 1e-9 * (high - low)
     for first, last, begin, end in zip(ends[::2], ends[1::2], edges[:-1], edges[1:], strict=True):
-        within = np.flatnonzero((cells[:, 1] > begin - rounding) & (cells[:, 0] <= end + rounding))
+        within = np.flatnonzero((cells[:, 1] > begin - rounding) & (cells[:, 0] < end - rounding))
         around = np.flatnonzero((cells[:, 1] > begin - margin) & (cells[:, 0] <= end + margin))
         assert around[0] <= first <= within[0] and within[-1] <= last <= around[-1]
