@@ -95,7 +95,7 @@ def naming(path: object) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _short(value: object, limit: int = 200) -> str:
+def _short(value: object, limit: int = 160) -> str:
     """The beginning of repr(value), made no further than that: lists of shared lists may be endless."""
     text = ""
     for piece in _pieces(value):

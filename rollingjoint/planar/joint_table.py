@@ -142,9 +142,9 @@ def buckets(cells: Array) -> tuple[float, NDArray[np.int64]]:
     """Equal buckets over a joint's angles: how many per radian, and the first and the last cell of each in turn."""
     low, high = cells[0, 0], cells[-1, 1]
     edges = low + (high - low) * np.arange(BUCKETS + 1) / BUCKETS
-    rounding = 1e-9 * (high - low) / BUCKETS  # of the lookup, and much more
-    first = np.searchsorted(cells[:-1, 1], edges[:-1] - rounding, side="right")
-    last = np.searchsorted(cells[:-1, 1], edges[1:], side="left")  # from a cell that begins at the end it goes on one
+    first = np.searchsorted(cells[:-1, 1], edges[:-1] - 1e-9 * (high - low) / BUCKETS, side="right")  # for the lookup
+    # The last one begins before the end by more than rounding, so that it is the same however the joint is turned.
+    last = np.searchsorted(cells[:-1, 1], [*(edges[1:-1] - 1e-14 * (high - low)), high], side="right")
     return float(BUCKETS / (high - low)), np.stack([first, last], axis=1).ravel()
 
 
