@@ -5,6 +5,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import gymnasium
 import pytest
 
 from agents import evaluate, train
@@ -43,18 +44,21 @@ def run(command: str) -> int:
 def test_every_command_of_the_training_documentation_runs(tmp_path, monkeypatch, no_pictures):
     for name in ("configs", "docs"):
         (tmp_path / name).symlink_to(Path(name).resolve())
-    (tmp_path / "my_controller.py").write_text(blocks("python")[0])
+    for name, program in zip(("my_task", "my_controller"), blocks("python"), strict=False):
+        (tmp_path / f"{name}.py").write_text(program)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     commands = "".join(blocks("bash")).splitlines()
     assert len(commands) >= 7
     assert [command for command in commands if run(command) != 0] == []
     assert "Corrected" in Path("runs/demo/corrected/report.md").read_text()
-    sys.modules.pop("my_controller")
+    for name in ("my_task", "my_controller"):
+        sys.modules.pop(name)
+    gymnasium.registry.pop("mine/Reach-v0")
 
 
 def test_controllers_are_scored_from_python_as_the_documentation_says(capsys):
-    _, program = blocks("python")
+    *_, program = blocks("python")
     exec(program, {})
     rows = capsys.readouterr().out.splitlines()[2:]
     assert [row.split("  ")[0] for row in rows] == ["feedback", "open loop", "floor"]

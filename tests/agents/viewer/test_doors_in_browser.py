@@ -44,7 +44,7 @@ def test_the_command_prints_an_address_that_opens_and_opens_again(browser):
         page.close()
     finally:
         process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 0
+        assert process.wait(60) == 130
         process.stdout.close()
 
 
