@@ -197,13 +197,14 @@ def _enter_hostile_states(rng, report, env):
 
 
 def _spoil(rng, state):
-    """Change one value somewhere in a state of nested dictionaries."""
-    while True:
-        key = list(state)[rng.integers(len(state))]
-        if not isinstance(state[key], dict) or rng.random() < 0.02:
-            break
-        state = state[key]
+    """Change one value somewhere in a state of nested dictionaries; an earlier change may have left none."""
+    if not state:
+        return
+    key = list(state)[rng.integers(len(state))]
     value = state[key]
+    if isinstance(value, dict) and rng.random() > 0.02:
+        _spoil(rng, value)
+        return
     if isinstance(value, np.ndarray) and value.size and rng.random() < 0.8:
         kind = value.dtype
         number = rng.choice([*_BAD_NUMBERS, -1.0, 0.5, 1e9, 1e300, float(rng.normal(0.0, 10.0))])
