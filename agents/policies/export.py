@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 FIRST_SEED = 20_000
 LARGEST_DIFFERENCE = 1e-5
-MACHINE = ("platform", "processor", "cores")  # keys of versions.json that users of the policy do not need
+MACHINE = ("platform", "processor", "cores", "imported")  # keys of versions.json that are no packages
 
 
 def export_run(run: RunFolder, which: str, name: str) -> ShippedPolicy:

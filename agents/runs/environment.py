@@ -47,9 +47,10 @@ class EnvConfig:
         module, colon, name = self.id.rpartition(":")
         if colon:
             check_named("env.id", self.id, module)
-        spec = gymnasium.registry.get(name)
-        if spec is not None and isinstance(spec.entry_point, str):  # else it is of a module that was imported
-            check_named("env.id", self.id, spec.entry_point.partition(":")[0])
+        for known, spec in gymnasium.registry.items():
+            is_meant = known == name or known.startswith(f"{name}-v")  # Gymnasium fills in the newest version
+            if is_meant and isinstance(spec.entry_point, str):  # else it is of a module that was imported
+                check_named("env.id", self.id, spec.entry_point.partition(":")[0])
 
     @property
     def is_ours(self) -> bool:

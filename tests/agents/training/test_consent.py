@@ -106,7 +106,9 @@ def test_a_module_that_cannot_be_imported_is_named_in_one_line(demo, capsys):
     assert "--import = 'no_such_module'" in error and "NAME.py" in error
 
 
-@pytest.mark.parametrize("name", ["os:x", "a.b:rj_gym/RollingJoint-v0", ":rj_gym/RollingJoint-v0", "own/Listed-v0"])
+@pytest.mark.parametrize(
+    "name", ["os:x", "a.b:rj_gym/RollingJoint-v0", ":rj_gym/RollingJoint-v0", "own/Listed-v0", "own/Listed"]
+)
 def test_an_id_that_names_a_module_is_refused(name, monkeypatch):
     listed = gymnasium.envs.registration.EnvSpec("own/Listed-v0", "own_module:Listed")  # as installed packages do
     monkeypatch.setitem(gymnasium.registry, "own/Listed-v0", listed)
