@@ -197,6 +197,21 @@ class Deferred(tuple[M, ...]):
     def __iter__(self) -> Iterator[M]:
         return map(self._build, range(len(self)))
 
+    def __contains__(self, mechanism: object) -> bool:
+        return mechanism in tuple(self)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or tuple(self) == other
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
+
     def __reduce__(self) -> tuple[type[tuple[M, ...]], tuple[tuple[M, ...]]]:
         return tuple, (tuple(self),)
 

@@ -12,7 +12,7 @@ Modules:
     files: files that are written whole or not at all; tables read back.
     locks: locks between processes.
     state_file: plain values, arrays and tensors in one safetensors file.
-    consent: what the command line allows: pickles, and modules that files name.
+    consent: permissions that only the command line gives: pickles, and modules that files name.
     folder: the run folder.
     processes: how commands are asked to stop.
     command_line: exit codes, error lines and signals of the commands.

@@ -1,6 +1,6 @@
-"""What the user has allowed on the command line: pickles to be read, modules to be named in files. Else nothing is.
+"""Permissions that only the command line gives: to read pickles, and to run modules that files name.
 
-Files of strangers may be run folders, configurations and policies; none of them can give itself what is asked for here.
+Run folders, configurations and policies may come from strangers, and cannot give themselves either of them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OWN = ("rj_gym", "gymnasium")  # packages whose registered environments need no 
 
 @dataclass(frozen=True)
 class Consent:
-    """What is allowed: reading pickles, and these modules, each a dotted name or the path of a file NAME.py."""
+    """Permission to read pickles, and to run these modules, each a dotted name or the path of a file NAME.py."""
 
     pickles: bool = False
     modules: tuple[str, ...] = ()
@@ -39,13 +39,13 @@ _given = Consent()  # of this process, whichever thread asks
 
 
 def consent() -> Consent:
-    """What is allowed now."""
+    """The permissions that this process has now."""
     return _given
 
 
 @contextmanager
 def allowing(given: Consent) -> Iterator[None]:
-    """A context in which this is allowed; the modules are imported first.
+    """A context with these permissions; the modules are imported first.
 
     Raises:
         ConfigError: a module that cannot be imported.
@@ -80,7 +80,7 @@ def add_consent(parser: argparse.ArgumentParser, pickles: bool = True) -> None:
 
 
 def consent_of(arguments: argparse.Namespace) -> Consent:
-    """What the options of a command allow."""
+    """The permissions that the options of a command give."""
     modules = (str(Path(name).resolve()) if name.endswith(".py") else name for name in arguments.modules)
     return Consent(getattr(arguments, "trust", False), tuple(modules))
 
@@ -101,9 +101,9 @@ def check_named(what: str, name: str, module: str) -> None:
 
 
 def imported(module: str) -> ModuleType:
-    """The module of that name, also in the working directory, or in the file NAME.py, beside which it finds others.
+    """The module, by its name, also in the working directory, or by the path of a file NAME.py.
 
-    Raises ImportError, or what the module raises.
+    Raises ImportError, or any error of the module.
     """
     path = Path(module).resolve()
     if not module.endswith(".py"):

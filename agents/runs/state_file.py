@@ -1,4 +1,4 @@
-"""Plain values, arrays and tensors in one safetensors file, of which nothing is ever executed.
+"""Plain values, arrays and tensors in one safetensors file, which can hold no code.
 
 Values are None, booleans, numbers, texts, lists, tuples, deques and dictionaries of such; numbers of NumPy, arrays and
 torch tensors keep their type. Arrays are the file's tensors, everything else is one JSON text in its metadata.

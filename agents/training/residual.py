@@ -46,7 +46,7 @@ class _Together:
     Args:
         lanes: where its episodes run or ran.
         running: which of them still do.
-        seen: the observations that it has advised on.
+        seen: all observations since its episodes began.
     """
 
     guide: Guide
@@ -109,12 +109,12 @@ class AdvisedVecEnv(VecEnvWrapper):
         return with_advice(observations, self._advice), rewards, dones, infos
 
     def get_state(self) -> dict[str, Any]:
-        """What guides have seen, and their advice, in plain values and arrays."""
+        """The observations of all guides, and their advice, in plain values and arrays."""
         kept = [{"lanes": each.lanes, "running": each.running, "seen": each.seen} for each in self._groups]
         return {"groups": kept, "advice": self._advice}
 
     def set_state(self, state: Any) -> None:
-        """Go on from what `get_state` gave: new guides see the same again."""
+        """Continue from a state of `get_state`: new guides receive the same observations again."""
         self._groups, self._advice = [], state["advice"].copy()
         for kept in state["groups"]:
             group = _Together(self._new_guide(), kept["lanes"], kept["running"], [])

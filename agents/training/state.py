@@ -1,6 +1,6 @@
 """The state of a model in training in plain values and arrays, and a freshly built model that goes on from it.
 
-Lanes that are not of rj_gym have no such form: in them new episodes begin.
+Only lanes of rj_gym have such a state; in others new episodes begin.
 """
 
 from __future__ import annotations
@@ -160,12 +160,12 @@ def _native(env: VecEnv) -> TaskVectorEnv | None:
 
 
 def _held(owner: Any, names: tuple[str, ...]) -> Plain:
-    """Those of these attributes that there are."""
+    """The attributes with these names, where the owner has them."""
     return {name: getattr(owner, name) for name in names if hasattr(owner, name)}
 
 
 def _hold(owner: Any, values: Mapping[str, Any], names: tuple[str, ...]) -> None:
-    """Set these attributes; raises StateError for others."""
+    """Set attributes; raises StateError for a name that is not in `names`."""
     if not set(values) <= set(names):
         raise StateError("state", sorted(values), f"some of {', '.join(names)}")
     vars(owner).update(values)

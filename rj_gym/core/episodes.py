@@ -80,7 +80,7 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def set_state(self, state: Any) -> None:
-        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:

@@ -142,7 +142,7 @@ class TrackingEpisodeBuffer(StartingEpisodes):
         }
 
     def set_state(self, state: Any) -> None:
-        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
         parts = checked_parts(state, ("mechanisms", "designs", "arrays"))
         mechanisms = self._mechanisms_in(parts["mechanisms"])
         designs = checked_array("designs", parts["designs"], self.designs)

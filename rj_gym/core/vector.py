@@ -198,10 +198,10 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     @used_alone
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state of an environment with the same settings and number of lanes, to the last bit.
+        """Continue from a state of an environment with the same settings and number of lanes, to the last bit.
 
         Raises:
-            InvalidInput: what is no such state; nothing has changed then.
+            InvalidInput: any other state; nothing has changed then.
         """
         parts = checked_parts(state, ("episodes", "generators", "over"))
         check_generator_states(parts["generators"], self.num_envs)

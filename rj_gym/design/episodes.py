@@ -76,7 +76,7 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         return {name: array.copy() for name, array in self._kept().items()}
 
     def set_state(self, state: Any) -> None:
-        """Go on from what `get_state` gave; raises InvalidInput for what does not fit, and nothing has changed then."""
+        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
         kept = self._kept()
         arrays = checked_parts(state, tuple(kept))
         for name, array in kept.items():

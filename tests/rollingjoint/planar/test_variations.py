@@ -99,3 +99,12 @@ def test_an_equilibrium_of_variations_keeps_the_mechanisms_that_were_solved():
     assert np.allclose(row.arc_lengths, alone.arc_lengths, rtol=0, atol=1e-8)
     kept = pickle.loads(pickle.dumps(solved))
     assert np.array_equal([chain.stiffnesses for chain in kept.mechanism], stiffnesses)
+
+
+def test_mechanisms_that_are_built_when_asked_for_are_a_tuple_of_them():
+    offsets, factors = drawn(five_link(), 3, 0.1, 0.01, 0.2)
+    first, second = (ChainVariations(five_link(), offsets, factors).members() for _ in range(2))
+    built = tuple(first)
+    assert first[1] in first and second[1] not in first and None not in first
+    assert first == built and built == first and hash(first) == hash(built) and first != second
+    assert repr(first) == repr(built)
