@@ -77,7 +77,8 @@ class Interruptible:
         self._is_over = True
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
-            sys.unraisablehook = self._report
+            if not (self._for_good and self.is_interrupted):
+                sys.unraisablehook = self._report
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         if self._is_over or (self.is_interrupted and not self._is_lost):
@@ -89,10 +90,13 @@ class Interruptible:
         raise KeyboardInterrupt
 
     def _raise_again(self, lost: sys.UnraisableHookArgs) -> None:
-        """In place of a report of an exception that nobody catches, as in a callback: it is raised later."""
-        if lost.exc_type is not KeyboardInterrupt:
+        """In place of a report of an exception that nobody catches, as in a callback: the interrupt is raised later.
+
+        What else is raised after it is dropped: objects whose making was interrupted say so when they are deleted.
+        """
+        if not self.is_interrupted:
             self._report(lost)
-        elif self.is_interrupted and not self._is_over:
+        elif lost.exc_type is KeyboardInterrupt and not self._is_over:
             self._is_lost = True
             _thread.start_new_thread(_interrupt_soon, ())
 

@@ -59,7 +59,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "rj solve": Command("rj solve configs/mechanism/spline_example.yaml --tensions 3 2 2 --plot FOLDER/a.png", 3.0),
     "rj plot": Command("rj plot five_link --tensions 3 2 --out FOLDER/a.pdf", 3.0),
-    "rj loop": Command("rj loop five_link --friction 0.05 0.1 0.2 --steps 20000 --cycles 20"),
+    "rj loop": Command("rj loop five_link --friction 0.1 --steps 5000 --cycles 5", 6.0),
     "rj export": Command("rj export five_link --out FOLDER/made --mjcf FOLDER/a.xml", 4.0),
     "rj identify": Command("rj identify examples/data/two_runs_raw.yaml"),
     "rj mechanisms": Command("rj mechanisms", 1.5),
@@ -111,6 +111,8 @@ def _interrupted(rng, report, name, folder):
         _wait_for_moment(rng, started)
         before = len(started.errors())
         if not started.runs():
+            if code := started.process.poll():
+                report.fail(f"{name}: ended by itself with exit code {code}: {started.errors()[-300:]}")
             _shorten(name, started)
             return False
         started.interrupt(to_all=bool(rng.integers(2)))

@@ -39,6 +39,19 @@ def command():
     exec("signal.raise_signal(signal.SIGINT)")
 sys.exit(interruptible(command))
 """
+HALF_MADE = """
+class HalfMade:
+    def __init__(self):
+        signal.raise_signal(signal.SIGINT)
+        self.pointer = 1
+    def __del__(self):
+        del self.pointer
+kept = []
+def command():
+    kept.append(HalfMade.__new__(HalfMade))  # deleted when the process ends
+    HalfMade()
+sys.exit(interruptible(command))
+"""
 AFTERWARDS = """
 interruptible(lambda: 0)
 signal.raise_signal(signal.SIGINT)
@@ -101,6 +114,10 @@ def test_further_presses_do_not_disturb_the_end(capsys):
 )
 def test_ctrl_c_is_neither_lost_in_callbacks_nor_outside_the_command(program):
     assert ended(RJ + program) == (130, "interrupted\n")
+
+
+def test_objects_whose_making_was_interrupted_are_deleted_in_silence():
+    assert ended(RJ + HALF_MADE) == (130, "interrupted\n")
 
 
 def test_a_command_in_which_the_exception_is_lost_ends_all_the_same():
