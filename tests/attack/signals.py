@@ -141,7 +141,8 @@ def _faults(started, code, seconds, left, before):
     output, errors = started.output(), started.errors()
     had_ended = code in (0, -signal.SIGINT) and not errors and seconds < 1.0
     files = set(re.findall(rf'File "{re.escape(str(ROOT))}/([^"]+)"', errors))
-    if had_ended or ("Traceback" in errors and files <= _FIRST):
+    begins = "init_import_site" in errors  # where Python looks for installed packages
+    if had_ended or begins or ("Traceback" in errors and files <= _FIRST):
         return ["Python's"]
     faults = []
     if code is None or seconds > LIMIT:

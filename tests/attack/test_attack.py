@@ -148,6 +148,9 @@ def test_a_worker_that_dies_is_a_failure(monkeypatch):
     assert "exit code -11" in done["failures"][0]["what"] and "round 5" in done["failures"][0]["what"]
 
 
+SITE = "Fatal Python error: init_import_site: Failed to import the site module\nTraceback"
+
+
 def ended(output="", errors="interrupted\n"):
     return SimpleNamespace(output=lambda: output, errors=lambda: errors)
 
@@ -172,6 +175,7 @@ def ended(output="", errors="interrupted\n"):
         (ended(errors="interrupted\ninterrupted\n"), 130, 1.0, [], "not one line"),
         (ended(errors=""), 130, 1.0, [], "not one line"),
         (ended(errors='Traceback\n  File "site.py"\nKeyboardInterrupt'), 1, 0.1, [], "Python's"),
+        (ended(errors=f'{SITE}\n  File "{signals.ROOT}/.venv/finder.py"'), 1, 0.1, [], "Python's"),
     ],
 )
 def test_a_bad_end_after_ctrl_c_is_noticed(started, code, seconds, left, fault):
