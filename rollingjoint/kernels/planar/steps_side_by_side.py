@@ -1,4 +1,4 @@
-"""Steps with friction, eight lanes side by side: side_by_side.py with the terms of friction.
+"""Steps with friction, eight lanes side by side: shared/lanes.py with the terms of friction.
 
 The Jacobian is not symmetric: it is factored without exchange of rows, and pivots that are not positive are replaced on
 the way; at the end its symmetric part must be positive definite. The line search goes by the incremental potential with
@@ -18,27 +18,12 @@ from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint._numba.simd import WIDTH, any_lane, where
 from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
-from rollingjoint.kernels.planar import block_formulas
 from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays
-from rollingjoint.kernels.planar.block import (
-    ARRIVED,
-    ENERGY,
-    LEFT,
-    MAGNITUDE,
-    PHASE,
-    RUNNING,
-    STEPS,
-    WORST,
-    Block,
-    block_sizes,
-    fill_design,
-    fill_inputs,
-    store_lane,
-)
+from rollingjoint.kernels.planar.block import Block, block_sizes, fill_design, fill_inputs, store_lane
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import fill_dead_stiffness, n_rows
-from rollingjoint.kernels.planar.side_by_side import evaluate_lanes, hold_ends, keep, move, solve_rows
 from rollingjoint.kernels.planar.turns import evaluate_turns
+from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
@@ -56,6 +41,20 @@ from rollingjoint.kernels.shared.friction import (
     valid_law,
 )
 from rollingjoint.kernels.shared.lane import resolvable
+from rollingjoint.kernels.shared.lanes import (
+    ARRIVED,
+    ENERGY,
+    LEFT,
+    MAGNITUDE,
+    PHASE,
+    RUNNING,
+    STEPS,
+    WORST,
+    hold_ends,
+    keep,
+    move,
+    solve_rows,
+)
 from rollingjoint.kernels.shared.tolerances import (
     NEGLIGIBLE,
     RELATIVE_GOAL,
@@ -223,7 +222,7 @@ def advance(rubbed, chain, designs):
     search, angle, residual = block.search, block.state.angle, block.state.residual
     solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
-    potential, magnitude, scale = evaluate_lanes(chain, designs, block)
+    potential, magnitude, scale = block_formulas.evaluate_lanes(block, chain, designs)
     _add_friction(tendon_joints, rubbed)
     term, size, present, work = evaluated_energy(coefficients, rubbed.before, tendon_joints, now)
     rubbed.work[0] = work

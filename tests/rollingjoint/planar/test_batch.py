@@ -25,7 +25,7 @@ from rollingjoint import (
     uniform,
 )
 from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.kernels.planar.side_by_side import PENDING
+from rollingjoint.kernels.shared.lanes import PENDING
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.mechanism import designs_of
 from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results

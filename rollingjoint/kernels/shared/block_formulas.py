@@ -1,6 +1,6 @@
-"""What the driver of eight lanes (side_by_side.solve_rows) calls, chosen by the block's class: Block or RubbedBlock.
+"""What the driver of lanes (lanes.py) calls, chosen by the class of its block.
 
-`friction` is None for a Block, FrictionArrays for a RubbedBlock.
+`friction` is None for a block without friction, else FrictionArrays.
 """
 
 from __future__ import annotations
@@ -11,6 +11,16 @@ from typing import Any
 def fill_row(block: Any, batch: Any, friction: Any, lane: Any, row: Any, design: Any) -> Any:
     """Copy the inputs of a row into a lane, and a design unless it is -1; False where the row must be left PENDING."""
     raise TypeError("fill_row is compiled into kernels")
+
+
+def evaluate_lanes(block: Any, chain: Any, designs: Any) -> Any:
+    """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
+    raise TypeError("evaluate_lanes is compiled into kernels")
+
+
+def fill_row_of_loads(block: Any, i: Any, H: Any) -> Any:
+    """Fill row i of H up to the diagonal with what loads add; returns the diagonal entry without the tendons."""
+    raise TypeError("fill_row_of_loads is compiled into kernels")
 
 
 def advance(block: Any, chain: Any, designs: Any) -> Any:
