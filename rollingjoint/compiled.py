@@ -23,8 +23,8 @@ Arrays that stay where they are:
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
 Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
-    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
-        rows are left to its solve_the_rest, -1 where it had no memory.
+    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange (arms:
+        PinnedHinges); how many rows are left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
     FrictionArrays: friction of rows and what it remembers, for `step_range` and `begin_range` of a family's batch
@@ -54,6 +54,7 @@ from rollingjoint.kernels.shared.friction import (
     History,
     new_friction_arrays,
 )
+from rollingjoint.kernels.spatial.arrays import PinnedHinges
 from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedBatch, PinnedRange
 from rollingjoint.threads import run_in_threads, runs_at_once
 
@@ -71,6 +72,7 @@ __all__ = [
     "Integers",
     "Pinned",
     "PinnedBatch",
+    "PinnedHinges",
     "PinnedRange",
     "Singles",
     "TendonLaw",

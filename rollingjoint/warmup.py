@@ -270,6 +270,18 @@ def arm_solver() -> None:
     assert taut.stiffness.size and taut.friction_state.states.size
 
 
+def arm_batches() -> None:
+    """Solve arms side by side."""
+    arm = small_arm()
+    assert solve_lengths_batch(arm, [arm.neutral_lengths - 0.1] * 2).joint_angles.size
+
+
+def arm_special_cases() -> None:
+    """Solve an arm whose tendons are linear, as arms that buckle are solved."""
+    arm = small_arm().replace(model="linear")
+    assert solve_tensions(arm, np.ones(arm.n_tendons)).joint_angles.size
+
+
 def arm_friction() -> None:
     """Take a step of an arm with friction."""
     assert _step_with_friction(small_arm()).size
@@ -291,5 +303,7 @@ GROUPS = (
     Group("the planar solver with friction", planar_friction, family="planar"),
     Group("the planar solver", planar_solver, family="planar"),
     Group("the planar solver of batches", planar_batches, family="planar"),
-    Group("the arm's solver", arm_solver, family="arm"),
+    Group("the arm's solver for special cases", arm_special_cases, family="arm"),
+    Group("the arm's solver of single chains", arm_solver, family="arm"),
+    Group("the arm's solver", arm_batches, family="arm"),
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,18 +9,16 @@ from numpy.typing import NDArray
 
 from rj_gym.arm import kernels
 from rj_gym.arm.columns import GRAVITY, TARGET_FRAME
-from rj_gym.arm.kernels import FX, Course, Inputs, RunningEpisodes, Solved
+from rj_gym.arm.kernels import FX, Course, RunningEpisodes
 from rj_gym.arm.render import ArmCanvas, ArmScene
 from rj_gym.arm.sampling import ArmDraws
 from rj_gym.arm.task import ArmTask
 from rj_gym.core.columns import FORCE, TENSIONS
 from rj_gym.core.draws import over_time
-from rj_gym.core.hardware import Hardware
 from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.kernels import AT_LIMIT
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.rendering.canvas import Screen
-from rollingjoint.compiled import machine_code
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.spatial import batch
 from rollingjoint.spatial.chain import HingeChain
@@ -32,7 +29,7 @@ Array = NDArray[np.float64]
 class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the arm's task."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
+    _kernels: ClassVar[Any] = kernels
     _batch: ClassVar[Any] = batch
     _FORCE: ClassVar[slice] = slice(FX, FX + 3)
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
@@ -129,22 +126,3 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
 
     def _pictured(self, poses: Array) -> Array:
         return poses[:, -1, : len(self.task.pictured), 3].copy()
-
-    def _step(self, address: int, first: int, last: int) -> int:
-        return self._begin_step(first, last)
-
-    def _observe(self, address: int) -> None:
-        self._fill(address)
-
-    def _bind_step(self) -> None:
-        solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
-        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        kinds, known = (kernels.Rules, Course, RunningEpisodes), (self._rules, self.course, self.state)
-        hardware = self.hardware
-        self._begin_step = partial(
-            machine_code(kernels.prepare, *kinds, Hardware, Inputs, int, int), *known, hardware, inputs
-        )
-        self._finish = partial(
-            machine_code(kernels.finish, *kinds, Hardware, Solved, int, int, int), *known, hardware, solved
-        )
-        self._fill = partial(machine_code(kernels.observe, *kinds, Hardware, int), *known, hardware)

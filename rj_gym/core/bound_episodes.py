@@ -22,6 +22,7 @@ from rollingjoint.compiled import (
     Floats,
     FrictionArrays,
     Integers,
+    Pinned,
     TendonLaw,
     machine_code,
     run_in_threads,
@@ -38,7 +39,7 @@ _READINGS = Annotated[Floats, "B", "columns"]
 class BoundEpisodes(EpisodeBuffer):
     """Arrays with room for B episodes of a tracking task; a change of mechanisms or arrays binds the kernels anew."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ()  # made by `_bind`, left out of pickles
+    _kernels: ClassVar[Any]  # the module of the task's compiled step, with TaskArrays and their parts
     _batch: ClassVar[Any]  # the module of the family that solves batches
     _FORCE: ClassVar[slice]  # columns of a load table, of the force in its last row that acts only while episodes run
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]]  # of a load table
@@ -72,7 +73,8 @@ class BoundEpisodes(EpisodeBuffer):
 
     def __getstate__(self) -> dict[str, Any]:
         bound = {"readings", "_finite", "_step", "_solve", "_rub", "_finish", "_action", "_row", "_seen", "_at"}
-        return {name: value for name, value in self.__dict__.items() if name not in bound.union(self._BOUND)}
+        bound |= {"_pins", "_pinned"}
+        return {name: value for name, value in self.__dict__.items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
@@ -86,9 +88,21 @@ class BoundEpisodes(EpisodeBuffer):
     def _tips(self, count: int) -> Array:
         """What a target specifies, of the solved first lanes' tips, (count, d) [mm]."""
 
-    @abstractmethod
     def _bind_step(self) -> None:
-        """The kernels that go around the solve: `_step`, `_finish`."""
+        """The task's kernels: `_step`, `_finish`, and what `_observe` calls."""
+        kernels, results = self._kernels, self._results
+        solved = kernels.Solved(*(getattr(results, name) for name in kernels.Solved._fields))
+        inputs = kernels.Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
+        arrays = kernels.TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved, *solver)
+        self._pinned = Pinned(arrays)
+        self._pins = self._pinned.address_for(kernels.TaskArrays)
+        self._step = partial(machine_code(kernels.step, int, int, int, int), self._pins)
+        self._finish = partial(machine_code(kernels.finish, int, int, int, int), self._pins)
+
+    def _observe(self, address: int) -> None:
+        """Fill the observations of all lanes, (B, entries), anew."""
+        self._kernels.observe(self._pins, address)
 
     def _advance(self, count: int) -> Observation:
         """A step of the first lanes; their fresh observations, (count, entries)."""

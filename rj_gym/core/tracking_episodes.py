@@ -203,10 +203,6 @@ class TrackingEpisodeBuffer(StartingEpisodes):
     def _pictured(self, poses: Array) -> Array:
         """What `TrackingTask.pictured` names, of these poses of all lanes, (B, k) [mm, 1]."""
 
-    @abstractmethod
-    def _observe(self, address: int) -> None:
-        """Fill the observations of all lanes, (B, entries), anew."""
-
     def _shared_scene(self, trail: Array, lane: int) -> dict[str, Any]:
         """The fields of a TrackingScene."""
         readings, config, d = self.readings[lane], self.task.config, self.task.dimension

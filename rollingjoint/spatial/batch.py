@@ -8,18 +8,21 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint._numba.jit import machine_code
-from rollingjoint._numba.layout import fields
+from rollingjoint._numba.jit import entry_address, machine_code
+from rollingjoint._numba.layout import Integers, fields
+from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction_step import FrictionStep
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
-from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults
+from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults, PinnedHinges
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
+from rollingjoint.kernels.spatial.lanes import MOST_HINGES, memory_alone, solve_hinges_alone, solve_hinges_pinned
 from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
 from rollingjoint.solution import STATUSES, Outputs, strictly_within
 from rollingjoint.spatial.chain import HingeChain
@@ -132,18 +135,25 @@ def free_joints(batch: BatchArrays) -> NDArray[np.bool_]:
 
 
 class PinnedRange:
-    """Solves ranges of rows of arrays that stay where they are; the interface of planar.batch.PinnedRange.
-
-    No kernel calls it (`entry` is 0): a call from Python costs a fiftieth of a solve.
-    """
-
-    entry = pins = 0
+    """Solves ranges of rows of arrays that stay where they are; the interface of planar.batch.PinnedRange."""
 
     def __init__(self, batch: BatchArrays) -> None:
-        self._solve = partial(_on_batch(solve_hinge_lanes), *batch)
+        alone, self._long = len(batch.starts) == 1, batch.starts.shape[1] > MOST_HINGES
+        memory = memory_alone(batch) if alone and not self._long else np.zeros(0)
+        self._batch, self._pinned, self.entry = batch, Pinned(PinnedHinges(batch, memory)), 0
+        self.pins = self._pinned.address_for(PinnedHinges)
+        if not self._long:
+            kernel = solve_hinges_alone if alone else solve_hinges_pinned
+            self.entry = entry_address(kernel, int, int, int)
+            self._solve = partial(machine_code(kernel, int, int, int), self.pins)
 
     def __call__(self, first: int, last: int) -> None:
-        """Solve rows first to last - 1; Python's lock is released meanwhile."""
-        self._solve(first, last)
+        """Solve rows first to last - 1."""
+        if self._long or self._solve(first, last):
+            self.solve_the_rest(first, last)
 
-    solve_the_rest = __call__
+    def solve_the_rest(self, first: int, last: int) -> None:
+        """Solve those of the rows first to last - 1 that `entry` has left."""
+        rows = np.arange(first, last)
+        left = rows if self._long else rows[self._batch.results.status[first:last] == PENDING]
+        machine_code(solve_hinge_lanes, *fields(BatchArrays), Annotated[Integers, "left"])(*self._batch, left)

@@ -36,7 +36,7 @@ from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
 from rollingjoint.kernels.shared.newton import reclassified
-from rollingjoint.kernels.shared.tendons import evaluate_tendons
+from rollingjoint.kernels.shared.tendons import evaluate_tendons, fill_residual
 
 
 @formula(formulas.evaluate, Chain)
@@ -81,22 +81,12 @@ def evaluate_poses(holes, channels, tendon_joints, state):
 
 @part(inline=True)
 def evaluate_residual(tendon_joints, state):
-    """Fill r = sum of tension g' minus the moment of the loads about the contact.
-
-    Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
-    """
-    sums, contact, gap, tension, out = state.sums, state.contact, state.gap, state.tension, state.residual
+    """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
+    sums, contact = state.sums, state.contact
     scale = 0.0 * state.angle[0]
-    for i in range(out.size):
-        cx, cy = contact[i, 0], contact[i, 1]
-        moment = sums[i, TURN] - (cx * sums[i, FY] - cy * sums[i, FX])
-        size, residual = abs(moment), -moment
-        for j in range(tension.size):
-            if i < tendon_joints[j]:
-                torque = tension[j] * gap[i, j, 1]
-                residual = residual + torque
-                size = size + where(abs(torque) > tension[j], abs(torque), tension[j])
-        out[i] = residual
+    for i in range(state.residual.size):
+        moment = sums[i, TURN] - (contact[i, 0] * sums[i, FY] - contact[i, 1] * sums[i, FX])
+        size = fill_residual(tendon_joints, state, i, 0.0, moment)
         scale = where(size > scale, size, scale)
     return scale
 

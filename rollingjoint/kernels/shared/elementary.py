@@ -53,9 +53,7 @@ def sine_and_cosine(x):
     quarters = (x * (2.0 / math.pi) + _INTEGERS) - _INTEGERS
     y = (x - quarters * _QUARTER) - quarters * _QUARTER_REST
     z = y * y
-    sine = y + y * z * (
-        _SIN[0] + z * (_SIN[1] + z * (_SIN[2] + z * (_SIN[3] + z * (_SIN[4] + z * _SIN[5]))))
-    )
+    sine = y + y * z * (_SIN[0] + z * (_SIN[1] + z * (_SIN[2] + z * (_SIN[3] + z * (_SIN[4] + z * _SIN[5])))))
     half = 0.5 * z
     high = 1.0 - half
     tail = z * z * (_COS[0] + z * (_COS[1] + z * (_COS[2] + z * (_COS[3] + z * (_COS[4] + z * _COS[5])))))

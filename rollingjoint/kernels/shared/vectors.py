@@ -13,7 +13,7 @@ from typing import Any
 from numba.core import types
 from numba.extending import overload
 
-from rollingjoint._numba.jit import PART_OPTIONS
+from rollingjoint._numba.jit import PART_OPTIONS, part
 from rollingjoint._numba.simd import where
 
 
@@ -43,8 +43,14 @@ def times(a: Any, factor: Any) -> Any:
 
 
 def about(axis: Any, arm: Any) -> Any:
-    """axis × arm: how the end of an arm moves while it turns about an axis."""
+    """axis × arm: how the end of an arm moves while it turns about an axis; in space the product of any two vectors."""
     raise TypeError("about is compiled into kernels")
+
+
+@part(inline=True)
+def in_space(values, i, first):
+    """Three numbers of a row, as a vector."""
+    return values[i, first], values[i, first + 1], values[i, first + 2]
 
 
 def choose(condition: Any, yes: Any, no: Any) -> Any:

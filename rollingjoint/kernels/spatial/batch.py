@@ -52,19 +52,20 @@ def store(state, outcome, results, lane):
     results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
 
 
-@kernel(nogil=True, lapack=True, title="the arm's solver")
-def solve_hinge_lanes(chain, designs, laws, loads, starts, results, first, last):
-    """Solve lanes first to last - 1; all inputs and the arrays of laws carry a leading lane axis."""
+@kernel(nogil=True, lapack=True, title="the arm's solver for special cases")
+def solve_hinge_lanes(chain, designs, laws, loads, starts, results, lanes):
+    """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
     n_joints, n_tendons = starts.shape[1], laws.low.shape[1]
     memory = new_hinge_state(n_joints, n_tendons), np.empty(n_joints)
-    _solve_each(chain, designs, laws, loads, starts, results, first, last, *memory)
+    _solve_each(chain, designs, laws, loads, starts, results, lanes, *memory)
 
 
 @part
-def _solve_each(chain, designs, laws, loads, starts, results, first, last, state, rest):
-    laws, loads, starts, state = borrow(laws), borrow(loads), borrow(starts), borrow(state)
+def _solve_each(chain, designs, laws, loads, starts, results, lanes, state, rest):
+    laws, loads, starts, state, lanes = borrow(laws), borrow(loads), borrow(starts), borrow(state), borrow(lanes)
     results = borrow(results)
-    for lane in range(first, last):
+    for place in range(lanes.size):
+        lane = lanes[place]
         one = design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
         if valid(law, loads[lane], starts[lane], STIFFNESSES):
@@ -76,7 +77,7 @@ def _solve_each(chain, designs, laws, loads, starts, results, first, last, state
         store(state, outcome, results, lane)
 
 
-@kernel(title="the arm's solver")
+@kernel(title="the arm's solver of single chains")
 def hinge_stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
     state = new_hinge_state(angles.shape[1], tensions.shape[1])

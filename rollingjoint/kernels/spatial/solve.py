@@ -22,7 +22,7 @@ from rollingjoint.kernels.shared.relaxation import relax
 from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
 from rollingjoint.kernels.spatial.arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
-from rollingjoint.kernels.spatial.springs import has_springs
+from rollingjoint.kernels.spatial.loads import has_springs
 
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
