@@ -68,7 +68,7 @@ import rollingjoint as rj
 from benchmarks.on_arrays import solve_on_arrays
 from rollingjoint.compiled import BatchArrays, Integers, Pinned, PinnedRange
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.kernels.planar.batch import solve_lanes
+from rollingjoint.kernels.shared.batch import solve_lanes
 from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
 
 arm, B = rj.five_link(), {lanes}

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.batch import stiffness_of
 from rollingjoint.kernels.planar.forward import arc_lengths_of
-from rollingjoint.kernels.planar.rubbed import begin_histories, rubbed_stiffness_of
+from rollingjoint.kernels.shared.batch import stiffness_of
+from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of
 from rollingjoint.load import LOAD_COLUMNS, check_table
 from rollingjoint.mechanism import distinct
 from rollingjoint.planar.chain import RollingChain

@@ -17,13 +17,13 @@ from rollingjoint._numba.jit import entry_address, machine_code
 from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction_step import FrictionStep
+from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
 from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults, PinnedHinges
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
-from rollingjoint.kernels.spatial.batch import hinge_stiffness_of, solve_hinge_lanes
 from rollingjoint.kernels.spatial.lanes import MOST_HINGES, memory_alone, solve_hinges_alone, solve_hinges_pinned
-from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of, step_hinge_lanes
 from rollingjoint.solution import STATUSES, Outputs, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
@@ -97,19 +97,19 @@ def pack_outputs(
 
 @functools.cache
 def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., None]:
-    """The machine code of a kernel of the fields of BatchArrays, arguments of these kinds, and a range of rows."""
-    return machine_code(kernel, *fields(BatchArrays), *kinds, int, int)
+    """The machine code of a kernel of the fields of BatchArrays, and of arguments of these kinds after them."""
+    return machine_code(kernel, *fields(BatchArrays), *kinds)
 
 
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
-    _on_batch(step_hinge_lanes, FrictionArrays)(*batch, friction, first, last)
+    _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, np.arange(first, last))
 
 
 def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
     rows, (law, history) = slice(first, last), histories_of(friction, first, last)
-    begin_hinge_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
+    begin_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
 
 
 def stiffnesses(batch: BatchArrays, friction: FrictionArrays | None = None) -> tuple[Array, Array]:
@@ -121,10 +121,10 @@ def stiffnesses(batch: BatchArrays, friction: FrictionArrays | None = None) -> t
     known = batch.chain, batch.designs
     there = results.tensions, results.elastic, batch.loads, results.joint_angles
     if friction is None:
-        hinge_stiffness_of(*known, *there, H)
+        stiffness_of(*known, *there, H)
         return H, results.torques
     torques = np.empty_like(results.torques)
-    rubbed_hinge_stiffness_of(*known, friction.law, *there, friction.after, H, torques)
+    rubbed_stiffness_of(*known, friction.law, *there, friction.after, H, torques)
     return H, torques
 
 
@@ -156,4 +156,4 @@ class PinnedRange:
         """Solve those of the rows first to last - 1 that `entry` has left."""
         rows = np.arange(first, last)
         left = rows if self._long else rows[self._batch.results.status[first:last] == PENDING]
-        machine_code(solve_hinge_lanes, *fields(BatchArrays), Annotated[Integers, "left"])(*self._batch, left)
+        _on_batch(solve_lanes, Annotated[Integers, "left"])(*self._batch, left)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.kernels.spatial.batch import hinge_stiffness_of
-from rollingjoint.kernels.spatial.rubbed import begin_hinge_histories, rubbed_hinge_stiffness_of
+from rollingjoint.kernels.shared.batch import stiffness_of
+from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, check_table
 from rollingjoint.solution import Solution, parts
 from rollingjoint.spatial.chain import HingeChain
@@ -83,6 +83,6 @@ class HingeEquilibrium(Solution):
     def _check_loads(loads: Array, n_links: int) -> None:
         check_table(loads, SPATIAL_LOAD_COLUMNS, n_links)
 
-    _fill_stiffness = staticmethod(hinge_stiffness_of)
-    _fill_rubbed_stiffness = staticmethod(rubbed_hinge_stiffness_of)
-    _begin_histories = staticmethod(begin_hinge_histories)
+    _fill_stiffness = staticmethod(stiffness_of)
+    _fill_rubbed_stiffness = staticmethod(rubbed_stiffness_of)
+    _begin_histories = staticmethod(begin_histories)

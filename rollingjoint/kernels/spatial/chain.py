@@ -1,4 +1,4 @@
-"""A spatial hinge chain at one configuration: poses, tendons, energy, residual, stiffness.
+"""A spatial hinge chain at one configuration: poses, tendon lengths, residual.
 
 Symbols as in docs/theory.md, section 8: a axis, c hinge, r = dV/dtheta (residual), H = dr/dtheta (stiffness).
 What does not depend on loads serves floats and lanes alike; lanes.py shares it.
@@ -8,42 +8,34 @@ from __future__ import annotations
 
 import math
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import where
 from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.chain import register
 from rollingjoint.kernels.shared.elementary import sine_and_cosine
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
-from rollingjoint.kernels.shared.newton import reclassified
-from rollingjoint.kernels.shared.tendons import evaluate_tendons, fill_residual
+from rollingjoint.kernels.shared.tendons import fill_residual
 from rollingjoint.kernels.shared.vectors import dot, in_space, plus, times
-from rollingjoint.kernels.spatial.arrays import END_COUPLE, EXACT, PX, Hinges, K
-from rollingjoint.kernels.spatial.loads import (
-    add_loads_without_potential,
-    add_springs,
-    evaluate_loads,
-    fill_spring_generators,
-    lever,
-    load_moment,
-    turned,
-)
+from rollingjoint.kernels.spatial.arrays import END_COUPLE, EXACT, PX, Hinges, HingeState
+from rollingjoint.kernels.spatial.loads import evaluate_table, load_moment, turned
 
 
-@formula(formulas.evaluate, Hinges)
-def evaluate(chain, law, loads, state):
-    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
+@formula(formulas.evaluate_geometry, Hinges)
+def geometry_of(chain, state):
+    """`evaluate_geometry` of a chain."""
+    exact = chain.model == EXACT
+    evaluate_geometry(chain.axes, chain.spacings, chain.gaps, chain.channels, exact, chain.tendon_joints, state)
+
+
+@formula(formulas.evaluate_loads, Hinges)
+def evaluate_loads(chain, loads, state):
+    """Fill the sums of loads beyond each hinge; returns (energy, magnitude of its terms), the hinges' springs included.
 
     Moments, follower loads and end couples have no potential and are left out of the energy.
     """
-    state, loads = borrow(state), borrow(loads)
-    exact = chain.model == EXACT
-    evaluate_geometry(chain.axes, chain.spacings, chain.gaps, chain.channels, exact, chain.tendon_joints, state)
-    energy, magnitude = evaluate_tendons(law, state)
-    load_energy, load_magnitude = evaluate_loads(chain, loads, state)
-    spring_energy = evaluate_hinges(chain.joints, chain.springs, state)
-    magnitude = magnitude + (load_magnitude + spring_energy)
-    return energy + (load_energy + spring_energy), magnitude, _evaluate_residual(chain, state)
+    energy, magnitude = evaluate_table(chain, loads, state)
+    springs = evaluate_hinges(chain.joints, chain.springs, state)
+    return energy + springs, magnitude + springs
 
 
 @part(inline=True)
@@ -105,8 +97,8 @@ def _evaluate_gap(gaps, exact, state, i, j, sin, cos):
     state.torque[i, j] = gap[i, j, 1]
 
 
-@part(inline=True)
-def _evaluate_residual(chain, state):
+@formula(formulas.evaluate_residual, Hinges)
+def evaluate_residual(chain, state):
     """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
     scale = 0.0
     for i in range(state.angle.size):
@@ -122,65 +114,16 @@ def _evaluate_residual(chain, state):
     return scale
 
 
-@part(inline=True)
+@formula(formulas.torque, HingeState)
+def torque(state, i, j):
+    """g', but of end couples."""
+    return state.torque[i, j]
+
+
+@formula(formulas.own_stiffness, Hinges)
 def own_stiffness(chain, state, i):
-    """What hinge i has alone: its spring and its gaps."""
-    value = chain.springs[i]
-    for j in range(state.tension.size):
-        if i < chain.tendon_joints[j]:
-            value += state.tension[j] * state.gap[i, j, 2]
-    return value
+    """The spring of a hinge."""
+    return chain.springs[i]
 
 
-@formula(formulas.stiffness, Hinges)
-def stiffness(chain, loads, state, H):
-    """Fill H = dr/dtheta, (J, J); symmetric where everything has a potential."""
-    state, H = borrow(state), borrow(H)
-    axis, elastic = state.axis, state.elastic
-    for i in range(state.angle.size):
-        w = lever(state, i)
-        for m in range(i + 1):
-            H[i, m] = -dot(in_space(axis, m, 0), w)
-            H[m, i] = H[i, m]
-        H[i, i] += own_stiffness(chain, state, i)
-    for j in range(elastic.size):
-        if elastic[j] != 0.0:
-            for i in range(chain.tendon_joints[j]):
-                along = elastic[j] * state.torque[i, j]
-                for m in range(chain.tendon_joints[j]):
-                    H[i, m] += along * state.gap[m, j, 1]
-    if state.held[0, K] != 0.0:
-        add_springs(state, H)
-    add_loads_without_potential(state, H)
-
-
-formula(formulas.direction, Hinges)(symmetric_direction)
-formula(formulas.renew, Hinges)(unchanged)
-formula(formulas.overshoots, Hinges)(unlimited)
-formula(formulas.reconsider, Hinges)(reclassified)
-
-
-@formula(formulas.first_tendon_column, Hinges)
-def first_tendon_column(chain, columns):
-    """The tendons follow the three columns of the forces in fill_generators."""
-    return 3
-
-
-@formula(formulas.fill_generators, Hinges)
-def fill_generators(chain, loads, state, prox, sweep):
-    """Fill diagonal, U and V of a Sweep (long_chain.py) with H = U_i . V_m for i > m; prox is added to the diagonal."""
-    state = borrow(state)
-    n_tendons = state.tension.size
-    for i in range(state.angle.size):
-        w = lever(state, i)
-        diagonal = prox + own_stiffness(chain, state, i)
-        for a in range(3):
-            sweep.U[i, a], sweep.V[i, a] = -w[a], state.axis[i, a]
-            diagonal -= w[a] * state.axis[i, a]
-        for j in range(n_tendons):
-            rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
-            sweep.U[i, 3 + j], sweep.V[i, 3 + j] = state.elastic[j] * rate, rate
-            diagonal += state.elastic[j] * rate * rate
-        sweep.diagonal[i] = diagonal
-    if sweep.U.shape[1] > 3 + n_tendons:
-        fill_spring_generators(state, sweep, 3 + n_tendons)
+register(Hinges)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane
 from rollingjoint._numba.views import numbers
+from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.vectors import about, choose, dot, in_space, minus, plus, times
 from rollingjoint.kernels.spatial.arrays import (
@@ -30,6 +32,7 @@ from rollingjoint.kernels.spatial.arrays import (
     XF,
     B,
     F,
+    Hinges,
     K,
     M,
 )
@@ -81,7 +84,7 @@ def _add_force(sums, i, at, force):
 
 
 @part
-def evaluate_loads(chain, loads, state):
+def evaluate_table(chain, loads, state):
     """Fill the sums of loads beyond each hinge, end couples among them; returns (energy, magnitude of its terms)."""
     springs = has_springs(loads)
     _clear(state.sums)
@@ -199,40 +202,22 @@ def turned_about_origin(state, m):
     return about(in_space(state.pose, m, PX), in_space(state.axis, m, 0))
 
 
-@part
-def add_springs(state, H):
-    """Add to H how the forces of springs change as their points move."""
-    for i in range(state.axis.shape[0]):
-        if state.held[i, K] != 0.0:
-            p, s = spring_lever(state, i)
-            for m in range(i + 1):
-                value = dot(in_space(state.axis, m, 0), p) + dot(turned_about_origin(state, m), s)
-                H[i, m] += value
-                if m < i:
-                    H[m, i] += value
-
-
-@part
-def fill_spring_generators(state, sweep, first):
-    """Add the springs: p to the first three columns, s and c × a in three of their own."""
-    for i in range(state.angle.size):
-        (p, s), arm = spring_lever(state, i), turned_about_origin(state, i)
-        for a in range(3):
-            sweep.U[i, a] += p[a]
-            sweep.U[i, first + a], sweep.V[i, first + a] = s[a], arm[a]
-            sweep.diagonal[i] += state.axis[i, a] * p[a] + arm[a] * s[a]
-
-
-@part
-def add_loads_without_potential(state, H):
-    """Add the parts of H that moments of fixed direction and loads that turn with their link cause."""
+@formula(formulas.fill_load_stiffness, Hinges)
+def fill_load_stiffness(chain, state, i, H):
+    """Fill H_im and H_mi, m <= i, with what loads beyond hinge i add."""
     axis, sums = state.axis, state.sums
-    for m in range(axis.shape[0]):
-        if _any(sums, m, B, 6):
-            _add_followers(state, m, H)
-        if _any(sums, m, M, 3):  # the axis turns with every hinge below it, the moment does not
-            for k in range(m):
-                H[m, k] -= dot(about(in_space(axis, k, 0), in_space(axis, m, 0)), in_space(sums, m, M))
+    w, springs = lever(state, i), state.held[0, K] != 0.0
+    p, s = spring_lever(state, i) if springs else (w, w)
+    for m in range(i + 1):
+        value = -dot(in_space(axis, m, 0), w)
+        if springs:
+            value += dot(in_space(axis, m, 0), p) + dot(turned_about_origin(state, m), s)
+        H[i, m] = H[m, i] = value
+    if _any(sums, i, B, 6):
+        _add_followers(state, i, H)
+    if _any(sums, i, M, 3):  # the axis turns with every hinge below it, the moment does not
+        for m in range(i):
+            H[i, m] -= dot(about(in_space(axis, m, 0), in_space(axis, i, 0)), in_space(sums, i, M))
 
 
 @part(inline=True)
@@ -244,14 +229,36 @@ def _any(sums, i, first, count):
 
 
 @part(inline=True)
-def _add_followers(state, m, H):
-    """Add what turning the follower loads beyond hinge m about it does to the hinges below."""
-    axis, hinge, force = in_space(state.axis, m, 0), in_space(state.pose, m, PX), in_space(state.sums, m, B)
-    turning = about(axis, minus(in_space(state.sums, m, TB), about(hinge, force)))
+def _add_followers(state, i, H):
+    """Add what turning the follower loads beyond hinge i about it does to the hinges below."""
+    axis, hinge, force = in_space(state.axis, i, 0), in_space(state.pose, i, PX), in_space(state.sums, i, B)
+    turning = about(axis, minus(in_space(state.sums, i, TB), about(hinge, force)))
     moved = about(axis, force)
-    for i in range(m):
-        arm = minus(hinge, in_space(state.pose, i, PX))
-        H[i, m] -= dot(in_space(state.axis, i, 0), plus(turning, about(arm, moved)))
+    for m in range(i):
+        arm = minus(hinge, in_space(state.pose, m, PX))
+        H[m, i] -= dot(in_space(state.axis, m, 0), plus(turning, about(arm, moved)))
+
+
+@formula(formulas.add_between_links, Hinges)
+def add_nothing(chain, loads, H):
+    """No load acts between two links."""
+
+
+@formula(formulas.fill_load_generators, Hinges)
+def fill_load_generators(chain, loads, state, sweep):
+    """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first, and s, c × a in three of their own."""
+    springs = has_springs(loads)
+    for i in range(state.angle.size):
+        w, axis = lever(state, i), in_space(state.axis, i, 0)
+        sweep.diagonal[i] = -dot(w, axis)
+        for a in range(3):
+            sweep.U[i, a], sweep.V[i, a] = -w[a], axis[a]
+        if springs:
+            (p, s), arm = spring_lever(state, i), turned_about_origin(state, i)
+            sweep.diagonal[i] += dot(p, axis) + dot(arm, s)
+            for a in range(3):
+                sweep.U[i, a] += p[a]
+                sweep.U[i, 3 + a], sweep.V[i, 3 + a] = s[a], arm[a]
 
 
 @part(inline=True)

@@ -24,7 +24,7 @@ from rollingjoint import (
     solve_tensions_batch,
     uniform,
 )
-from rollingjoint.kernels.planar.batch import solve_lanes
+from rollingjoint.kernels.shared.batch import solve_lanes
 from rollingjoint.kernels.shared.lanes import PENDING
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.mechanism import designs_of
@@ -263,8 +263,8 @@ def test_arrays_of_any_layout_are_solved_by_the_same_machine_code(spoil):
 
 
 def test_views_of_an_equilibrium_compile_nothing_anew():
-    from rollingjoint.kernels.planar.batch import stiffness_of
     from rollingjoint.kernels.planar.forward import arc_lengths_of
+    from rollingjoint.kernels.shared.batch import stiffness_of
 
     chain = five_link()
     batch = solve_tensions_batch(chain, [(3, 2), (2, 3)])

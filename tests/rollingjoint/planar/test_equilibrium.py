@@ -26,8 +26,8 @@ from rollingjoint import (
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar.chain import evaluate
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.chain import evaluate
 from rollingjoint.planar.random_chain import random_chain, random_loads, random_tensions
 
 # Exact surfaces, converged runs of the published algorithm on refined grids: docs/theory.md, section 6.

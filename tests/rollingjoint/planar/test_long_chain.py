@@ -18,8 +18,8 @@ from rollingjoint import (
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar import chain as chain_kernels
 from rollingjoint.kernels.planar import loads as load_kernels
+from rollingjoint.kernels.shared import chain as chain_kernels
 from rollingjoint.kernels.shared import long_chain
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import LOAD_COLUMNS, load_table

@@ -8,7 +8,7 @@ import rollingjoint as rj
 from rollingjoint import Spring, TorsionSpring, WorldForce
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
 from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, mechanism_to_dict
-from rollingjoint.kernels.planar.batch import solve_lanes
+from rollingjoint.kernels.shared.batch import solve_lanes
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 from rollingjoint.planar.published import solve_tensions_published
