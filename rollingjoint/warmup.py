@@ -287,6 +287,11 @@ def arm_friction() -> None:
     assert _step_with_friction(small_arm()).size
 
 
+def arm_friction_special_cases() -> None:
+    """Take a step of a long arm with friction."""
+    assert _step_with_friction(small_arm(40)).size
+
+
 def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
     """Stiffness after a step of a mechanism where nothing has slipped before [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
@@ -297,6 +302,7 @@ def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
 
 # Those that take longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
+    Group("the arm's solver with friction for special cases", arm_friction_special_cases, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
     Group("the planar solver for special cases", planar_special_cases, family="planar"),
     Group("the planar solver with friction for special cases", planar_friction_special_cases, family="planar"),

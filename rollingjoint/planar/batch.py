@@ -18,8 +18,8 @@ from rollingjoint._numba.layout import Integers, fields
 from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction_step import FrictionStep
 from rollingjoint.kernels.planar.arrays import BatchArrays, PinnedBatch, Results, new_results
+from rollingjoint.kernels.planar.rubbed_block import step_side_by_side
 from rollingjoint.kernels.planar.side_by_side import memory_alone, solve_alone, solve_pinned
-from rollingjoint.kernels.planar.steps_side_by_side import step_side_by_side
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.batch import solve_lanes
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of

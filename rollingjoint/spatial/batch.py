@@ -19,11 +19,12 @@ from rollingjoint._numba.pins import Pinned
 from rollingjoint.friction_step import FrictionStep
 from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
 from rollingjoint.kernels.shared.friction import FrictionArrays, histories_of
-from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.shared.lanes import MOST_JOINTS, PENDING
 from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
 from rollingjoint.kernels.spatial.arrays import BatchArrays, HingeResults, PinnedHinges
 from rollingjoint.kernels.spatial.arrays import new_hinge_results as new_results
 from rollingjoint.kernels.spatial.lanes import MOST_HINGES, memory_alone, solve_hinges_alone, solve_hinges_pinned
+from rollingjoint.kernels.spatial.rubbed_block import step_hinges_side_by_side
 from rollingjoint.solution import STATUSES, Outputs, strictly_within
 from rollingjoint.spatial.chain import HingeChain
 from rollingjoint.spatial.equilibrium import HingeEquilibrium
@@ -96,14 +97,17 @@ def pack_outputs(
 
 
 @functools.cache
-def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., None]:
+def _on_batch(kernel: Any, *kinds: Any) -> Callable[..., int]:
     """The machine code of a kernel of the fields of BatchArrays, and of arguments of these kinds after them."""
     return machine_code(kernel, *fields(BatchArrays), *kinds)
 
 
 def step_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
     """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
-    _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, np.arange(first, last))
+    everything = batch.starts.shape[1] > MOST_JOINTS
+    if everything or _on_batch(step_hinges_side_by_side, FrictionArrays, int, int)(*batch, friction, first, last):
+        left = _left(batch, first, last, everything)
+        _on_batch(step_lanes, FrictionArrays, Annotated[Integers, "left"])(*batch, friction, left)
 
 
 def begin_range(batch: BatchArrays, friction: FrictionArrays, first: int, last: int) -> None:
@@ -154,6 +158,11 @@ class PinnedRange:
 
     def solve_the_rest(self, first: int, last: int) -> None:
         """Solve those of the rows first to last - 1 that `entry` has left."""
-        rows = np.arange(first, last)
-        left = rows if self._long else rows[self._batch.results.status[first:last] == PENDING]
+        left = _left(self._batch, first, last, self._long)
         _on_batch(solve_lanes, Annotated[Integers, "left"])(*self._batch, left)
+
+
+def _left(batch: BatchArrays, first: int, last: int, everything: bool) -> NDArray[np.int64]:
+    """The rows that are left to the solver for all cases."""
+    rows = np.arange(first, last)
+    return rows if everything else rows[batch.results.status[first:last] == PENDING]

@@ -69,12 +69,10 @@ def fill_inputs(laws, standing, loads, starts, block, lane, source):
 
 
 @part(inline=True)
-def fill_forces(block, tendon_joints):
-    """Fill contact forces and tangents."""
+def fill_force(block, tendon_joints, tension, i):
+    """Fill contact force and tangent of joint i; tension: of every tendon in its gap, (m,)."""
     forces = block.forces
-    for i in range(block.state.angle.size):
-        along, across, ex, ey = contact_forces(tendon_joints, block.state, block.state.tension, i)
-        forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = along, across, ex, ey
+    forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = contact_forces(tendon_joints, block.state, tension, i)
 
 
 @part(inline=True)

@@ -33,7 +33,7 @@ from rollingjoint.kernels.planar.block import (
     BlockSizes,
     block_sizes,
     fill_design,
-    fill_forces,
+    fill_force,
     fill_inputs,
     store_lane,
 )
@@ -100,7 +100,8 @@ def fill_row(block, batch, friction, lane, row, design):
 def fill_outputs(block, batch):
     """Fill what is stored of lanes that have arrived."""
     if batch.results.contacts.shape[0] > 0:
-        fill_forces(block, batch.chain.tendon_joints)
+        for i in range(block.state.angle.size):
+            fill_force(block, batch.chain.tendon_joints, block.state.tension, i)
     if batch.results.responses.shape[0] > 0:
         fill_responses(block)
 

@@ -23,6 +23,11 @@ def fill_row_of_loads(block: Any, i: Any, H: Any) -> Any:
     raise TypeError("fill_row_of_loads is compiled into kernels")
 
 
+def evaluate_turns(rubbed: Any, tendon_joints: Any) -> None:
+    """Fill how far tendons turn at the holes of a block with friction, and the rates."""
+    raise TypeError("evaluate_turns is compiled into kernels")
+
+
 def advance(block: Any, chain: Any, designs: Any) -> Any:
     """One evaluation of all lanes and what follows from it; returns whether some lane has arrived or left."""
     raise TypeError("advance is compiled into kernels")

@@ -57,7 +57,8 @@ class HingeBlockSizes(NamedTuple):
 
 
 @part(inline=True)
-def _block_sizes(n_joints, n_tendons, n_loads):
+def block_sizes(n_joints, n_tendons, n_loads):
+    """Sizes of a HingeBlock."""
     return HingeBlockSizes(n_joints, n_joints + 1, n_tendons, n_loads, N_DEAD_SUMS, 0)
 
 
@@ -95,7 +96,13 @@ formula(block_formulas.advance, HingeBlock)(advance)
 def fill_row(block, batch, friction, lane, row, design):
     """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
     if design >= 0:
-        _fill_design(batch.chain, block, lane, design)
+        fill_design(batch.chain, block, lane, design)
+    return fill_inputs(batch, block, lane, row)
+
+
+@part(inline=True)
+def fill_inputs(batch, block, lane, row):
+    """Copy one row's inputs into a lane; False where they need the solver for all cases."""
     usual = batch.chain.model[batch.designs[row]] == EXACT
     usual = usual and fill_law(batch.laws, block, lane, row)
     usual = usual and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
@@ -103,7 +110,7 @@ def fill_row(block, batch, friction, lane, row, design):
 
 
 @part(inline=True)
-def _fill_design(chain, block, lane, design):
+def fill_design(chain, block, lane, design):
     """Copy what a lane needs of its design."""
     limits, axes, gaps, channels = (
         numbers(block.limits),
@@ -130,13 +137,19 @@ def fill_outputs(block, batch):
 @formula(block_formulas.store_row, HingeBlock)
 def store_row(block, batch, friction, lane, row):
     """Copy a lane that has arrived into its row."""
-    results, search, state = batch.results, numbers(block.search), block.state
+    store_lane(block, batch.results, lane, row)
+
+
+@part(inline=True)
+def store_lane(block, results, lane, row):
+    """Copy an equilibrium into its row of the results."""
+    search, state, torque = numbers(block.search), block.state, numbers(block.state.torque)
     angle, pose, gap = numbers(state.angle), numbers(state.pose), numbers(state.gap)
     tension, length, elastic = numbers(state.tension), numbers(state.length), numbers(state.elastic)
     for i in range(angle.shape[0]):
         results.joint_angles[row, i] = angle[i, lane]
         for j in range(tension.shape[0]):
-            results.rates[row, i, j] = results.torques[row, i, j] = gap[i, j, 1, lane]
+            results.rates[row, i, j], results.torques[row, i, j] = gap[i, j, 1, lane], torque[i, j, lane]
     for k in range(pose.shape[0]):
         for a in range(3):
             for b in range(3):
@@ -155,7 +168,7 @@ def store_row(block, batch, friction, lane, row):
 def solve_hinges_pinned(pins, first, last):
     """Solve lanes first to last - 1 of PinnedHinges; returns how many are PENDING."""
     batch = unpin(pins, PinnedHinges).batch
-    sizes = _block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
     memory = np.zeros((size_of(HingeBlock, sizes) + 3) * WIDTH)
     return _solve_in(aligned_simd(borrow(memory)), sizes, batch, first, last)
 
@@ -164,7 +177,7 @@ def solve_hinges_pinned(pins, first, last):
 def solve_hinges_alone(pins, first, last):
     """As solve_hinges_pinned in a single lane, one row after the other, in the batch's own memory."""
     batch, memory = unpin(pins, PinnedHinges)
-    sizes = _block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
     return _solve_in(memory, sizes, batch, first, last)
 
 

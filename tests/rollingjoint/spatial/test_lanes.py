@@ -31,7 +31,8 @@ def drawn(arm, count, seed=0):
 
 
 def without_lanes(monkeypatch):
-    monkeypatch.setattr("rollingjoint.spatial.batch.MOST_HINGES", 0)
+    for limit in ("MOST_HINGES", "MOST_JOINTS"):
+        monkeypatch.setattr(f"rollingjoint.spatial.batch.{limit}", 0)
 
 
 def test_rows_are_single_solves_whatever_their_neighbours_and_the_links_of_their_loads(arm):
@@ -89,6 +90,20 @@ def test_a_hinge_that_is_pressed_against_its_limit_is_held_there(monkeypatch):
     assert slow.status == Status.AT_LIMIT
     assert np.all(found.status == Status.AT_LIMIT)
     assert np.allclose(found.joint_angles, slow.joint_angles, rtol=0.0, atol=1e-8)
+
+
+def test_steps_with_friction_are_those_of_the_solver_for_all_cases(monkeypatch):
+    arm = rj.small_arm().replace(friction=rj.CapstanFriction(0.15))
+    lengths, tables = drawn(arm, 64, seed=3)
+    first = rj.solve_lengths_batch(arm, lengths, tables)
+    there = lengths + np.random.default_rng(4).uniform(-0.2, 0.2, lengths.shape)
+    fast = rj.solve_lengths_batch(arm, there, tables, history=first)
+    without_lanes(monkeypatch)
+    slow = rj.solve_lengths_batch(arm, there, tables, history=first)
+    assert np.all(fast.status == Status.CONVERGED)
+    for name in ("poses", "tensions", "tendon_torques", "friction_states"):
+        assert np.allclose(getattr(fast, name), getattr(slow, name), rtol=0.0, atol=1e-7), name
+    assert np.abs(fast.joint_angles - rj.solve_lengths_batch(arm, there, tables).joint_angles).max() > 1e-4
 
 
 @pytest.mark.parametrize("start", [0.0, np.pi / 4, -np.pi / 2, 2 * np.pi, 1e5])

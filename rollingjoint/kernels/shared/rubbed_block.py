@@ -1,37 +1,26 @@
-"""Steps with friction, eight lanes side by side: shared/lanes.py with the terms of friction.
+"""Steps with friction in lanes: lanes.py with the terms of friction.
 
 The Jacobian is not symmetric: it is factored without exchange of rows, and pivots that are not positive are replaced on
 the way; at the end its symmetric part must be positive definite. The line search goes by the incremental potential with
-the grips of the holes as they were where it began (shared/rubbed_chain.py). Rolling resistance and stretch in the
-channels are left to the solver for all cases.
+the grips of the holes as they were where it began (rubbed_chain.py). Rolling resistance and stretch in the channels are
+left to the solver for all cases.
+
+A family brings the class of its block with friction, whose fields `block`, `law`, `before`, `now`, `symmetric` and
+`work` are those of planar.rubbed_block.RubbedBlock.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
-
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
-from rollingjoint._numba.jit import kernel, part
-from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.pins import carve_tuple, size_of
-from rollingjoint._numba.simd import WIDTH, any_lane, where
-from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
-from rollingjoint.kernels.planar.arrays import FX, FY, BatchArrays
-from rollingjoint.kernels.planar.block import Block, block_sizes, fill_design, fill_inputs, store_lane
-from rollingjoint.kernels.planar.chain import contact_forces
-from rollingjoint.kernels.planar.loads import fill_dead_stiffness, n_rows
-from rollingjoint.kernels.planar.turns import evaluate_turns
+from rollingjoint._numba.jit import part
+from rollingjoint._numba.simd import any_lane, where
+from rollingjoint._numba.views import numbers
 from rollingjoint.kernels.shared import block_formulas
-from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import (
     ARM,
     COMPLIANCE,
     N_COEFFICIENTS,
-    FrictionLaw,
-    History,
-    Rubbing,
     evaluate_holes,
     evaluate_slips,
     evaluated_energy,
@@ -53,7 +42,6 @@ from rollingjoint.kernels.shared.lanes import (
     hold_ends,
     keep,
     move,
-    solve_rows,
 )
 from rollingjoint.kernels.shared.tolerances import (
     NEGLIGIBLE,
@@ -68,30 +56,8 @@ _MAX_PASSES = 60.0
 _SHORTEST = 2.0**-20  # of a Newton step
 
 
-class RubbedBlock(NamedTuple):
-    """A Block with friction, borrowed arrays of SIMD lanes."""
-
-    block: Block
-    law: FrictionLaw
-    before: History
-    now: Rubbing
-    directions: Annotated[Floats, "J", "m", 4]
-    symmetric: Annotated[Floats, "J", "J"]  # factor of the symmetric part of the Jacobian
-    work: Annotated[Floats, 1]
-
-
 @part(inline=True)
-def _fill_directions(chain, rubbed, lane, design):
-    """Copy the directions of the channels of a lane's design."""
-    directions = numbers(rubbed.directions)
-    for i in range(directions.shape[0]):
-        for j in range(directions.shape[1]):
-            for k in range(4):
-                directions[i, j, k, lane] = chain.directions[design, i, j, k]
-
-
-@part(inline=True)
-def _fill_friction(friction, rubbed, lane, source):
+def fill_friction(friction, rubbed, lane, source):
     """Copy the friction of one lane into the block; False where it needs the solver for all cases."""
     law, before = friction_of(friction.law, source), history_of(friction.before, source)
     tendons, frozen = numbers(rubbed.law.tendons), numbers(rubbed.now.frozen)
@@ -114,7 +80,7 @@ def _fill_friction(friction, rubbed, lane, source):
 def _add_friction(tendon_joints, rubbed):
     """Evaluate the friction of the state, and add it to the residual."""
     state, now, coefficients = rubbed.block.state, rubbed.now, rubbed.law.tendons
-    evaluate_turns(rubbed.block.holes, rubbed.directions, tendon_joints, state, now.turn)
+    block_formulas.evaluate_turns(rubbed, tendon_joints)
     evaluate_slips(coefficients, tendon_joints, state, now)
     evaluate_holes(coefficients, rubbed.before, tendon_joints, state, now)
     for j in range(tendon_joints.size):
@@ -140,13 +106,11 @@ def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
     """
     block, now = rubbed.block, rubbed.now
     state, free = block.state, block.vectors[5]
-    sums, contact, gap = state.sums, state.contact, state.gap
-    n_joints = free.size
+    gap, n_joints = state.gap, free.size
     for i in range(n_joints):
-        lever = fill_dead_stiffness(block.loads, state, i, A)
+        A[i, i] = block_formulas.fill_row_of_loads(block, i, A)
         for m in range(i):
             A[m, i] = A[i, m]
-        A[i, i] = lever + (contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX])
     for j in range(tendon_joints.size):
         for i in range(tendon_joints[j]):
             rate, lever, carried = gap[i, j, 1], now.lever[i, j], now.carried[i, j]
@@ -200,7 +164,7 @@ def _factor(A, largest, per_pivot):
 
 
 @part(inline=True)
-def _substitute(A, per_pivot, residual, free, step):
+def substitute(A, per_pivot, residual, free, step):
     """Solve L R step = -residual on the free joints; zero elsewhere. May be done in place."""
     n_joints = step.size
     for i in range(n_joints):
@@ -215,8 +179,7 @@ def _substitute(A, per_pivot, residual, free, step):
         step[i] = value * per_pivot[i]
 
 
-@formula(block_formulas.advance, RubbedBlock)
-def advance(rubbed, chain, designs):
+def advance_with_friction(rubbed, chain, designs):
     """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
     block, now, coefficients, tendon_joints = rubbed.block, rubbed.now, rubbed.law.tendons, chain.tendon_joints
     search, angle, residual = block.search, block.state.angle, block.state.residual
@@ -253,7 +216,7 @@ def advance(rubbed, chain, designs):
         firm = at_rest & (_smallest_pivot(block.L, rubbed.symmetric) > SMALLEST_PIVOT * largest)
     _factor(block.L, largest, per_pivot)
     tried, passes = keep(search, accepted, potential + present, magnitude, worst, held)
-    _substitute(block.L, per_pivot, residual, free, solution)
+    substitute(block.L, per_pivot, residual, free, solution)
     downhill = zero
     for i in range(angle.size):
         downhill = downhill - residual[i] * solution[i]
@@ -265,39 +228,21 @@ def advance(rubbed, chain, designs):
     return any_lane(running & (at_rest | ~goes_on))
 
 
-@formula(block_formulas.fill_row, RubbedBlock)
-def fill_row(rubbed, batch, friction, lane, row, design):
-    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
-    if design >= 0:
-        fill_design(batch.chain, rubbed.block, lane, design)
-        _fill_directions(batch.chain, rubbed, lane, design)
-    standing = batch.chain.standing[batch.designs[row]]
-    usual = fill_inputs(batch.laws, standing, batch.loads, batch.starts, rubbed.block, lane, row)
-    return usual and _fill_friction(friction, rubbed, lane, row)
-
-
-@formula(block_formulas.fill_outputs, RubbedBlock)
-def fill_outputs(rubbed, batch):
-    """Fill what is stored of lanes that have arrived."""
-    block, now, tendon_joints = rubbed.block, rubbed.now, batch.chain.tendon_joints
-    if batch.results.contacts.shape[0] > 0:
-        forces = block.forces
+@part(inline=True)
+def fill_responses_with_friction(rubbed, tendon_joints):
+    """Fill d angle / d command, where the Jacobian has just been factored."""
+    block, now = rubbed.block, rubbed.now
+    elastic, responses = block.state.elastic, block.responses
+    for j in range(elastic.size):
         for i in range(block.state.angle.size):
-            along, across, ex, ey = contact_forces(tendon_joints, block.state, now.tension[i], i)
-            forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = along, across, ex, ey
-    if batch.results.responses.shape[0] > 0:
-        elastic, responses = block.state.elastic, block.responses
-        for j in range(elastic.size):
-            for i in range(block.state.angle.size):
-                crossing = i < tendon_joints[j]
-                responses[j, i] = -(elastic[j] * now.lever[i, j] * now.passed[i, j]) if crossing else 0.0 * elastic[j]
-            _substitute(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
+            crossing = i < tendon_joints[j]
+            responses[j, i] = -(elastic[j] * now.lever[i, j] * now.passed[i, j]) if crossing else 0.0 * elastic[j]
+        substitute(block.L, block.vectors[2], responses[j], block.vectors[5], responses[j])
 
 
-@formula(block_formulas.store_row, RubbedBlock)
-def store_row(rubbed, batch, friction, lane, row):
-    """Copy a lane that has arrived into its row."""
-    store_lane(rubbed.block, lane, batch.results, row)
+@part(inline=True)
+def store_history(rubbed, friction, lane, row):
+    """Copy what friction remembers of a lane that has arrived into its row."""
     now, after, angle = rubbed.now, friction.after, numbers(rubbed.block.state.angle)
     states, slips, grips, tension = numbers(now.states), numbers(now.slips), numbers(now.grips), numbers(now.tension)
     for i in range(states.shape[0]):
@@ -306,19 +251,3 @@ def store_row(rubbed, batch, friction, lane, row):
             after.states[row, i, j], after.slips[row, i, j] = states[i, j, lane], slips[i, j, lane]
             after.grips[row, i, j], friction.tension[row, i, j] = grips[i, j, lane], tension[i, j, lane]
     friction.work[row] = numbers(rubbed.work)[0, lane]
-
-
-@kernel(nogil=True, short_loops=True, title="the planar solver with friction")
-def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
-    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
-    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
-    memory = np.zeros((size_of(RubbedBlock, sizes) + 3) * WIDTH)
-    return _step_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
-
-
-@part(inline=True)
-def _step_in(memory, sizes, batch, friction, first, last):
-    space = aligned_simd(borrow(memory))
-    rubbed, size = carve_tuple(space, 0, RubbedBlock, sizes), size_of(RubbedBlock, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    return solve_rows(rubbed, rubbed.block.search, borrow(batch), borrow(friction), rows, chosen, first, last)
