@@ -6,12 +6,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.pins import carve_tuple, size_of
-from rollingjoint._numba.simd import WIDTH
-from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
+from rollingjoint._numba.views import numbers
 from rollingjoint.kernels.planar.arrays import BatchArrays
 from rollingjoint.kernels.planar.block import Block, block_sizes, fill_design, fill_force, fill_inputs, store_lane
 from rollingjoint.kernels.planar.loads import n_rows
@@ -19,11 +16,12 @@ from rollingjoint.kernels.planar.turns import evaluate_turns
 from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.shared.lanes import solve_rows
+from rollingjoint.kernels.shared.lanes import solve_wide, wide_memory
 from rollingjoint.kernels.shared.rubbed_block import (
     advance_with_friction,
     fill_friction,
     fill_responses_with_friction,
+    inner_search,
     store_history,
 )
 
@@ -41,6 +39,7 @@ class RubbedBlock(NamedTuple):
 
 
 formula(block_formulas.advance, RubbedBlock)(advance_with_friction)
+formula(block_formulas.search_of, RubbedBlock)(inner_search)
 
 
 @formula(block_formulas.evaluate_turns, RubbedBlock)
@@ -91,13 +90,5 @@ def store_row(rubbed, batch, friction, lane, row):
 def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of rows first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
-    memory = np.zeros((size_of(RubbedBlock, sizes) + 3) * WIDTH)
-    return _step_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
-
-
-@part(inline=True)
-def _step_in(memory, sizes, batch, friction, first, last):
-    space = aligned_simd(borrow(memory))
-    rubbed, size = carve_tuple(space, 0, RubbedBlock, sizes), size_of(RubbedBlock, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    return solve_rows(rubbed, rubbed.block.search, borrow(batch), borrow(friction), rows, chosen, first, last)
+    memory, batch = np.zeros(wide_memory(RubbedBlock, sizes)), BatchArrays(chain, designs, laws, loads, starts, results)
+    return solve_wide(memory, RubbedBlock, sizes, batch, friction, first, last)

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import size
-from rollingjoint._numba.pins import carve_tuple, size_of, unpin
-from rollingjoint._numba.simd import WIDTH, columns
-from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width, table_rows
+from rollingjoint._numba.pins import unpin
+from rollingjoint._numba.simd import columns
+from rollingjoint._numba.views import as_rows, numbers, of_width, table_rows
 from rollingjoint.kernels.planar.arrays import (
     BUCKET_ENDS,
     COS,
@@ -42,7 +41,7 @@ from rollingjoint.kernels.planar.joint import locate, table_row
 from rollingjoint.kernels.planar.loads import evaluate_dead_loads, fill_dead_stiffness, n_rows
 from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.lanes import advance, fill_responses, solve_rows
+from rollingjoint.kernels.shared.lanes import advance, fill_responses, own_search, solve_in, solve_wide, wide_memory
 from rollingjoint.kernels.shared.tendons import evaluate_tendons
 
 
@@ -84,6 +83,7 @@ def fill_row_of_loads(block, i, H):
 
 
 formula(block_formulas.advance, Block)(advance)
+formula(block_formulas.search_of, Block)(own_search)
 
 
 @formula(block_formulas.fill_row, Block)
@@ -117,8 +117,7 @@ def solve_pinned(pins, first, last):
     """Solve lanes first to last - 1 of a PinnedBatch; returns how many are PENDING."""
     batch = unpin(pins, PinnedBatch).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
-    memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
-    return _solve_in(aligned_simd(borrow(memory)), sizes, batch, first, last)
+    return solve_wide(np.zeros(wide_memory(Block, sizes)), Block, sizes, batch, None, first, last)
 
 
 @kernel(short_loops=True, title="the planar solver of single chains")
@@ -129,7 +128,7 @@ def solve_alone(pins, first, last):
     """
     batch, memory = unpin(pins, PinnedBatch)
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
-    return _solve_in(memory, sizes, batch, first, last)
+    return solve_in(memory, Block, sizes, batch, None, first, last)
 
 
 def memory_alone(batch: BatchArrays) -> np.ndarray:
@@ -138,10 +137,3 @@ def memory_alone(batch: BatchArrays) -> np.ndarray:
     rows = chain.standing.shape[1] + batch.loads.shape[1] + 1
     lengths = BlockSizes(n_joints, n_joints + 1, len(chain.tendon_joints), rows, 4)._asdict()
     return aligned(np.zeros(size(Block, lengths) + 2))
-
-
-@part(inline=True)
-def _solve_in(space, sizes, batch, first, last):
-    block, size = carve_tuple(space, 0, Block, sizes), size_of(Block, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    return solve_rows(block, block.search, borrow(batch), None, rows, chosen, first, last)

@@ -13,6 +13,11 @@ def fill_row(block: Any, batch: Any, friction: Any, lane: Any, row: Any, design:
     raise TypeError("fill_row is compiled into kernels")
 
 
+def search_of(block: Any) -> Any:
+    """Where the line searches of its lanes are (lanes.py)."""
+    raise TypeError("search_of is compiled into kernels")
+
+
 def evaluate_lanes(block: Any, chain: Any, designs: Any) -> Any:
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     raise TypeError("evaluate_lanes is compiled into kernels")

@@ -15,9 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint._numba.simd import any_lane, where
-from rollingjoint._numba.views import numbers
+from rollingjoint._numba.pins import carve_tuple, size_of
+from rollingjoint._numba.simd import WIDTH, any_lane, where
+from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
 from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.lane import resolvable
 from rollingjoint.kernels.shared.tolerances import (
@@ -262,3 +264,29 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
         while not block_formulas.advance(block, batch.chain, chosen):
             pass
         block_formulas.fill_outputs(block, batch)
+
+
+def own_search(block):
+    """`search_of` a block without friction."""
+    return block.search
+
+
+@part(inline=True)
+def solve_wide(memory, layout, sizes, batch, friction, first, last):
+    """`solve_rows` in eight lanes of a block of this class and these sizes, in memory of `wide_memory` numbers."""
+    return solve_in(aligned_simd(borrow(memory)), layout, sizes, batch, friction, first, last)
+
+
+@part(inline=True)
+def wide_memory(layout, sizes):
+    """How many numbers the memory of eight lanes has."""
+    return (size_of(layout, sizes) + 3) * WIDTH
+
+
+@part(inline=True)
+def solve_in(space, layout, sizes, batch, friction, first, last):
+    """`solve_rows` in the lanes of borrowed memory, eight of SIMD numbers or a single one of floats."""
+    block, size = carve_tuple(space, 0, layout, sizes), size_of(layout, sizes)
+    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
+    search = block_formulas.search_of(block)
+    return solve_rows(block, search, borrow(batch), borrow(friction), rows, chosen, first, last)

@@ -251,3 +251,8 @@ def store_history(rubbed, friction, lane, row):
             after.states[row, i, j], after.slips[row, i, j] = states[i, j, lane], slips[i, j, lane]
             after.grips[row, i, j], friction.tension[row, i, j] = grips[i, j, lane], tension[i, j, lane]
     friction.work[row] = numbers(rubbed.work)[0, lane]
+
+
+def inner_search(rubbed):
+    """`search_of` a block with friction."""
+    return rubbed.block.search

@@ -9,16 +9,26 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, size
-from rollingjoint._numba.pins import carve_tuple, size_of, unpin
-from rollingjoint._numba.simd import WIDTH, where
-from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
+from rollingjoint._numba.pins import unpin
+from rollingjoint._numba.simd import where
+from rollingjoint._numba.views import numbers
 from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.lanes import HELD, STEPS, WORST, advance, fill_law, fill_start, solve_rows
+from rollingjoint.kernels.shared.lanes import (
+    HELD,
+    STEPS,
+    WORST,
+    advance,
+    fill_law,
+    fill_start,
+    own_search,
+    solve_in,
+    solve_wide,
+    wide_memory,
+)
 from rollingjoint.kernels.shared.tendons import evaluate_tendons, fill_residual
 from rollingjoint.kernels.shared.vectors import dot, in_space
 from rollingjoint.kernels.spatial.arrays import EXACT, N_DEAD, N_DEAD_SUMS, PX, BatchArrays, HingeState, PinnedHinges
@@ -90,6 +100,7 @@ def fill_row_of_loads(block, i, H):
 
 
 formula(block_formulas.advance, HingeBlock)(advance)
+formula(block_formulas.search_of, HingeBlock)(own_search)
 
 
 @formula(block_formulas.fill_row, HingeBlock)
@@ -169,8 +180,7 @@ def solve_hinges_pinned(pins, first, last):
     """Solve lanes first to last - 1 of PinnedHinges; returns how many are PENDING."""
     batch = unpin(pins, PinnedHinges).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
-    memory = np.zeros((size_of(HingeBlock, sizes) + 3) * WIDTH)
-    return _solve_in(aligned_simd(borrow(memory)), sizes, batch, first, last)
+    return solve_wide(np.zeros(wide_memory(HingeBlock, sizes)), HingeBlock, sizes, batch, None, first, last)
 
 
 @kernel(short_loops=True, title="the arm's solver of single chains")
@@ -178,7 +188,7 @@ def solve_hinges_alone(pins, first, last):
     """As solve_hinges_pinned in a single lane, one row after the other, in the batch's own memory."""
     batch, memory = unpin(pins, PinnedHinges)
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
-    return _solve_in(memory, sizes, batch, first, last)
+    return solve_in(memory, HingeBlock, sizes, batch, None, first, last)
 
 
 def memory_alone(batch: BatchArrays) -> np.ndarray:
@@ -186,10 +196,3 @@ def memory_alone(batch: BatchArrays) -> np.ndarray:
     (_, n_joints), rows, m = batch.starts.shape, batch.loads.shape[1], len(batch.chain.tendon_joints)
     lengths = HingeBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0)._asdict()
     return np.zeros(size(HingeBlock, lengths) + 2)
-
-
-@part(inline=True)
-def _solve_in(space, sizes, batch, first, last):
-    block, size = carve_tuple(space, 0, HingeBlock, sizes), size_of(HingeBlock, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    return solve_rows(block, block.search, borrow(batch), None, rows, chosen, first, last)

@@ -6,17 +6,14 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats
-from rollingjoint._numba.pins import carve_tuple, size_of
-from rollingjoint._numba.simd import WIDTH
-from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
+from rollingjoint._numba.views import numbers
 from rollingjoint.kernels.shared import block_formulas
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.shared.lanes import solve_rows
-from rollingjoint.kernels.shared.rubbed_block import advance_with_friction, fill_friction, store_history
+from rollingjoint.kernels.shared.lanes import solve_wide, wide_memory
+from rollingjoint.kernels.shared.rubbed_block import advance_with_friction, fill_friction, inner_search, store_history
 from rollingjoint.kernels.spatial.arrays import N_TURNS, BatchArrays
 from rollingjoint.kernels.spatial.lanes import HingeBlock, block_sizes, fill_design, fill_inputs, store_lane
 from rollingjoint.kernels.spatial.turns import evaluate_turns
@@ -35,6 +32,7 @@ class RubbedHingeBlock(NamedTuple):
 
 
 formula(block_formulas.advance, RubbedHingeBlock)(advance_with_friction)
+formula(block_formulas.search_of, RubbedHingeBlock)(inner_search)
 
 
 @formula(block_formulas.evaluate_turns, RubbedHingeBlock)
@@ -82,13 +80,6 @@ def store_row(rubbed, batch, friction, lane, row):
 def step_hinges_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
     """Solve the steps of rows first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
-    memory = np.zeros((size_of(RubbedHingeBlock, sizes) + 3) * WIDTH)
-    return _step_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), friction, first, last)
-
-
-@part(inline=True)
-def _step_in(memory, sizes, batch, friction, first, last):
-    space = aligned_simd(borrow(memory))
-    rubbed, size = carve_tuple(space, 0, RubbedHingeBlock, sizes), size_of(RubbedHingeBlock, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    return solve_rows(rubbed, rubbed.block.search, borrow(batch), borrow(friction), rows, chosen, first, last)
+    batch = BatchArrays(chain, designs, laws, loads, starts, results)
+    memory = np.zeros(wide_memory(RubbedHingeBlock, sizes))
+    return solve_wide(memory, RubbedHingeBlock, sizes, batch, friction, first, last)

@@ -297,3 +297,20 @@ def test_repeated_calls_keep_no_memory():
     before = resident()
     work(1000)
     assert resident() - before < 2**20  # a kept block of eight lanes would be 10 MB, kept results 25 MB
+
+
+MANY_LOADS = """
+import sys, numpy as np, rollingjoint as rj
+from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS
+chain, columns = (rj.five_link(), LOAD_COLUMNS) if sys.argv[1] == "plane" else (rj.small_arm(), SPATIAL_LOAD_COLUMNS)
+tables = np.zeros((8, 40_000, len(columns)))  # the memory of the lanes is given back to the system when it is freed
+tables[:, -1, [0, columns.index("fx")]] = 4.0, 0.01
+lengths = np.tile(chain.neutral_lengths - 0.1, (8, 1))
+found, few = rj.solve_lengths_batch(chain, lengths, tables), rj.solve_lengths_batch(chain, lengths, tables[:, -1:])
+print(np.array_equal(found.joint_angles, few.joint_angles))
+"""
+
+
+@pytest.mark.parametrize("where", ["plane", "space"])
+def test_lanes_keep_their_memory_while_they_work(where, run_python):
+    assert run_python("-c", MANY_LOADS, where) == "True\n"
