@@ -37,7 +37,7 @@ from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState

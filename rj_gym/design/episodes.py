@@ -17,7 +17,7 @@ from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws
 from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
 from rj_gym.rendering.canvas import Screen
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]

@@ -14,8 +14,9 @@ Modules:
     rolling: links that roll on each other, and the arrays that kernels read.
     se2: planar rigid-body motions.
     se3: spatial rigid-body motions.
-    solution: the base class of all equilibria, and their status.
+    solution: the base class of all equilibria.
     stacks: several mechanisms as one stack of arrays.
+    status: how a solve ended.
     tendon: which holes tendons pass, where they end, how stiff they are.
     variations: many chains that differ by surfaces and stiffness, as one stack of arrays.
 """

@@ -266,7 +266,7 @@ AnyChain = Chain[Any]
 
 def kinds() -> str:
     """The classes of chains, for messages."""
-    return " or ".join(f"a {kind.__name__}" for kind in Chain.__subclasses__())
+    return " or ".join(f"a {kind.__name__}" for kind in sorted(Chain.__subclasses__(), key=lambda kind: kind.dimension))
 
 
 def check_chain(mechanism: object) -> None:

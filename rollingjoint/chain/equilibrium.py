@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -58,9 +57,9 @@ class Equilibrium(Solution):
         raise InvalidInput("equilibrium", self, "one mechanism", "Take that of a row: equilibrium.mechanism[row].")
 
     @property
-    def tip(self) -> Array:
-        """Origin of the last link, (2,) [mm]."""
-        return self.poses[..., -1, :2]
+    def positions(self) -> Array:
+        """Origins of the links, (n, 2) [mm]."""
+        return self.poses[..., :2]
 
     @cached_property
     def arc_lengths(self) -> Array:
@@ -74,23 +73,16 @@ class Equilibrium(Solution):
         return np.clip(s, low, high).reshape(self.joint_angles.shape)
 
     @property
-    def pose_jacobian(self) -> Array:
-        """(n, 3, n - 1) d link poses (x, y, angle) / d joint angles [mm/rad, 1]."""
-        arm = self.poses[..., :, None, :2] - self.contact_points[..., None, :, :]
-        n = self.poses.shape[-2]
-        moves = np.tri(n, n - 1, -1)  # joint i moves link k > i
-        return np.stack([-arm[..., 1] * moves, arm[..., 0] * moves, np.broadcast_to(moves, arm.shape[:-1])], axis=-2)
+    def _pivots(self) -> Array:
+        return self.contact_points
 
-    def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
-        """(3, n - 1) d (x, y, angle) of a body point [mm], default the link's origin, / d joint angles [mm/rad, 1]."""
-        px, py = (0.0, 0.0) if point is None else point
-        pose = self.poses[..., link, :]
+    def _placed(self, link: int, point: Array) -> Array:
+        (px, py), pose = point, self.poses[..., link, :]
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        where = pose[..., :2] + np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
-        arm = where[..., None, :] - self.contact_points
-        jacobian = np.stack([-arm[..., 1], arm[..., 0], np.ones_like(arm[..., 0])], axis=-2)
-        jacobian[..., link:] = 0.0
-        return jacobian
+        return pose[..., :2] + np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
+
+    def _twists(self, arms: Array) -> Array:
+        return np.stack([-arms[..., 1], arms[..., 0], np.ones_like(arms[..., 0])], axis=-2)
 
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
         contacts = dict.fromkeys(("contact_points", "contact_tangents", "contact_forces"), (n_joints, 2))
@@ -150,11 +142,6 @@ class HingeEquilibrium(Solution):
     _NUMBERS = ("escapes",)
 
     @property
-    def tip(self) -> Array:
-        """Origin of the last link: the middle of the last distal face, (3,) [mm]."""
-        return self.poses[..., -1, :3, 3]
-
-    @property
     def remark(self) -> str:
         """Whether the arm has buckled, for reports."""
         return f", buckled: {self.escapes} escapes" if self.escapes else ""
@@ -185,7 +172,7 @@ class HingeEquilibrium(Solution):
 
     @property
     def positions(self) -> Array:
-        """Origins of the links, (n, 3) [mm]; hinge i is at the origin of link i."""
+        """Origins of the links, (n, 3) [mm]; hinge i is at that of link i, and the last one amid the distal face."""
         return self.poses[..., :3, 3]
 
     @property
@@ -199,26 +186,18 @@ class HingeEquilibrium(Solution):
         return self.tendon_torques
 
     @property
-    def pose_jacobian(self) -> Array:
-        """(n, 6, n - 1) d link poses (x, y, z, rotation vector), base frame, / d joint angles [mm/rad, 1]."""
-        n = self.poses.shape[-3]
-        arm = self.positions[..., :, None, :] - self.positions[..., None, :-1, :]
-        return self._twists(arm) * np.tri(n, n - 1, -1)[:, None]  # hinge i moves link k > i
+    def _pivots(self) -> Array:
+        return self.positions[..., :-1, :]
 
-    def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
-        """(6, n - 1) d (x, y, z, rotation vector) of a body point [mm], default the link's origin, / d joint angles."""
-        body = np.zeros(3) if point is None else np.asarray(point, float)
-        at = self.positions[..., link, :] + self.rotations[..., link, :, :] @ body
-        jacobian = self._twists(at[..., None, :] - self.positions[..., :-1, :])
-        return jacobian * (np.arange(jacobian.shape[-1]) < link)
+    def _placed(self, link: int, point: Array) -> Array:
+        return self.positions[..., link, :] + self.rotations[..., link, :, :] @ point
 
-    def _twists(self, arm: Array) -> Array:
-        """Velocity at the end of an arm from every hinge, (..., n - 1, 3), and angular velocity, (..., 6, n - 1)."""
+    def _twists(self, arms: Array) -> Array:
         chain, designs = self._designs
         axes = chain.axes[designs].reshape(*self.joint_angles.shape, 3)
         axes = (self.rotations[..., :-1, :, :] @ axes[..., None])[..., 0]
-        axes = np.broadcast_to(axes[..., None, :, :] if arm.ndim > axes.ndim else axes, arm.shape)
-        return np.swapaxes(np.concatenate([np.cross(axes, arm), axes], axis=-1), -1, -2)
+        axes = np.broadcast_to(axes[..., None, :, :] if arms.ndim > axes.ndim else axes, arms.shape)
+        return np.swapaxes(np.concatenate([np.cross(axes, arms), axes], axis=-1), -1, -2)
 
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
         more = {"poses": (n_joints + 1, 4, 4), "tendon_torques": (n_joints, n_tendons), "escapes": ()}

@@ -39,6 +39,9 @@ _TABLES = {
 _CURVATURES = ("constant", "polynomial", *_TABLES)
 
 
+_FORMATS: dict[type[Any], type[Format]] = {}  # by the classes of chains; every subclass of Format enters itself
+
+
 class Format(ABC):
     """How the chains of a class are written as plain values; every class of chains has a subclass.
 
@@ -56,6 +59,9 @@ class Format(ABC):
     defaults: ClassVar[tuple[str, ...]]
     tendon: ClassVar[type[Any]]
     tendon_keys: ClassVar[tuple[str, ...]]
+
+    def __init_subclass__(cls) -> None:
+        _FORMATS[cls.kind] = cls
 
     def from_dict(self, content: object, source: str, name: str) -> AnyChain:
         """The mechanism that the content of a file describes; raises ConfigError."""
@@ -211,13 +217,13 @@ class HingeFormat(Format):
 
 
 def formats() -> tuple[Format, ...]:
-    """That of every class of chains."""
-    return tuple(kind() for kind in Format.__subclasses__())
+    """Those of all classes of chains."""
+    return tuple(each() for each in _FORMATS.values())
 
 
 def format_of(chain: AnyChain) -> Format:
-    """That of a chain."""
-    return next(each for each in formats() if isinstance(chain, each.kind))
+    """That of the chain's class, or of the nearest one above that has a format."""
+    return next(_FORMATS[kind]() for kind in type(chain).__mro__ if kind in _FORMATS)
 
 
 def _listed(source: str, top: Mapping[str, Any], key: str) -> Iterable[tuple[str, Any]]:

@@ -131,7 +131,7 @@ class RollingChain(Chain[Equilibrium]):
 
         From the surfaces themselves: many a program asks for them first, and would wait for a kernel.
         """
-        lengths = self._channels.copy()
+        lengths = self._tendon_arrays[1][0].copy()
         for i, (below, above) in enumerate(itertools.pairwise(self.links)):
             angle, contact = self.neutral_angles[i], below.child.point(0.0)
             turned = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])  # of row vectors
@@ -142,38 +142,26 @@ class RollingChain(Chain[Equilibrium]):
         return read_only(lengths)
 
     @cached_property
-    def _channels(self) -> Array:
-        """Lengths of the tendons inside the links, (m,) [mm]."""
-        return np.array([np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum() for points in self.hole_points])
+    def _tendon_arrays(self) -> tuple[Array, Array, Array]:
+        """Holes, channels and directions, a stack of one design."""
+        return tendon_arrays([points[None] for points in self.hole_points], self.n_joints)
 
     @cached_property
     def arrays(self) -> ChainArrays:
         """Tables for the kernels, a stack of one design."""
         pairs = itertools.pairwise(self.links)
         tables = [joint_table.tabulate(below.child, above.parent) for below, above in pairs]
-        n_joints, n_tendons = self.n_joints, self.n_tendons
-        joints, buckets = np.zeros((n_joints, 3)), np.zeros((n_joints, BUCKET_ENDS), np.int64)
+        joints, buckets = np.zeros((self.n_joints, 3)), np.zeros((self.n_joints, BUCKET_ENDS), np.int64)
         before = 0
         for i, table in enumerate(tables):
             per_radian, ends = joint_table.buckets(table.cells)
             joints[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
             buckets[i] = before + ends
             before += len(table.cells)
-        holes, directions = np.zeros((2, n_joints, n_tendons, 4))
-        crossed = np.zeros(n_tendons, np.int64)
-        for j, points in enumerate(self.hole_points):
-            crossed[j] = len(points) - 1
-            holes[: crossed[j], j] = np.concatenate([points[:-1, 1], points[1:, 0]], axis=1)
-            directions[: crossed[j], j] = _unit_pairs(points[:, 1] - points[:, 0])
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
-        per_design = (
-            holes[None],
-            self._channels[None],
-            directions[None],
-            crossed,
-            load_table(self.springs, self.n_links)[None],
-        )
-        return ChainArrays(joints[None], buckets[None], cells, coefficients, arcs, *per_design)
+        crossed = np.array([len(points) - 1 for points in self.hole_points], np.int64)
+        rest = *self._tendon_arrays, crossed, load_table(self.springs, self.n_links)[None]
+        return ChainArrays(joints[None], buckets[None], cells, coefficients, arcs, *rest)
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:
@@ -307,14 +295,27 @@ def _on_curve(profile: Profile, s: float) -> Array:
     return profile.curve(s)
 
 
-def _unit_pairs(through: Array) -> Array:
-    """Unit vectors along the channels of successive links, (links - 1, 4), from the channels themselves (links, 2).
+def tendon_arrays(points: Sequence[Array], n_joints: int) -> tuple[Array, Array, Array]:
+    """Holes, channels and directions of D designs, as kernels take them.
 
     A channel without length counts as one along the link's y axis.
+
+    Args:
+        points: for every tendon the holes of the links it passes, (D, links, 2 for parent and child, 2) [mm].
+        n_joints: of the chain.
     """
-    lengths = np.linalg.norm(through, axis=1, keepdims=True)
-    units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
-    return np.concatenate([units[:-1], units[1:]], axis=1)
+    count, m = len(points[0]), len(points)
+    holes, directions = np.zeros((2, count, n_joints, m, 4))
+    channels = np.zeros((count, m))
+    for j, each in enumerate(points):
+        crossed = each.shape[1] - 1
+        holes[:, :crossed, j] = np.concatenate([each[:, :-1, 1], each[:, 1:, 0]], axis=-1)
+        through = each[:, :, 1] - each[:, :, 0]
+        lengths = np.linalg.norm(through, axis=-1, keepdims=True)
+        channels[:, j] = lengths[..., 0].sum(axis=1)
+        units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
+        directions[:, :crossed, j] = np.concatenate([units[:, :-1], units[:, 1:]], axis=-1)
+    return holes, channels, directions
 
 
 def _with_rows(part: ChainArrays, count: int) -> ChainArrays:

@@ -1,21 +1,20 @@
-"""The base class of all equilibria: status, stiffness and stability."""
+"""The base class of all equilibria: stiffness, stability and friction."""
 
 from __future__ import annotations
 
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from enum import IntEnum
 from functools import cached_property
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import read_only
 from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, virgin_state
 from rollingjoint.chain.stacks import designs_of
+from rollingjoint.chain.status import STATUSES, Status, codes_of
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.shared.friction import History
@@ -25,49 +24,6 @@ from rollingjoint.tables import Column
 Array = NDArray[np.float64]
 _S = TypeVar("_S")
 
-
-class Status(IntEnum):
-    """How a solve ended."""
-
-    CONVERGED = 0
-    AT_LIMIT = 1
-    INDETERMINATE = 2
-    UNSTABLE = 3
-    NOT_CONVERGED = 4
-    INVALID_INPUT = 5
-
-    @property
-    def message(self) -> str:
-        """What it means and what to do, one line."""
-        return _MESSAGES[self]
-
-    @staticmethod
-    def usable(status: ArrayLike) -> NDArray[np.bool_]:
-        """True where the result is a stable equilibrium, at a joint limit or not."""
-        return codes_of(status) <= int(Status.AT_LIMIT)
-
-
-def codes_of(status: ArrayLike) -> NDArray[np.int64]:
-    """Statuses as integers, () of a single one.
-
-    NumPy would ask the class of an enum for attributes, and drop whatever is raised meanwhile: in Python 3.11, where
-    that runs Python code, a Ctrl-C too.
-    """
-    return np.asarray(int(status) if isinstance(status, Status) else status)
-
-
-_MESSAGES = {
-    Status.CONVERGED: "stable equilibrium",
-    Status.AT_LIMIT: "equilibrium with a joint at its limit, as at the end of a surface: a stop would have to hold it",
-    Status.INDETERMINATE: "slack: nothing holds some joints; the pose is the admissible one nearest the start",
-    Status.UNSTABLE: "unstable equilibrium: the smallest eigenvalue of the stiffness is negative",
-    Status.NOT_CONVERGED: "not converged: a residual above 1e-8 N·mm, or follower forces on over 1,000 joints; "
-    "try another start or smaller loads",
-    Status.INVALID_INPUT: "invalid numbers: NaN, beyond 1e12, a pushing tendon, a negative spring; returned the start",
-}
-
-STATUSES = tuple(Status)
-"""Every status at the place of its number: a look-up takes a tenth of Status(number)."""
 
 _AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
 _FAR = 1e15  # eigenvalue assigned to joints that are held
@@ -130,9 +86,12 @@ def parts(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
     """Have fields of a dataclass come from Outputs if they are not given: by the name there, or some columns of it."""
 
     def add(cls: type[_S]) -> type[_S]:
+        made = {}
         for name, place in places.items():
             part, columns = (place, None) if isinstance(place, str) else place
-            setattr(cls, name, _Part(name, part, columns))
+            made[name] = _Part(name, part, columns)
+            setattr(cls, name, made[name])
+        cls._parts = getattr(cls, "_parts", {}) | made  # type: ignore[attr-defined]
         return cls
 
     return add
@@ -169,6 +128,7 @@ class Solution(ABC):
     status: Status | NDArray[np.int64]
     friction: FrictionStep | None = field(default=None, kw_only=True)
 
+    _parts: ClassVar[dict[str, _Part]]  # by the names of their fields
     _NUMBERS: ClassVar[tuple[str, ...]] = ()  # fields of a class that are numbers
 
     def __post_init__(self) -> None:
@@ -191,10 +151,10 @@ class Solution(ABC):
         for array in (table, *results):
             array.setflags(write=False)
         values = {"mechanism": mechanism, "loads": table, "friction": friction}
-        for each in fields(cls):
-            if each.name not in values:
-                part = inspect.getattr_static(cls, each.name, None)
-                values[each.name] = part.of(getattr(results, part.part)) if part else getattr(results, each.name)
+        for name in (each.name for each in fields(cls)):
+            if name not in values:
+                part = cls._parts.get(name)
+                values[name] = getattr(results, name) if part is None else part.of(getattr(results, part.part))
         return cls.filled(values)
 
     @classmethod
@@ -263,13 +223,23 @@ class Solution(ABC):
 
     @property
     @abstractmethod
-    def tip(self) -> Array:
-        """Origin of the last link, (2,) or (3,) [mm]."""
+    def positions(self) -> Array:
+        """Origins of the links, (n, 2 or 3) [mm]."""
 
     @property
-    @abstractmethod
+    def tip(self) -> Array:
+        """Origin of the last link, (2,) or (3,) [mm]."""
+        return self.positions[..., -1, :]
+
+    @property
     def pose_jacobian(self) -> Array:
-        """(n, 3 or 6, n - 1) d link poses / d joint angles [mm/rad, 1]."""
+        """(n, 3 or 6, n - 1) d link poses / d joint angles [mm/rad, 1].
+
+        Poses are (x, y, angle) in the plane; in space (x, y, z, rotation vector), base frame.
+        """
+        n = self.positions.shape[-2]
+        arms = self.positions[..., :, None, :] - self._pivots[..., None, :, :]
+        return self._twists(arms) * np.tri(n, n - 1, -1)[:, None]  # joint i moves link k > i
 
     @property
     def torques_per_tension(self) -> Array:
@@ -332,9 +302,12 @@ class Solution(ABC):
     def figures(self, friction: float) -> dict[str, Any]:
         """What else reports in JSON say of one equilibrium."""
 
-    @abstractmethod
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
         """(3 or 6, n - 1) d pose of a frame at a body point [mm], default the link's origin, / d joint angles."""
+        at = self.positions[..., link, :] if point is None else self._placed(link, np.asarray(point, float))
+        jacobian = self._twists(at[..., None, :] - self._pivots)
+        jacobian[..., link:] = 0.0
+        return jacobian
 
     @cached_property
     def free_joints(self) -> NDArray[np.bool_]:
@@ -389,6 +362,19 @@ class Solution(ABC):
             return f"<{kind} of {name}, {self._codes.size} rows: {found or 'none'}>"
         point = ", ".join(f"{x:.3f}" for x in self.tip)
         return f"<{kind} of {name}: {Status(int(self._codes)).name}, tip at ({point}) mm>"
+
+    @property
+    @abstractmethod
+    def _pivots(self) -> Array:
+        """Points about which the joints turn, (n - 1, 2 or 3) [mm]."""
+
+    @abstractmethod
+    def _placed(self, link: int, point: Array) -> Array:
+        """A body point of a link in the base frame, (2,) or (3,) [mm]."""
+
+    @abstractmethod
+    def _twists(self, arms: Array) -> Array:
+        """Velocity at the ends of arms from every joint, (..., n - 1, 2 or 3), and turn, (..., 3 or 6, n - 1)."""
 
     @property
     def _one(self) -> Any:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-
-_T = TypeVar("_T")
 
 DEFAULT_STIFFNESS = 5.0
 """Tendon stiffness [N/mm]: E A / L of a 0.28 mm polyethylene braid (E about 20 GPa along the braid, A = 0.062 mm²)
@@ -31,7 +29,45 @@ Hole = tuple[float, float] | OnSurface
 
 
 @dataclass(frozen=True)
-class Tendon:
+class AnyTendon:
+    """What tendons of every kind of chain have; fields as of these kinds."""
+
+    holes: Sequence[Any]
+    end: int = -1
+    stiffness: float = DEFAULT_STIFFNESS
+    friction: CapstanFriction | None = None
+
+    def _check(self) -> None:
+        """Raise MechanismError for a wrong end, stiffness or friction; hold plain numbers."""
+        end = as_integer("tendon end", self.end, allowed="the number of a link", error=MechanismError)
+        stiffness = as_positive("tendon stiffness", self.stiffness, "a positive number [N/mm]", MechanismError)
+        friction = checked_friction(self.friction, "tendon friction")
+        if friction is not None and friction.rolling > 0.0:
+            allowed = "0: links roll, tendons do not"
+            hint = "Give it to the mechanism."
+            raise MechanismError("rolling of a tendon's friction", friction.rolling, allowed, hint)
+        object.__setattr__(self, "end", end)
+        object.__setattr__(self, "stiffness", stiffness)
+
+    def last_link(self, n_links: int) -> int:
+        """Index of the link where the tendon ends, counted from 0."""
+        last = self.end + n_links if self.end < 0 else self.end
+        if not 1 <= last < n_links:
+            raise MechanismError("tendon end", self.end, f"a moving link, 1 to {n_links - 1} or -1 to {1 - n_links}")
+        return last
+
+    def _per_link(self, what: str, n_links: int) -> Sequence[Any]:
+        """What `holes` has of every link that the tendon passes."""
+        passed = self.last_link(n_links) + 1
+        if len(self.holes) == 1:
+            return tuple(self.holes) * passed
+        if len(self.holes) != passed:
+            raise MechanismError(what, len(self.holes), f"{passed}, links 0 to {passed - 1}")
+        return self.holes
+
+
+@dataclass(frozen=True)
+class Tendon(AnyTendon):
     """A tendon that runs from the base to link `end`.
 
     Args:
@@ -46,9 +82,6 @@ class Tendon:
     """
 
     holes: Sequence[tuple[Hole, Hole]]
-    end: int = -1
-    stiffness: float = DEFAULT_STIFFNESS
-    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -60,7 +93,7 @@ class Tendon:
         if not holes:
             raise MechanismError("tendon holes", self.holes, "at least one (parent hole, child hole)")
         object.__setattr__(self, "holes", holes)
-        _check_fields(self)
+        self._check()
 
     @classmethod
     def on_surfaces(
@@ -69,17 +102,13 @@ class Tendon:
         """A tendon through the surface point s of every surface it passes."""
         return cls(((OnSurface(s), OnSurface(s)),), end, stiffness, friction)
 
-    def last_link(self, n_links: int) -> int:
-        """Index of the link where the tendon ends, counted from 0."""
-        return _last_link(self.end, n_links)
-
     def link_holes(self, n_links: int) -> Sequence[tuple[Hole, Hole]]:
         """(parent hole, child hole) for every link that the tendon passes."""
-        return _one_per_link("number of tendon hole pairs", self.holes, self.last_link(n_links) + 1)
+        return self._per_link("number of tendon hole pairs", n_links)
 
 
 @dataclass(frozen=True)
-class BeadTendon:
+class BeadTendon(AnyTendon):
     """A tendon of a spatial hinge chain, from the base to link `end`, straight through every bead.
 
     Args:
@@ -92,9 +121,6 @@ class BeadTendon:
     """
 
     holes: Sequence[tuple[float, float]]
-    end: int = -1
-    stiffness: float = DEFAULT_STIFFNESS
-    friction: CapstanFriction | None = None
 
     def __post_init__(self) -> None:
         allowed = "at least one finite point (x, y) [mm]"
@@ -102,42 +128,11 @@ class BeadTendon:
         if holes.ndim != 2 or holes.shape[1] != 2 or not len(holes) or not np.all(np.isfinite(holes)):
             raise MechanismError("tendon holes", self.holes, allowed)
         object.__setattr__(self, "holes", tuple((float(x), float(y)) for x, y in holes))
-        _check_fields(self)
-
-    def last_link(self, n_links: int) -> int:
-        """Index of the link where the tendon ends, counted from 0."""
-        return _last_link(self.end, n_links)
+        self._check()
 
     def link_holes(self, n_links: int) -> Sequence[tuple[float, float]]:
         """The hole of every link that the tendon passes."""
-        return _one_per_link("number of tendon holes", self.holes, self.last_link(n_links) + 1)
-
-
-def _check_fields(tendon: Tendon | BeadTendon) -> None:
-    end = as_integer("tendon end", tendon.end, allowed="the number of a link", error=MechanismError)
-    stiffness = as_positive("tendon stiffness", tendon.stiffness, "a positive number [N/mm]", MechanismError)
-    friction = checked_friction(tendon.friction, "tendon friction")
-    if friction is not None and friction.rolling > 0.0:
-        allowed = "0: links roll, tendons do not"
-        raise MechanismError("rolling of a tendon's friction", friction.rolling, allowed, "Give it to the mechanism.")
-    object.__setattr__(tendon, "end", end)
-    object.__setattr__(tendon, "stiffness", stiffness)
-
-
-def _last_link(end: int, n_links: int) -> int:
-    last = end + n_links if end < 0 else end
-    if not 1 <= last < n_links:
-        raise MechanismError("tendon end", end, f"a moving link, 1 to {n_links - 1} or -1 to {1 - n_links}")
-    return last
-
-
-def _one_per_link(what: str, holes: Sequence[_T], passed: int) -> Sequence[_T]:
-    """The holes of the links that a tendon passes."""
-    if len(holes) == 1:
-        return tuple(holes) * passed
-    if len(holes) != passed:
-        raise MechanismError(what, len(holes), f"{passed}, links 0 to {passed - 1}")
-    return holes
+        return self._per_link("number of tendon holes", n_links)
 
 
 def _hole(hole: Hole) -> Hole:

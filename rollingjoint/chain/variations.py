@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain import joint_table
-from rollingjoint.chain.rolling import Link, RollingChain
+from rollingjoint.chain.rolling import Link, RollingChain, tendon_arrays
 from rollingjoint.chain.stacks import Deferred, Variations
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.errors import MechanismError
@@ -165,7 +165,7 @@ class _Placed:
             cells.reshape(-1, *cells.shape[2:]),
             coefficients.reshape(-1, *coefficients.shape[2:]),
             arcs.reshape(-1, *arcs.shape[2:]),
-            *self._tendons(),
+            *tendon_arrays(self._points, nominal.n_joints),
             nominal.arrays.tendon_joints,
             np.repeat(load_table(nominal.springs, nominal.n_links)[None], count, axis=0),
         )
@@ -192,21 +192,6 @@ class _Placed:
         if len(holes) <= joint + 1:
             return False
         return not (isinstance(holes[joint][1], OnSurface) and isinstance(holes[joint + 1][0], OnSurface))
-
-    def _tendons(self) -> tuple[Array, Array, Array]:
-        """Holes, channels and directions of a stack."""
-        n_joints, m = self.nominal.n_joints, self.nominal.n_tendons
-        holes, directions = np.zeros((2, self.count, n_joints, m, 4))
-        channels = np.zeros((self.count, m))
-        for j, points in enumerate(self._points):
-            crossed = points.shape[1] - 1
-            holes[:, :crossed, j] = np.concatenate([points[:, :-1, 1], points[:, 1:, 0]], axis=-1)
-            through = points[:, :, 1] - points[:, :, 0]
-            lengths = np.linalg.norm(through, axis=-1, keepdims=True)
-            channels[:, j] = lengths[..., 0].sum(axis=1)
-            units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
-            directions[:, :crossed, j] = np.concatenate([units[:, :-1], units[:, 1:]], axis=-1)
-        return holes, channels, directions
 
     def _hole_points(self, tendon: int) -> Array:
         """As RollingChain.hole_points of one tendon, (D, links, 2, 2) [mm]."""

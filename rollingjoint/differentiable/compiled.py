@@ -8,8 +8,8 @@ from torch import Tensor
 
 from rollingjoint.chain.batch import solve_batch, step_batch
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.solution import Status, codes_of
 from rollingjoint.chain.stacks import designs_of
+from rollingjoint.chain.status import Status, codes_of
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.friction import HISTORY
 from rollingjoint.differentiable.statics import Law

@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.newton import freed

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.load import Load
 from rollingjoint.statics.sensitivity import dlengths_dtensions
 from rollingjoint.statics.solve import solve_tensions

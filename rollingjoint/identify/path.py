@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.solution import Solution, Status
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.identify.lengths import NearestLengths
 from rollingjoint.identify.measurements import Input, Measurements, Run, Step
 from rollingjoint.statics.sensitivity import joint_response

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.solution import Solution, Status
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.tables import column_dicts, column_table, number_table
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.solution import Solution, Status
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput, naming, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.planar import plot_mechanism

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rollingjoint.chain.chain import Chain
-from rollingjoint.chain.solution import Status, stacked
+from rollingjoint.chain.solution import stacked
+from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_choice, as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rollingjoint.chain.presets import PRESETS, five_link, small_arm
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce

@@ -23,7 +23,7 @@ from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.outline import link_outline, surface_points, to_world
 from rollingjoint.chain.presets import five_link, preset, presets_of, two_segment
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Spring, WorldForce
 from rollingjoint.plotting import PALETTE, plot_family, plot_mechanism, save_figure

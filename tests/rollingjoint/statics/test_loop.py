@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rollingjoint.chain.presets import five_link, two_segment
-from rollingjoint.chain.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.load import WorldForce
