@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint._numba.cache import only_what_is_kept
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.presets import five_link, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.presets import five_link, small_arm, uniform
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
 ENTRY_POINTS = "rollingjoint.kernels"
@@ -292,7 +292,7 @@ def arm_friction_special_cases() -> None:
     assert _step_with_friction(small_arm(40)).size
 
 
-def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
+def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
     """Stiffness after a step of a mechanism where nothing has slipped before [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
     hole = np.zeros((n_joints, mechanism.n_tendons))

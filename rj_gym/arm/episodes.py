@@ -19,9 +19,9 @@ from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.kernels import AT_LIMIT
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.rendering.canvas import Screen
+from rollingjoint.chain.batch import free_joints, stiffnesses
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
-from rollingjoint.spatial import batch
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the arm's task."""
 
-    _kernels: ClassVar[Any] = kernels
-    _batch: ClassVar[Any] = batch
+    _compiled: ClassVar[Any] = kernels
     _FORCE: ClassVar[slice] = slice(FX, FX + 3)
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     task: ArmTask
@@ -74,8 +73,8 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             return super()._rates(d)
         self._solve_near(self._held())
         results, eye = self._results, np.eye(self._actions.shape[1])
-        H, torques = batch.stiffnesses(batches[0], self._friction)
-        usable, free = results.status <= AT_LIMIT, batch.free_joints(batches[0])
+        H, torques = stiffnesses(self._kernels, batches[0], self._friction)
+        usable, free = results.status <= AT_LIMIT, free_joints(batches[0])
         free &= usable[:, None]
         H = np.where(free[:, :, None] & free[:, None], H, np.eye(H.shape[1]))
         try:
@@ -88,7 +87,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         rates = np.concatenate([tips, tensions, lengths, tips[:, : len(self.task.pictured)]], axis=1)
         return np.where(usable[:, None, None], rates, 0.0)
 
-    def _tip_rates(self, solved: batch.BatchArrays) -> Array:
+    def _tip_rates(self, solved: Any) -> Array:
         """d tip / d joint angle, (B, 3, J) [mm/rad]."""
         poses, axes = solved.results.poses, solved.chain.axes[solved.designs]
         turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
@@ -112,7 +111,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         )
         self.hardware = new_hardware(config, capacity, m, 12, self.task.dimension)
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
-        self._results = batch.new_results(capacity, n - 1, m)
+        self._results = self._kernels.new_results(capacity, n - 1, m)
 
     def _enter_loads(self, draws: ArmDraws) -> None:
         count, own = len(draws), TENSIONS + 2 * self._actions.shape[1]

@@ -17,11 +17,11 @@ from rj_gym.core.kernels import AT_LIMIT, REFUSED
 from rj_gym.core.starting_episodes import StartingEpisodes
 from rj_gym.core.state import check_whole, checked_array, checked_parts
 from rj_gym.core.tangent import FREE_OF_LIMITS, REACH, Tangent
+from rollingjoint.chain.stacks import Variations
 from rollingjoint.compiled import run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.load import wrong_links
-from rollingjoint.mechanism import Variations
 
 Array = NDArray[np.float64]
 

@@ -17,11 +17,10 @@ from rj_gym.planar.render import PlanarCanvas, PlanarScene
 from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
 from rj_gym.rendering.canvas import Screen
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar import batch
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.variations import ChainVariations
 
 Array = NDArray[np.float64]
 
@@ -31,8 +30,7 @@ _LINK = LOAD_COLUMNS.index("link")
 class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the planar task."""
 
-    _kernels: ClassVar[Any] = kernels
-    _batch: ClassVar[Any] = batch
+    _compiled: ClassVar[Any] = kernels
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = LOAD_COLUMNS
     task: PlanarTask
@@ -86,7 +84,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         )
         self.hardware = new_hardware(config, capacity, m, 3 * (n - 1), self.task.dimension)
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = batch.new_results(capacity, n - 1, m, contacts=truths > 0, responses=True)
+        self._results = self._kernels.new_results(capacity, n - 1, m, contacts=truths > 0, responses=True)
 
     def _enter_loads(self, draws: PlanarDraws) -> None:
         count = len(draws)

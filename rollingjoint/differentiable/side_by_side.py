@@ -55,7 +55,7 @@ class SideBySide:
     """A solver of B rows on a device, each with its mechanism, which are solved again and again.
 
     Args:
-        arrays: a stack of designs, the `arrays` of a mechanism or what `rollingjoint.mechanism.stack` makes of several.
+        arrays: a stack of designs, the `arrays` of a mechanism or what `chain.stacks.stack` makes of several.
         designs: which of them each row has, (B,).
         device: where everything is.
         passes: how many evaluations a solve has; on the CPU it ends when nearly every row is done.
