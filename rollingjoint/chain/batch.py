@@ -73,15 +73,15 @@ class PinnedRange:
     def solve_the_rest(self, first: int, last: int) -> None:
         """Solve those of the rows first to last - 1 that `entry` has left."""
         left = _left(self._batch, first, last, self._is_long)
-        _on_batch(solve_lanes, type(self._batch), _LEFT)(*self._batch, left)
+        _on_batch(solve_lanes, _kind(self._batch), _LEFT)(*self._batch, left)
 
 
 def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
     """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
     is_long = batch.starts.shape[1] > kernels.most_with_friction
-    if is_long or _on_batch(kernels.step, type(batch), FrictionArrays, int, int)(*batch, friction, first, last):
+    if is_long or _on_batch(kernels.step, _kind(batch), FrictionArrays, int, int)(*batch, friction, first, last):
         left = _left(batch, first, last, is_long)
-        _on_batch(step_lanes, type(batch), FrictionArrays, _LEFT)(*batch, friction, left)
+        _on_batch(step_lanes, _kind(batch), FrictionArrays, _LEFT)(*batch, friction, left)
 
 
 def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
@@ -175,6 +175,11 @@ def _new_batch(
     """The arrays of a batch, with room for its results."""
     results = kind.kernels.new_results(len(starts), starts.shape[1], laws.low.shape[1])
     return kind.kernels.batch_arrays(chain, designs, laws, tables, starts, results)
+
+
+def _kind(batch: Any) -> Any:
+    """Its class."""
+    return type(batch)
 
 
 @functools.cache
