@@ -68,10 +68,12 @@ import rollingjoint as rj
 from benchmarks.on_arrays import solve_on_arrays
 from rollingjoint.compiled import BatchArrays, Integers, Pinned, PinnedRange
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.kernels.planar.batch import solve_lanes
-from rollingjoint.planar.batch import TendonLaw, new_results, _on_batch
+from rollingjoint.kernels.shared.batch import solve_lanes
+from rollingjoint.chain.batch import TendonLaw, _on_batch
+from rollingjoint.kernels.planar.arrays import new_results
 
 arm, B = rj.five_link(), {lanes}
+kernels = arm.kernels
 rng = np.random.default_rng(0)
 commands = arm.neutral_lengths + rng.uniform(-2, 1, (B, 2))
 law = TendonLaw(commands, np.tile(arm.stiffnesses, (B, 1)), np.full((B, 2), 0.5), np.full((B, 2), 50.0))
@@ -149,14 +151,14 @@ def load() -> tuple[str, float, float]:
 def code() -> tuple[str, float, float]:
     """A call of the solver: numba's dispatcher, and the machine code."""
     slow = of_calls(1, "print(least(lambda: solve_on_arrays(*problem, 0, 1), 2000))")
-    direct = "solve = _on_batch(solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    direct = "solve = _on_batch(kernels, solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
     return "compiled solve, called from Python", slow, of_calls(1, direct)
 
 
 def pins() -> tuple[str, float, float]:
     """A call of the solver: arrays, and the address of their pins."""
-    direct = "solve = _on_batch(solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
-    pinned = "solve = PinnedRange(problem)._solve\nprint(least(lambda: solve(0, 1), 2000))"
+    direct = "solve = _on_batch(kernels, solve_on_arrays, int, int)\nprint(least(lambda: solve(*problem, 0, 1), 2000))"
+    pinned = "solve = PinnedRange(kernels, problem)._solve\nprint(least(lambda: solve(0, 1), 2000))"
     return "compiled solve, called from Python", of_calls(1, direct), of_calls(1, pinned)
 
 
@@ -181,9 +183,9 @@ def address() -> tuple[str, float, float]:
 
 def simd() -> tuple[str, float, float]:
     """A solve in a batch of 10,000: lane by lane, and eight side by side."""
-    alone = "solve = _on_batch(solve_lanes, Annotated[Integers, 'left'])\n"
+    alone = "solve = _on_batch(kernels, solve_lanes, Annotated[Integers, 'left'])\n"
     alone += "print(least(lambda: solve(*problem, rest), 1, 15) / B)"
-    wide = "solve = PinnedRange(problem)\nprint(least(lambda: solve(0, B), 1, 15) / B)"
+    wide = "solve = PinnedRange(kernels, problem)\nprint(least(lambda: solve(0, B), 1, 15) / B)"
     return "solve in a batch, one thread", of_calls(10_000, alone), of_calls(10_000, wide)
 
 

@@ -24,7 +24,7 @@ from rollingjoint import (
     solve_tensions,
     solve_tensions_batch,
 )
-from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
+from rollingjoint.chain.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.statics.solve import Start
 from rollingjoint.tables import markdown_table
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint import Equilibrium, Status, solve_lengths_batch, solve_tensions_batch
-from rollingjoint.planar.random_chain import HARD_KINDS, hard_chain, hard_inputs, hard_loads
+from rollingjoint.chain.random_chain import HARD_KINDS, hard_chain, hard_inputs, hard_loads
 from rollingjoint.tables import markdown_table
 
 ROWS = 64

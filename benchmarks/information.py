@@ -30,8 +30,8 @@ from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy
 from rj_gym.planar.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
+from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.load import load_table
-from rollingjoint.planar.variations import ChainVariations
 from rollingjoint.tables import markdown_table
 
 Array = NDArray[np.float64]

@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from rollingjoint import five_link, set_threads, small_arm, threads
-from rollingjoint.planar import batch as planar
-from rollingjoint.spatial import batch as spatial
+from rollingjoint.chain.batch import PinnedRange
 from rollingjoint.statics.batch import prescribed
 
 
@@ -20,8 +19,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=40)
     repeats = parser.parse_args().repeats
     set_threads(1)
-    for chain, module, rows in ((five_link(), planar, 100_000), (small_arm(), spatial, 10_000)):
-        work = module.PinnedRange(_batch(chain, module, rows))
+    for chain, rows in ((five_link(), 100_000), (small_arm(), 10_000)):
+        work = PinnedRange(chain.kernels, _batch(chain, rows))
         work(0, rows)
         calls = partial(work, 0, rows), partial(threads.run_in_threads, work, rows, chain.n_joints)
         seconds = np.empty((repeats, 2))
@@ -34,12 +33,13 @@ def main() -> None:
         )
 
 
-def _batch(chain, module, rows):
+def _batch(chain, rows):
     tensions = np.random.default_rng(0).uniform(0.5, 10.0, (rows, chain.n_tendons))
     starts = np.repeat(chain.neutral_angles[None], rows, axis=0)
-    tables = np.zeros((rows, 0, 14 if module is planar else 20))
-    results = module.new_results(rows, chain.n_joints, chain.n_tendons)
-    return module.BatchArrays(chain.arrays, np.zeros(rows, np.int64), prescribed(tensions), tables, starts, results)
+    tables = np.zeros((rows, 0, len(chain.load_columns)))
+    results = chain.kernels.new_results(rows, chain.n_joints, chain.n_tendons)
+    designs = np.zeros(rows, np.int64)
+    return chain.kernels.batch_arrays(chain.arrays, designs, prescribed(tensions), tables, starts, results)
 
 
 def _seconds(call):

@@ -16,8 +16,8 @@ import numpy as np
 from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
 from rollingjoint._numba.jit import standalone
 from rollingjoint.kernels.planar.arrays import design, new_state
-from rollingjoint.kernels.planar.chain import evaluate, fill_generators, stiffness
 from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.chain import evaluate, fill_generators, stiffness
 from rollingjoint.kernels.shared.linear import descent_step
 from rollingjoint.kernels.shared.long_chain import long_step, new_sweep
 from rollingjoint.load import load_table

@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from rollingjoint._numba.jit import kernel
-from rollingjoint._numba.pins import size_of
-from rollingjoint._numba.simd import WIDTH
 from rollingjoint.kernels.planar.arrays import BatchArrays
 from rollingjoint.kernels.planar.block import Block, block_sizes
 from rollingjoint.kernels.planar.loads import n_rows
-from rollingjoint.kernels.planar.side_by_side import _solve_in
+from rollingjoint.kernels.shared.lanes import solve_wide, wide_memory
 
 
 @kernel(nogil=True, title="the planar solver on arrays")
 def solve_on_arrays(chain, designs, laws, loads, starts, results, first, last):
     """Solve lanes first to last - 1; returns how many are PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
-    memory = np.zeros((size_of(Block, sizes) + 3) * WIDTH)
-    return _solve_in(memory, sizes, BatchArrays(chain, designs, laws, loads, starts, results), first, last)
+    memory, batch = np.zeros(wide_memory(Block, sizes)), BatchArrays(chain, designs, laws, loads, starts, results)
+    return solve_wide(memory, Block, sizes, batch, None, first, last)

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib import pyplot
 
 import rollingjoint as rj
-from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.chain.outline import link_outline, to_world
 from rollingjoint.plotting import PALETTE, plot_mechanism, save_figure
 
 MEASUREMENTS = Path(__file__).parent / "data" / "measured_poses.json"

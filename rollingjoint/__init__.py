@@ -3,6 +3,7 @@
 Modules:
     _numba: everything that uses private interfaces of numba.
     cad: manufacturing files.
+    chain: mechanisms, their equilibria, files and presets.
     checked_yaml: YAML files read strictly.
     checks: checks of single values.
     cli: the command `rj`.
@@ -10,25 +11,20 @@ Modules:
     design: design spaces, objectives and problems.
     differentiable: equilibria of planar chains as torch functions.
     errors: the exceptions.
-    family: the interface of a family of mechanisms.
+    former_names: modules under earlier names, for pickles.
     friction: coefficients of friction, and what it remembers.
     identify: parameters of a mechanism from measurements.
     interrupts: Ctrl-C in commands.
     io: mechanisms as files, equilibria as tables and JSON.
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
-    mechanism: the base class of all mechanisms, and stacks of several.
     mujoco: mechanisms as MuJoCo models.
-    planar: chains of links that roll on each other.
+    planar: second opinions on planar chains.
     plotting: pictures with matplotlib.
-    presets: named mechanisms of every family.
     profile: contact surfaces and their curvature.
-    solution: the base class of all equilibria, and their status.
-    friction_step: what friction did in a step, and the history with which it begins.
-    spatial: arms of beads on elastic hinges.
-    statics: the solvers of every family, and derivatives.
+    spatial: second opinions on arms.
+    statics: the solvers, and derivatives.
     tables: tables as text and Markdown.
-    tendon: which holes tendons pass, where they end, how stiff they are.
     threads: rows of a batch spread over threads.
     warmup: all kernels compiled in advance, in several processes.
 """
@@ -36,22 +32,22 @@ Modules:
 from rollingjoint import interrupts as _interrupts  # noqa: F401 (first: it handles Ctrl-C while a command is imported)
 
 # isort: split
+from rollingjoint import former_names as _former_names  # noqa: F401
+from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
+from rollingjoint.chain.hinge import Bead, HingeChain
+from rollingjoint.chain.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
+from rollingjoint.chain.rolling import Link, RollingChain
+from rollingjoint.chain.status import Status
+from rollingjoint.chain.tendon import BeadTendon, OnSurface, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
-from rollingjoint.planar.chain import Link, RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.solution import Status
-from rollingjoint.spatial.chain import Bead, HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.statics import sensitivity
 from rollingjoint.statics.loop import Loop, trace_loop
 from rollingjoint.statics.problem import Problem, prepare
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.statics.trace import trace
-from rollingjoint.tendon import BeadTendon, OnSurface, Tendon
 from rollingjoint.threads import set_threads
 
 __version__ = "0.1.0"

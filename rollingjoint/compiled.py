@@ -22,14 +22,15 @@ Arrays that stay where they are:
     Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
 Solvers:
-    BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
-    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
-        rows are left to its solve_the_rest, -1 where it had no memory.
+    BatchArrays: equilibria of rolling chains to be solved and where they go; those of any class of chains are its
+        kernels.batch_arrays. PinnedRange solves ranges of its rows, step_range with friction.
+    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange (arms:
+        PinnedHinges); how many rows are left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
-    FrictionArrays: friction of rows and what it remembers, for `step_range` and `begin_range` of a family's batch
-        module. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
-        N_COEFFICIENTS columns.
+    FrictionArrays: friction of rows and what it remembers, for step_range, and for begin_range, which fills it where
+        nothing has slipped. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of
+        its N_COEFFICIENTS columns.
     new_friction_arrays: those of a FrictionLaw and a History.
     run_in_threads: work on ranges of rows, on the threads of this process. runs_at_once: whether it does a single row
         without a thread of its own.
@@ -43,6 +44,8 @@ from rollingjoint._numba.jit import entry_address, kernel, machine_code, part, s
 from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
 from rollingjoint._numba.views import carve, singles_at
+from rollingjoint.chain.batch import PinnedRange, begin_range, step_range
+from rollingjoint.kernels.planar.arrays import BatchArrays, PinnedBatch
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import (
     CONSTANT,
@@ -54,7 +57,8 @@ from rollingjoint.kernels.shared.friction import (
     History,
     new_friction_arrays,
 )
-from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedBatch, PinnedRange
+from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.spatial.arrays import PinnedHinges
 from rollingjoint.threads import run_in_threads, runs_at_once
 
 __all__ = [
@@ -71,10 +75,12 @@ __all__ = [
     "Integers",
     "Pinned",
     "PinnedBatch",
+    "PinnedHinges",
     "PinnedRange",
     "Singles",
     "TendonLaw",
     "WrongLayout",
+    "begin_range",
     "borrow",
     "cache_directory",
     "call_range",
@@ -89,5 +95,6 @@ __all__ = [
     "runs_at_once",
     "singles_at",
     "standalone",
+    "step_range",
     "unpin",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 
 def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, ruled: bool = False) -> str:
@@ -32,6 +33,36 @@ def number_table(head: Sequence[str], rows: Iterable[Sequence[float]], digits: S
     """Aligned columns: an index, then numbers with that many digits each."""
     body = [[str(row[0]), *(_fixed(value, d) for value, d in zip(row[1:], digits, strict=True))] for row in rows]
     return text_table(head, body, left=0)
+
+
+class Column(NamedTuple):
+    """Numbers of one kind, one for each of several things.
+
+    Attributes:
+        key: in JSON, with the unit; empty for a column of tables alone.
+        head: in tables, with the unit; empty for a column of JSON alone.
+        values: an array with a leading axis of the things.
+        digits: behind the decimal point, in tables.
+    """
+
+    key: str
+    head: str
+    values: Any
+    digits: int = 4
+
+
+def column_table(thing: str, columns: Sequence[Column]) -> str:
+    """Aligned columns of things, which are counted from 0."""
+    shown = [column for column in columns if column.head]
+    rows = ((index, *row) for index, row in enumerate(zip(*(column.values for column in shown), strict=True)))
+    return number_table((thing, *(column.head for column in shown)), rows, [column.digits for column in shown])
+
+
+def column_dicts(thing: str, columns: Sequence[Column]) -> list[dict[str, Any]]:
+    """A dict of plain values for every thing."""
+    kept = [(column.key, column.values.tolist()) for column in columns if column.key]
+    count = len(kept[0][1])
+    return [{thing: index, **{key: values[index] for key, values in kept}} for index in range(count)]
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:

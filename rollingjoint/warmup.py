@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint._numba.cache import only_what_is_kept
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.presets import five_link, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.presets import five_link, small_arm, uniform
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
 ENTRY_POINTS = "rollingjoint.kernels"
@@ -270,12 +270,29 @@ def arm_solver() -> None:
     assert taut.stiffness.size and taut.friction_state.states.size
 
 
+def arm_batches() -> None:
+    """Solve arms side by side."""
+    arm = small_arm()
+    assert solve_lengths_batch(arm, [arm.neutral_lengths - 0.1] * 2).joint_angles.size
+
+
+def arm_special_cases() -> None:
+    """Solve an arm whose tendons are linear, as arms that buckle are solved."""
+    arm = small_arm().replace(model="linear")
+    assert solve_tensions(arm, np.ones(arm.n_tendons)).joint_angles.size
+
+
 def arm_friction() -> None:
     """Take a step of an arm with friction."""
     assert _step_with_friction(small_arm()).size
 
 
-def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
+def arm_friction_special_cases() -> None:
+    """Take a step of a long arm with friction."""
+    assert _step_with_friction(small_arm(40)).size
+
+
+def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
     """Stiffness after a step of a mechanism where nothing has slipped before [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
     hole = np.zeros((n_joints, mechanism.n_tendons))
@@ -285,11 +302,14 @@ def _step_with_friction(mechanism: AnyMechanism) -> NDArray[np.float64]:
 
 # Those that take longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
+    Group("the arm's solver with friction for special cases", arm_friction_special_cases, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
     Group("the planar solver for special cases", planar_special_cases, family="planar"),
     Group("the planar solver with friction for special cases", planar_friction_special_cases, family="planar"),
     Group("the planar solver with friction", planar_friction, family="planar"),
     Group("the planar solver", planar_solver, family="planar"),
     Group("the planar solver of batches", planar_batches, family="planar"),
-    Group("the arm's solver", arm_solver, family="arm"),
+    Group("the arm's solver for special cases", arm_special_cases, family="arm"),
+    Group("the arm's solver of single chains", arm_solver, family="arm"),
+    Group("the arm's solver", arm_batches, family="arm"),
 )

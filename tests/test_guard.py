@@ -71,8 +71,8 @@ def test_a_checkout_equals_itself_in_every_section(tmp_path, capsys):
 def test_a_last_bit_of_one_property_fails_in_the_rows_that_read_it(listing, tmp_path, capsys):
     import guard
 
-    there = "self.poses[..., -1, :2]"
-    other = changed(tmp_path, "planar/equilibrium.py", f"return {there}\n", f"return np.nextafter({there}, 1e9)\n")
+    there = "self.poses[..., :2]"
+    other = changed(tmp_path, "chain/equilibrium.py", f"return {there}\n", f"return np.nextafter({there}, 1e9)\n")
     allowed = tmp_path / "allowed.yaml"
     allowed.write_text(listing, "utf-8")
     words = ["--before", str(ROOT), "--after", str(other), "--only", "solves", "--allowed", str(allowed), *QUICK]

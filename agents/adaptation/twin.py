@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from agents.evaluation.controller import Array
 from agents.robots.robot import Robot
-from rollingjoint.presets import five_link
+from rollingjoint.chain.presets import five_link
 
 
 @dataclass(frozen=True)

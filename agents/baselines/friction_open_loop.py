@@ -13,9 +13,9 @@ from agents.baselines.open_loop import OpenLoop
 from agents.evaluation.controller import Array, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.solution import Solution
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
-from rollingjoint.solution import Solution
 from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
 

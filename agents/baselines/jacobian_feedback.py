@@ -10,7 +10,7 @@ from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.solution import Solution
+from rollingjoint.chain.solution import Solution
 
 
 class JacobianFeedback:

@@ -1,4 +1,4 @@
-"""The model of a mechanism where it was measured, with or without an estimate of the load; one class per family."""
+"""The model of a mechanism where it was measured, with or without an estimate of the load; one class per kind."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.solution import Solution
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.solution import Solution
 
 
 class Measured(Protocol):

@@ -12,9 +12,9 @@ import numpy as np
 from agents.baselines.responses import choose
 from agents.evaluation.controller import HANGING, Array, Seen
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.equilibrium import HingeEquilibrium
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
 from rollingjoint.statics.solve import solve_lengths_batch
 
 _FORCE = slice(SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("fz") + 1)

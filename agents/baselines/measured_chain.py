@@ -8,9 +8,9 @@ import numpy as np
 
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.statics.solve import solve_lengths_batch
 
 _LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))

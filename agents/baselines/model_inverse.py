@@ -8,9 +8,9 @@ import numpy as np
 
 from agents.baselines.responses import bounded_step, choose, tension_response
 from agents.evaluation.controller import Array
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.solution import Solution
 from rollingjoint.load import Load
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Solution
 from rollingjoint.statics.solve import solve_tensions_batch
 
 _PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
@@ -18,7 +18,7 @@ _CLOSE = 1e-6  # of a tension: smaller steps end the search
 
 
 def nearest_tensions(
-    mechanism: AnyMechanism,
+    mechanism: AnyChain,
     targets: Array,
     limits: tuple[float, float],
     rest: Array,

@@ -14,9 +14,9 @@ from agents.baselines.measured_arm import hanging_loads, loads_along
 from agents.baselines.measured_chain import measured_equilibrium
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.observation import load_scale
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.solution import Solution
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.solve import solve_lengths_batch
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.evaluation.controller import Array
-from rollingjoint.solution import Solution
+from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
 Mask = NDArray[np.bool_]
@@ -81,8 +81,8 @@ def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
 
 def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Array]) -> Equilibria:
     """The equilibria with other arrays."""
-    either_family: Any = equilibria
-    changed: Equilibria = replace(either_family, **arrays)
+    either_class: Any = equilibria
+    changed: Equilibria = replace(either_class, **arrays)
     return changed
 
 

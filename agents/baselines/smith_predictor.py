@@ -11,8 +11,8 @@ from agents.baselines.measured import unstretched
 from agents.baselines.measured_chain import measured_equilibrium
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.solution import Solution
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.solve import solve_lengths_batch
 
 

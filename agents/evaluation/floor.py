@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
 from rj_gym.core.registry import task_of
+from rollingjoint.chain.chain import AnyChain, Chain
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
-from rollingjoint.mechanism import AnyMechanism, Mechanism
-from rollingjoint.solution import Status
 from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
 from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
@@ -131,7 +131,7 @@ def episode_floor(
 
 
 def floor(
-    mechanism: AnyMechanism | Sequence[AnyMechanism],
+    mechanism: AnyChain | Sequence[AnyChain],
     targets: Array,
     loads: Array,
     tension_range: tuple[float, float],
@@ -155,7 +155,7 @@ def floor(
         SolverError: a load under which no start has an equilibrium.
     Source: bounds as in Nocedal and Wright, Numerical Optimization, 2006, ch. 16 (active sets).
     """
-    chains = [mechanism] * len(targets) if isinstance(mechanism, Mechanism) else list(mechanism)
+    chains = [mechanism] * len(targets) if isinstance(mechanism, Chain) else list(mechanism)
     base = loads[:, :0] if base_loads is None else base_loads
     every = _FloorBatch(np.array(chains, dtype=object), targets, loads, base, tension_range)
     parts, together = [], max(1, JOINTS_AT_A_TIME // (chains[0].n_joints * starts * candidates))

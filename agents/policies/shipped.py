@@ -24,9 +24,9 @@ from rj_gym import IDS, settings_of
 from rj_gym.core.config import TaskConfig
 from rj_gym.core.registry import task_of
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
-from rollingjoint.mechanism import AnyMechanism
 
 
 @dataclass
@@ -82,7 +82,7 @@ class ShippedPolicy:
         return is_goal(self.env_id)
 
     @property
-    def mechanism(self) -> AnyMechanism:
+    def mechanism(self) -> AnyChain:
         """The mechanism that it was trained on."""
         return _mechanism_of(self.settings)
 
@@ -213,8 +213,8 @@ def entry_names(settings: TaskConfig, goal: bool) -> tuple[str, ...]:
     return tuple(f"{entry.name} [{entry.unit}]" for entry in task_of(settings).entries(goal))
 
 
-def _mechanism_of(settings: TaskConfig) -> AnyMechanism:
-    mechanism: AnyMechanism = task_of(settings).mechanism
+def _mechanism_of(settings: TaskConfig) -> AnyChain:
+    mechanism: AnyChain = task_of(settings).mechanism
     return mechanism
 
 
@@ -241,6 +241,6 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _numbers_of(mechanism: AnyMechanism) -> dict[str, Any]:
+def _numbers_of(mechanism: AnyChain) -> dict[str, Any]:
     """All that makes up a mechanism, but its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.controller import Array
+from rollingjoint.chain.presets import five_link
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.variations import varied_chain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.variations import varied_chain
-from rollingjoint.presets import five_link
 from rollingjoint.tables import text_table
 
 SEED = 20_250_715

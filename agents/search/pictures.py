@@ -12,8 +12,8 @@ from agents.search.methods import METHODS
 from agents.search.optimiser import Array
 from agents.search.outcome import Outcome, Search, words
 from agents.search.problem import reference
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import MechanismError
-from rollingjoint.planar.chain import RollingChain
 from rollingjoint.plotting import plot_family
 from rollingjoint.statics.solve import solve_tensions
 

@@ -12,6 +12,7 @@ from agents.runs.checks import prefixed
 from agents.search.config import SearchConfig
 from agents.search.methods import make
 from agents.search.optimiser import Optimiser, Setup
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checked_yaml import mapping, number
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
@@ -20,7 +21,6 @@ from rollingjoint.design.problem import Limit, Problem, Term
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.errors import ConfigError, SolverError
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.planar.chain import RollingChain
 
 KINDS: dict[str, Any] = {
     kind.name: kind

@@ -17,7 +17,7 @@ class Body:
     """The links and tendons of one mechanism, which take poses; made once, moved often.
 
     Args:
-        scene: of a client. name: of its node, such as "/you". mechanism: of either family.
+        scene: of a client. name: of its node, such as "/you". mechanism: of either class.
         colour: of its links. opacity: below 1 for one that lies under others. behind: how far [mm].
     """
 

@@ -14,9 +14,9 @@ from agents.search.optimiser import Array, Mask
 from agents.search.outcome import Search, plain_number, words
 from agents.search.pictures import RATIOS, TENSION
 from agents.search.problem import against, reference
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_integer, as_number
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.statics.solve import solve_tensions
 
 SHOWN = 4000  # designs of which a scatter plot has a point, besides those of the Pareto set and the archive

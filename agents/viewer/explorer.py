@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from rollingjoint import CapstanFriction, WorldForce, solve_lengths, solve_tensions, solve_tensions_batch
+from rollingjoint.chain.presets import PRESETS
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.presets import PRESETS
 from rollingjoint.profile import Profile, Surface
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Explorer:
     """A mechanism under inputs that change; where tendons rub, every equilibrium remembers the one before.
 
     Args:
-        mechanism: of either family. name: of the preset or file that it comes from.
+        mechanism: of either class. name: of the preset or file that it comes from.
     """
 
     def __init__(self, mechanism: Any, name: str = "") -> None:

@@ -48,7 +48,7 @@ def sweep_page(mechanism: Any, name: str, rate: float = 20.0) -> str:
     """One HTML page on which every tendon pulls in turn; poses without an equilibrium are left out.
 
     Args:
-        mechanism: of either family. name: that the page shows. rate: poses per second.
+        mechanism: of either class. name: that the page shows. rate: poses per second.
     """
     tensions = _in_turn(mechanism.n_tendons)
     found = trace(mechanism, tensions, given="tensions")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import Spring
 from rollingjoint.mujoco.arm import NEVER, TIME_STEP, arm_mjcf
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.planar.chain import RollingChain
+from rollingjoint.chain.rolling import RollingChain
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,17 @@ from rollingjoint._numba.jit import kernel, machine_code, part
 from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
-from rollingjoint.kernels.planar import block_formulas
 from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, PinnedBatch
-from rollingjoint.kernels.planar.block import PHASE, RUNNING, Block, begin_lane, block_sizes
+from rollingjoint.kernels.planar.block import Block, block_sizes
 from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate
 from rollingjoint.kernels.planar.loads import evaluate_dead_loads, n_rows
-from rollingjoint.kernels.planar.side_by_side import (
-    evaluate_joints,
+from rollingjoint.kernels.planar.side_by_side import evaluate_joints
+from rollingjoint.kernels.shared import block_formulas
+from rollingjoint.kernels.shared.lanes import (
+    PHASE,
+    RUNNING,
+    begin_lane,
     factor_stiffness,
     hold_ends,
     move,
@@ -114,7 +117,7 @@ def _do_piece(block, search, batch, designs, piece):
         evaluate_dead_loads(block.loads, state)
         evaluate_residual(chain.tendon_joints, state)
     elif piece == STIFFNESS:
-        factor_stiffness(chain.tendon_joints, block.loads, state, free, block.L, per_pivot)
+        factor_stiffness(block, chain.tendon_joints)
     elif piece == STEP:
         hold_ends(block)
         newton_step(block.L, per_pivot, state.residual, free, block.vectors[0])

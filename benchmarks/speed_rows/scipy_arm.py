@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rollingjoint import HingeChain
-from rollingjoint.spatial import se3
+from rollingjoint.chain import se3
 
 Array = NDArray[np.float64]
 

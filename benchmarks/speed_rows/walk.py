@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, solve_lengths
+from rollingjoint.compiled import BatchArrays, PinnedRange, TendonLaw
+from rollingjoint.kernels.planar.arrays import new_results
 from rollingjoint.kernels.planar.side_by_side import memory_alone
 from rollingjoint.load import load_table
-from rollingjoint.planar.batch import BatchArrays, PinnedRange, TendonLaw, new_results
 
 Array = NDArray[np.float64]
 
@@ -98,10 +99,10 @@ class CompiledWalk:
     def __init__(self, walk: Walk) -> None:
         problem = batch_arrays(walk)
         self._count, self.results = len(walk), problem.results
-        self._solve = PinnedRange(problem)
+        self._solve = PinnedRange(RollingChain.kernels, problem)
         rows = [_row(problem, step) for step in range(len(walk))]
         memory = memory_alone(rows[0])
-        self._steps = [PinnedRange(row, memory) for row in rows]
+        self._steps = [PinnedRange(RollingChain.kernels, row, memory) for row in rows]
 
     def one_by_one(self) -> None:
         """Solve the steps one after the other, a call each, as single solves are."""

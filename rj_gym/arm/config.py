@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from rj_gym.core.config import LoadSettings, Randomization, RewardConfig, TargetConfig, TaskConfig
 from rj_gym.core.settings import Range, Settings
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.checks import as_number, as_range
-from rollingjoint.spatial.chain import HingeChain
 
 
 @dataclass(frozen=True)

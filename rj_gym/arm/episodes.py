@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,21 +9,19 @@ from numpy.typing import NDArray
 
 from rj_gym.arm import kernels
 from rj_gym.arm.columns import GRAVITY, TARGET_FRAME
-from rj_gym.arm.kernels import FX, Course, Inputs, RunningEpisodes, Solved
+from rj_gym.arm.kernels import FX, Course, RunningEpisodes
 from rj_gym.arm.render import ArmCanvas, ArmScene
 from rj_gym.arm.sampling import ArmDraws
 from rj_gym.arm.task import ArmTask
 from rj_gym.core.columns import FORCE, TENSIONS
 from rj_gym.core.draws import over_time
-from rj_gym.core.hardware import Hardware
 from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.kernels import AT_LIMIT
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.rendering.canvas import Screen
-from rollingjoint.compiled import machine_code
+from rollingjoint.chain.batch import free_joints, stiffnesses
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
-from rollingjoint.spatial import batch
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
@@ -32,8 +29,7 @@ Array = NDArray[np.float64]
 class ArmEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the arm's task."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ("_begin_step", "_fill")
-    _batch: ClassVar[Any] = batch
+    _compiled: ClassVar[Any] = kernels
     _FORCE: ClassVar[slice] = slice(FX, FX + 3)
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     task: ArmTask
@@ -77,8 +73,8 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
             return super()._rates(d)
         self._solve_near(self._held())
         results, eye = self._results, np.eye(self._actions.shape[1])
-        H, torques = batch.stiffnesses(batches[0], self._friction)
-        usable, free = results.status <= AT_LIMIT, batch.free_joints(batches[0])
+        H, torques = stiffnesses(self._kernels, batches[0], self._friction)
+        usable, free = results.status <= AT_LIMIT, free_joints(batches[0])
         free &= usable[:, None]
         H = np.where(free[:, :, None] & free[:, None], H, np.eye(H.shape[1]))
         try:
@@ -91,7 +87,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         rates = np.concatenate([tips, tensions, lengths, tips[:, : len(self.task.pictured)]], axis=1)
         return np.where(usable[:, None, None], rates, 0.0)
 
-    def _tip_rates(self, solved: batch.BatchArrays) -> Array:
+    def _tip_rates(self, solved: Any) -> Array:
         """d tip / d joint angle, (B, 3, J) [mm/rad]."""
         poses, axes = solved.results.poses, solved.chain.axes[solved.designs]
         turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
@@ -115,7 +111,7 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
         )
         self.hardware = new_hardware(config, capacity, m, 12, self.task.dimension)
         self._loads = np.repeat(self.task.weight_rows(arm, np.zeros(3))[None], capacity, axis=0)
-        self._results = batch.new_results(capacity, n - 1, m)
+        self._results = self._kernels.new_results(capacity, n - 1, m)
 
     def _enter_loads(self, draws: ArmDraws) -> None:
         count, own = len(draws), TENSIONS + 2 * self._actions.shape[1]
@@ -129,22 +125,3 @@ class ArmEpisodeBuffer(TrackingEpisodeBuffer):
 
     def _pictured(self, poses: Array) -> Array:
         return poses[:, -1, : len(self.task.pictured), 3].copy()
-
-    def _step(self, address: int, first: int, last: int) -> int:
-        return self._begin_step(first, last)
-
-    def _observe(self, address: int) -> None:
-        self._fill(address)
-
-    def _bind_step(self) -> None:
-        solved = Solved(*(getattr(self._results, name) for name in Solved._fields))
-        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        kinds, known = (kernels.Rules, Course, RunningEpisodes), (self._rules, self.course, self.state)
-        hardware = self.hardware
-        self._begin_step = partial(
-            machine_code(kernels.prepare, *kinds, Hardware, Inputs, int, int), *known, hardware, inputs
-        )
-        self._finish = partial(
-            machine_code(kernels.finish, *kinds, Hardware, Solved, int, int, int), *known, hardware, solved
-        )
-        self._fill = partial(machine_code(kernels.observe, *kinds, Hardware, int), *known, hardware)

@@ -1,6 +1,6 @@
 """The formulas of the arm's task, compiled: what it has of its own beside core/kernels.py.
 
-A step is `prepare`, the solve, and `finish`; each works on lanes first to last - 1, and lanes do not see each other.
+Each kernel works on lanes first to last - 1, and lanes do not see each other.
 """
 
 from __future__ import annotations
@@ -14,9 +14,19 @@ from rj_gym.arm.columns import ANGLE, ORIENTATION, TARGET_FRAME, TIP_FRAME
 from rj_gym.arm.measuring import measure, observe_all
 from rj_gym.arm.rotations import rotation_vector
 from rj_gym.core.columns import ERROR, FORCE, REWARD, STEP, TARGET, TENSIONS, TIP
-from rj_gym.core.hardware import HardwareRules
+from rj_gym.core.hardware import Hardware, HardwareRules
 from rj_gym.core.kernels import REFUSED, finite, pull_tendons, reward_terms, settle_tendons
-from rollingjoint.compiled import Floats, Integers, Singles, kernel, part
+from rollingjoint.compiled import (
+    PENDING,
+    Floats,
+    Integers,
+    PinnedHinges,
+    Singles,
+    call_range,
+    kernel,
+    part,
+    unpin,
+)
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 FX = SPATIAL_LOAD_COLUMNS.index("fx")
@@ -85,14 +95,57 @@ class Solved(NamedTuple):
     status: Annotated[Integers, "B"]
 
 
-@kernel(nogil=True, short_loops=True, title="the arm's environments")
-def prepare(rules, course, state, hardware, inputs, first, last):
-    """Begin a step of lanes: commands, starts and loads.
+class TaskArrays(NamedTuple):
+    """Everything that the kernels below work on."""
 
-    Returns how many lanes remain to be solved, all of them. REFUSED, and nothing done, where an action is not finite.
+    rules: Rules
+    course: Course
+    state: RunningEpisodes
+    hardware: Hardware
+    inputs: Inputs
+    solved: Solved
+    solver: int  # a PinnedRange's entry and pins; 0: every lane is left to its solve_the_rest
+    problem: int
+
+
+@kernel(nogil=True, short_loops=True, title="the arm's environments")
+def step(pins, observation, first, last):
+    """One step of lanes, into the observations (B, entries) at an address, float32.
+
+    Returns how many lanes the solver has left to PinnedRange.solve_the_rest; if any, `finish` remains to be done after
+    that. REFUSED, and nothing done, where an action is not finite.
     """
+    rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
     if not finite(inputs.actions, first, last):
         return REFUSED
+    _prepare(rules, course, state, hardware, inputs, first, last)
+    left = last - first if solver == 0 else call_range(solver, problem, PinnedHinges, first, last)
+    if left < 0:  # no memory: the solver for all cases has what it needs, or raises
+        left = last - first
+        for lane in range(first, last):
+            solved.status[lane] = PENDING
+    if left == 0:
+        _finish(rules, course, state, hardware, solved, observation, first, last)
+    return left
+
+
+@kernel(nogil=True, short_loops=True, title="the arm's environments")
+def finish(pins, observation, first, last):
+    """End a step after the solve: state, readings and the observations at an address."""
+    rules, course, state, hardware, _, solved, _, _ = unpin(pins, TaskArrays)
+    _finish(rules, course, state, hardware, solved, observation, first, last)
+
+
+@kernel(short_loops=True, title="the arm's environments")
+def observe(pins, observation):
+    """Fill the observations at an address anew."""
+    rules, course, state, hardware, _, _, _, _ = unpin(pins, TaskArrays)
+    observe_all(rules, course, state, hardware, observation, 0, state.readings.shape[0])
+
+
+@part(inline=True)
+def _prepare(rules, course, state, hardware, inputs, first, last):
+    """Fill in commands, starts and loads."""
     payload, times = inputs.loads.shape[1] - 1, course.forces.shape[1]
     for lane in range(first, last):
         pull_tendons(rules, course, state, hardware, inputs, lane)
@@ -102,12 +155,10 @@ def prepare(rules, course, state, hardware, inputs, first, last):
         for axis in range(3):
             force = course.forces[lane, now, axis]
             inputs.loads[lane, payload, FX + axis] = state.readings[lane, FORCE + axis] = force
-    return last - first
 
 
-@kernel(nogil=True, short_loops=True, title="the arm's environments")
-def finish(rules, course, state, hardware, solved, observation, first, last):
-    """End a step after the solve: state, readings and the observations (B, entries) at an address, float32."""
+@part(inline=True)
+def _finish(rules, course, state, hardware, solved, observation, first, last):
     _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(rules, course, state, first, last)
     reward_terms(rules, state, first, last)
@@ -116,12 +167,6 @@ def finish(rules, course, state, hardware, solved, observation, first, last):
     if rules.hardware.active:
         measure(rules, course, state, hardware, first, last)
     observe_all(rules, course, state, hardware, observation, first, last)
-
-
-@kernel(short_loops=True, title="the arm's environments")
-def observe(rules, course, state, hardware, observation):
-    """Fill the observations at an address anew."""
-    observe_all(rules, course, state, hardware, observation, 0, state.readings.shape[0])
 
 
 @part(inline=True)

@@ -14,7 +14,7 @@ from rj_gym.core.observation import (
     tendon_entries,
     tendon_truth_entries,
 )
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
 
 ANGLE_BOUND = 2 * math.pi
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.core.options import TrackingOptions, finite_floats, shared_options, vector_series
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from rj_gym.rendering.canvas import (
     tension_color,
 )
 from rj_gym.rendering.tracking import TrackingCanvas, TrackingScene
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
 
 if TYPE_CHECKING:
     import pygame

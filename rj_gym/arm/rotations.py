@@ -11,7 +11,7 @@ from rollingjoint.compiled import part
 def rotation_vector(E):
     """Rotation vector of a rotation matrix (3, 3) [rad] and its length, at most pi: (x, y, z, angle).
 
-    Exact to rounding near 0 and pi, too. Source: as rollingjoint.spatial.se3.rotation_vector.
+    Exact to rounding near 0 and pi, too. Source: as rollingjoint.chain.se3.rotation_vector.
     """
     sx, sy, sz = E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]
     sine, cosine = 0.5 * math.sqrt(sx * sx + sy * sy + sz * sz), 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)

@@ -27,7 +27,7 @@ from rj_gym.core.draws import (
     target_shape,
 )
 from rj_gym.core.hardware_draws import hardware_shapes
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
 
 Array = NDArray[np.float64]
 

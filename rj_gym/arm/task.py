@@ -19,8 +19,8 @@ from rj_gym.core.draws import Block, Uniforms
 from rj_gym.core.generators import Random
 from rj_gym.core.observation import Entry, load_scale
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -18,17 +18,22 @@ from rj_gym.core.friction_steps import FrictionSteps, LaneByLane, distinct, no_h
 from rj_gym.core.hardware import Hardware
 from rj_gym.core.kernels import all_finite, keep_history
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.chain import Kernels
+from rollingjoint.chain.stacks import Variations, stack
 from rollingjoint.compiled import (
     Floats,
     FrictionArrays,
     Integers,
+    Pinned,
+    PinnedRange,
     TendonLaw,
+    begin_range,
     machine_code,
     run_in_threads,
     runs_at_once,
+    step_range,
 )
 from rollingjoint.errors import InvalidInput
-from rollingjoint.mechanism import Variations, stack
 
 Array = NDArray[np.float64]
 _COUNTS, _STATUS = Annotated[Integers, "B", "m"], Annotated[Integers, "B"]
@@ -38,8 +43,7 @@ _READINGS = Annotated[Floats, "B", "columns"]
 class BoundEpisodes(EpisodeBuffer):
     """Arrays with room for B episodes of a tracking task; a change of mechanisms or arrays binds the kernels anew."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ()  # made by `_bind`, left out of pickles
-    _batch: ClassVar[Any]  # the module of the family that solves batches
+    _compiled: ClassVar[Any]  # the module of the task's compiled step, with TaskArrays and their parts
     _FORCE: ClassVar[slice]  # columns of a load table, of the force in its last row that acts only while episodes run
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]]  # of a load table
     course: Any  # what is fixed when an episode begins
@@ -72,11 +76,17 @@ class BoundEpisodes(EpisodeBuffer):
 
     def __getstate__(self) -> dict[str, Any]:
         bound = {"readings", "_finite", "_step", "_solve", "_rub", "_finish", "_action", "_row", "_seen", "_at"}
-        return {name: value for name, value in self.__dict__.items() if name not in bound.union(self._BOUND)}
+        bound |= {"_pins", "_pinned"}
+        return {name: value for name, value in self.__dict__.items() if name not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
         self._bind()
+
+    @property
+    def _kernels(self) -> Kernels:
+        """What the mechanism is solved by."""
+        return self.task.mechanism.kernels
 
     @abstractmethod
     def _make_room(self) -> None:
@@ -86,9 +96,21 @@ class BoundEpisodes(EpisodeBuffer):
     def _tips(self, count: int) -> Array:
         """What a target specifies, of the solved first lanes' tips, (count, d) [mm]."""
 
-    @abstractmethod
     def _bind_step(self) -> None:
-        """The kernels that go around the solve: `_step`, `_finish`."""
+        """The task's kernels: `_step`, `_finish`, and what `_observe` calls."""
+        kernels, results = self._compiled, self._results
+        solved = kernels.Solved(*(getattr(results, name) for name in kernels.Solved._fields))
+        inputs = kernels.Inputs(self._actions, self._starts, self._laws.command, self._loads)
+        solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
+        arrays = kernels.TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved, *solver)
+        self._pinned = Pinned(arrays)
+        self._pins = self._pinned.address_for(kernels.TaskArrays)
+        self._step = partial(machine_code(kernels.step, int, int, int, int), self._pins)
+        self._finish = partial(machine_code(kernels.finish, int, int, int, int), self._pins)
+
+    def _observe(self, address: int) -> None:
+        """Fill the observations of all lanes, (B, entries), anew."""
+        self._compiled.observe(self._pins, address)
 
     def _advance(self, count: int) -> Observation:
         """A step of the first lanes; their fresh observations, (count, entries)."""
@@ -153,7 +175,7 @@ class BoundEpisodes(EpisodeBuffer):
         self.readings, self._action, self._row = self.state.readings, self._actions[0], self.state.readings[0]
         self._finite = partial(machine_code(all_finite, Annotated[Floats, "B", "m"]), self._actions)
         batches = self._batches()
-        self._solve = self._on_lanes([self._batch.PinnedRange(batch) for batch in batches])
+        self._solve = self._on_lanes([PinnedRange(self._kernels, batch) for batch in batches])
         self._rub = None if self._friction is None else self._bound_friction(self._friction, batches)
         self._bind_step()
         self._seen = self._room(1)[0]
@@ -163,10 +185,10 @@ class BoundEpisodes(EpisodeBuffer):
         """What is solved: one batch, or one per mechanism where their tendons end on different links."""
         arrays = self._laws, self._loads, self._starts, self._results
         try:
-            return [self._batch.BatchArrays(stack(self.mechanisms), self._rows, *arrays)]
+            return [self._kernels.batch_arrays(stack(self.mechanisms), self._rows, *arrays)]
         except InvalidInput:
             alone = np.zeros_like(self.designs)
-            return [self._batch.BatchArrays(each.arrays, alone, *arrays) for each in self.mechanisms]
+            return [self._kernels.batch_arrays(each.arrays, alone, *arrays) for each in self.mechanisms]
 
     def _on_lanes(self, solvers: Sequence[Any]) -> Any:
         """The only solver, or all of them, each for the lanes with its mechanism."""
@@ -174,10 +196,8 @@ class BoundEpisodes(EpisodeBuffer):
 
     def _bound_friction(self, friction: FrictionArrays, batches: list[Any]) -> FrictionSteps:
         """Steps with friction of these batches."""
-        steps, begins = (
-            self._on_lanes([partial(work, batch, friction) for batch in batches])
-            for work in (self._batch.step_range, self._batch.begin_range)
-        )
+        steps = self._on_lanes([partial(step_range, self._kernels, batch, friction) for batch in batches])
+        begins = self._on_lanes([partial(begin_range, batch, friction) for batch in batches])
         last_links = np.array([mechanism.last_links for mechanism in distinct(self.mechanisms)], np.int64)
         crossed = last_links[self.designs if len(last_links) > 1 else np.zeros(self.capacity, np.int64)]
         kinds = FrictionArrays, _COUNTS, _STATUS, _READINGS, int, int

@@ -15,7 +15,7 @@ from rj_gym.core.config import FrictionConfig, LoadSettings, TaskConfig
 from rj_gym.core.generators import Generators, Random
 from rj_gym.core.hardware_draws import HardwareDraws, draw_hardware
 from rj_gym.core.options import TrackingOptions
-from rollingjoint.mechanism import Variations
+from rollingjoint.chain.stacks import Variations
 
 Array = NDArray[np.float64]
 D = TypeVar("D", bound="TrackingDraws")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rj_gym.core.config import FrictionConfig
 from rj_gym.core.draws import of_lanes
+from rollingjoint.chain.stacks import Variations
 from rollingjoint.compiled import (
     MU,
     N_COEFFICIENTS,
@@ -22,7 +23,6 @@ from rollingjoint.compiled import (
     History,
     new_friction_arrays,
 )
-from rollingjoint.mechanism import Variations
 
 
 def distinct(mechanisms: Sequence[Any]) -> Sequence[Any]:

@@ -24,7 +24,7 @@ from rj_gym.core.columns import (
     WORK,
 )
 from rj_gym.core.kernels import friction_columns
-from rollingjoint.solution import Status
+from rollingjoint.chain.status import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

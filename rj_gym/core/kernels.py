@@ -21,8 +21,8 @@ from rj_gym.core.columns import (
     WORK,
 )
 from rj_gym.core.hardware import move_motors, settle_motors
+from rollingjoint.chain.status import Status
 from rollingjoint.compiled import borrow, kernel, next_uniform, part
-from rollingjoint.solution import Status
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 

@@ -15,8 +15,8 @@ from rj_gym.core.episodes import Observation
 from rj_gym.core.friction_steps import distinct, enter_friction
 from rj_gym.core.generators import Random
 from rj_gym.core.hardware_draws import enter_hardware
+from rollingjoint.chain.status import Status
 from rollingjoint.compiled import MU
-from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 

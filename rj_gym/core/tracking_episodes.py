@@ -17,11 +17,11 @@ from rj_gym.core.kernels import AT_LIMIT, REFUSED
 from rj_gym.core.starting_episodes import StartingEpisodes
 from rj_gym.core.state import check_whole, checked_array, checked_parts
 from rj_gym.core.tangent import FREE_OF_LIMITS, REACH, Tangent
+from rollingjoint.chain.stacks import Variations
 from rollingjoint.compiled import run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.load import wrong_links
-from rollingjoint.mechanism import Variations
 
 Array = NDArray[np.float64]
 
@@ -202,10 +202,6 @@ class TrackingEpisodeBuffer(StartingEpisodes):
     @abstractmethod
     def _pictured(self, poses: Array) -> Array:
         """What `TrackingTask.pictured` names, of these poses of all lanes, (B, k) [mm, 1]."""
-
-    @abstractmethod
-    def _observe(self, address: int) -> None:
-        """Fill the observations of all lanes, (B, entries), anew."""
 
     def _shared_scene(self, trail: Array, lane: int) -> dict[str, Any]:
         """The fields of a TrackingScene."""

@@ -17,8 +17,8 @@ from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws
 from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
 from rj_gym.rendering.canvas import Screen
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
-from rollingjoint.solution import Status
 
 Array = NDArray[np.float64]
 

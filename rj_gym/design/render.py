@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.chain.outline import link_outline, to_world
+from rollingjoint.chain.rolling import RollingChain
 
 if TYPE_CHECKING:
     import pygame

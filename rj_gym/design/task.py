@@ -19,12 +19,12 @@ from rj_gym.design.config import DesignConfig, DesignRewardConfig
 from rj_gym.design.observation import design_observation_entries
 from rj_gym.design.options import DesignOptions, checked_options
 from rj_gym.design.sampling import DesignDraws, blank_draws, tip_forces, valid_pairs
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.status import Status
 from rollingjoint.design import MARGINS, DesignSpace
 from rollingjoint.design.objectives import tip_loads
 from rollingjoint.differentiable import DifferentiableChain, Equilibria, solve_tensions
 from rollingjoint.errors import InvalidInput, naming_extras
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.solution import Status
 
 with naming_extras():
     import torch

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from rj_gym.core.config import LoadSettings, Randomization, RewardConfig, TargetConfig, TaskConfig
 from rj_gym.core.settings import Range, Settings
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_choice
-from rollingjoint.planar.chain import RollingChain
 
 
 @dataclass(frozen=True)

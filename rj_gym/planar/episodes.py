@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,17 +12,15 @@ from rj_gym.core.hardware_draws import new_hardware
 from rj_gym.core.state import checked_array, checked_parts
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
 from rj_gym.planar import kernels
-from rj_gym.planar.kernels import Course, Inputs, RunningEpisodes, Solved, TaskArrays
+from rj_gym.planar.kernels import Course, RunningEpisodes
 from rj_gym.planar.render import PlanarCanvas, PlanarScene
 from rj_gym.planar.sampling import PlanarDraws
 from rj_gym.planar.task import PlanarTask
 from rj_gym.rendering.canvas import Screen
-from rollingjoint.compiled import Pinned, machine_code
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar import batch
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.variations import ChainVariations
 
 Array = NDArray[np.float64]
 
@@ -33,8 +30,7 @@ _LINK = LOAD_COLUMNS.index("link")
 class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
     """Room for B episodes of the planar task."""
 
-    _BOUND: ClassVar[tuple[str, ...]] = ("_pins", "_pinned")
-    _batch: ClassVar[Any] = batch
+    _compiled: ClassVar[Any] = kernels
     _FORCE: ClassVar[slice] = slice(kernels.FX, kernels.FY + 1)
     _LOAD_COLUMNS: ClassVar[tuple[str, ...]] = LOAD_COLUMNS
     task: PlanarTask
@@ -88,7 +84,7 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         )
         self.hardware = new_hardware(config, capacity, m, 3 * (n - 1), self.task.dimension)
         self._loads = np.zeros((capacity, 1, len(LOAD_COLUMNS)))
-        self._results = batch.new_results(capacity, n - 1, m, contacts=truths > 0, responses=True)
+        self._results = self._kernels.new_results(capacity, n - 1, m, contacts=truths > 0, responses=True)
 
     def _enter_loads(self, draws: PlanarDraws) -> None:
         count = len(draws)
@@ -103,17 +99,3 @@ class PlanarEpisodeBuffer(TrackingEpisodeBuffer):
         seen = poses[:, 1 + self._rules.first_seen :]
         columns = seen[..., 0], seen[..., 1], np.cos(seen[..., 2]), np.sin(seen[..., 2])
         return np.stack(columns, axis=-1).reshape(len(poses), -1)
-
-    def _observe(self, address: int) -> None:
-        kernels.observe(self._pins, address)
-
-    def _bind_step(self) -> None:
-        results = self._results
-        solved = Solved(*(getattr(results, name) for name in Solved._fields))
-        inputs = Inputs(self._actions, self._starts, self._laws.command, self._loads)
-        solver = (self._solve.entry, self._solve.pins) if self._rub is None else (0, 0)
-        arrays = TaskArrays(self._rules, self.course, self.state, self.hardware, inputs, solved, *solver)
-        self._pinned = Pinned(arrays)
-        self._pins = self._pinned.address_for(TaskArrays)
-        self._step = partial(machine_code(kernels.step, int, int, int, int), self._pins)
-        self._finish = partial(machine_code(kernels.finish, int, int, int, int), self._pins)

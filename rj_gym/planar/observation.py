@@ -12,7 +12,7 @@ from rj_gym.core.observation import (
     tendon_truth_entries,
 )
 from rj_gym.planar.config import TrackingConfig
-from rollingjoint.planar.chain import RollingChain
+from rollingjoint.chain.rolling import RollingChain
 
 RATE_BOUND = 100.0  # mm/mm
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rj_gym.core.options import TrackingOptions, shared_options, vector_series
 from rj_gym.planar.config import TrackingConfig
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import link_index
-from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.rendering.canvas import EDGE, INK, LINK, LOAD, tension_color
 from rj_gym.rendering.tracking import TrackingCanvas, TrackingScene
-from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.chain.outline import link_outline, to_world
 
 if TYPE_CHECKING:
     import pygame

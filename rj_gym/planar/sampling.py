@@ -32,8 +32,8 @@ from rj_gym.core.draws import (
 from rj_gym.core.hardware_draws import hardware_shapes
 from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.variations import ChainVariations
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.variations import ChainVariations
 
 Array = NDArray[np.float64]
 

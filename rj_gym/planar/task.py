@@ -18,8 +18,8 @@ from rj_gym.planar.kernels import Rules
 from rj_gym.planar.observation import first_seen, observation_entries, pictured_entries, planar_privileged_entries
 from rj_gym.planar.options import NOTHING_FIXED, PlanarOptions, checked_options
 from rj_gym.planar.sampling import PlanarDraws, sample_episodes, uniform_blocks
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

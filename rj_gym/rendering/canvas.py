@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.planar.chain import Link
-from rollingjoint.planar.outline import link_outline, surface_points
+from rollingjoint.chain.outline import link_outline, surface_points
+from rollingjoint.chain.rolling import Link
 
 if TYPE_CHECKING:
     import pygame

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
-from rollingjoint.mechanism import stack
+from rollingjoint.chain.stacks import stack
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -27,8 +27,8 @@ from rj_gym.planar.kernels import FX, FY, PREDICTABLE, Rules
 from rj_gym.torch_env.actuation import moved_motors, settled_motors
 from rj_gym.torch_env.lanes import Lanes, at_step
 from rj_gym.torch_env.sensing import tendons
+from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
-from rollingjoint.solution import Status
 
 
 class Prepared(NamedTuple):

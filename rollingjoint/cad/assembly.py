@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from rollingjoint.cad.body import Body, bodies
 from rollingjoint.cad.fabrication import Fabrication
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.outline import to_world
+from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.chain import RollingChain, planar
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.planar.outline import to_world
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from rollingjoint.cad.channel import Blank, Channel, drill_channel
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.packages import package
 from rollingjoint.cad.sampling import surface_polyline
+from rollingjoint.chain.rolling import Link, RollingChain, planar
 from rollingjoint.errors import MechanismError
-from rollingjoint.planar.chain import Link, RollingChain, planar
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.files import DEFAULT_FORMATS, FORMATS, export
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain
 
 _SIZES = (
     ("--thickness", "thickness", "of every body"),

@@ -15,9 +15,9 @@ from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes
 from rollingjoint.cad.sheet import A3, A4, INK, THIN_INK, TITLE_BLOCK, Box, Format, Sheet, frame_of
 from rollingjoint.cad.tables import different_parts, draw_tables, millimetres, ranges, rows_left
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput, naming
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.figure import check_figure_path
 from rollingjoint.plotting.parts import PALETTE
 

@@ -13,9 +13,9 @@ from rollingjoint.cad.drawing import write_drawing
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes, write_dxf, write_svg
 from rollingjoint.cad.solid import write_stl
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput, naming
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
 
 FORMATS = ("dxf", "svg", "stl", "pdf", "png")
 """What `export` writes: plane files, solids, and the assembly drawing in two forms."""

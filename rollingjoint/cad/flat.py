@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.cad.body import Body
 from rollingjoint.cad.packages import package
-from rollingjoint.planar.outline import to_world
+from rollingjoint.chain.outline import to_world
 
 Array = NDArray[np.float64]
 

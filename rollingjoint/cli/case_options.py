@@ -7,14 +7,12 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_number
 from rollingjoint.errors import InvalidInput
-from rollingjoint.family import Family
 from rollingjoint.io import report
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.statics.families import family_of
 from rollingjoint.statics.history import Start
 from rollingjoint.statics.least_squares import LARGEST_TENSION
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
@@ -71,7 +69,7 @@ def actuated(args: argparse.Namespace) -> bool:
     return False
 
 
-def equilibrium(args: argparse.Namespace, mechanism: AnyMechanism) -> Any:
+def equilibrium(args: argparse.Namespace, mechanism: AnyChain) -> Any:
     """The Equilibrium or HingeEquilibrium that the options define."""
     loads, start = loads_of(args, mechanism), _start(args, mechanism)
     if args.tensions is not None:
@@ -107,36 +105,36 @@ def tension_limits_of(args: argparse.Namespace) -> dict[str, Any]:
     return {"tension_limits": (low, high)}
 
 
-def _start(args: argparse.Namespace, mechanism: AnyMechanism) -> Start:
+def _start(args: argparse.Namespace, mechanism: AnyChain) -> Start:
     if args.start is None:
         return None
     values = counted("--start", args.start, mechanism.n_joints, "of joint")
-    return family_of(mechanism).start_angles(mechanism, values)
+    return mechanism.start_angles(values)
 
 
-def loads_of(args: argparse.Namespace, mechanism: AnyMechanism) -> list[Load]:
+def loads_of(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
     """The loads that the options define."""
-    family = family_of(mechanism)
     loads = [
         option.make(link, numbers)
         for option in OPTIONS
-        for link, numbers in _each(args, option, option.names(family.dimension), mechanism.n_links)
+        for link, numbers in _each(args, option, option.names(mechanism.dimension), mechanism.n_links)
     ]
-    return loads + _gravity(args, mechanism, family)
+    return loads + _gravity(args, mechanism)
 
 
-def _gravity(args: argparse.Namespace, mechanism: AnyMechanism, family: Family) -> list[Load]:
+def _gravity(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
     weights, n_links = args.gravity, mechanism.n_links
     if weights is None:
         if args.gravity_direction:
             raise InvalidInput("--gravity-direction", args.gravity_direction, "--gravity beside it")
         return []
-    down = [0.0] * (family.dimension - 1) + [-1.0]
-    direction: Any = tuple(counted("--gravity-direction", args.gravity_direction or down, family.dimension))
-    if family.own_weight is not None:
+    down = [0.0] * (mechanism.dimension - 1) + [-1.0]
+    direction: Any = tuple(counted("--gravity-direction", args.gravity_direction or down, mechanism.dimension))
+    own = mechanism.own_weight(direction)
+    if own is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
-        return [family.own_weight(mechanism, direction)]
+        return [own]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
@@ -172,7 +170,7 @@ def _option(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def per_tendon(option: str, values: list[float], mechanism: AnyMechanism, low: float = 0.0) -> list[float]:
+def per_tendon(option: str, values: list[float], mechanism: AnyChain, low: float = 0.0) -> list[float]:
     """Tensions or lengths, one per tendon, as `counted`."""
     return counted(option, values, mechanism.n_tendons, "of tendon", low)
 

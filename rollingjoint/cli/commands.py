@@ -14,6 +14,10 @@ from importlib import metadata
 from typing import NoReturn
 
 from rollingjoint.cad import command
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.presets import PRESETS
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.solution import Solution
 from rollingjoint.cli import loop_command, mjcf, warmup_command
 from rollingjoint.cli.case_options import actuated, add_case, equilibrium
 from rollingjoint.cli.extensions import extensions, listed, run_extension
@@ -22,11 +26,6 @@ from rollingjoint.errors import InvalidInput, MissingPackage, SolverError, one_l
 from rollingjoint.interrupts import interrupted, interruptible
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.presets import PRESETS
-from rollingjoint.solution import Solution
-from rollingjoint.statics.families import family_of
 from rollingjoint.tables import print_any_character
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
@@ -85,8 +84,8 @@ def _solve(args: argparse.Namespace) -> int:
     return OK if found.ok else NOT_USABLE
 
 
-def _friction(given: float | None, mechanism: AnyMechanism) -> float:
-    if given is not None and not family_of(mechanism).slips:
+def _friction(given: float | None, mechanism: AnyChain) -> float:
+    if given is not None and not mechanism.slips:
         raise InvalidInput("--friction", given, "a planar chain", "Hinges do not slip.")
     friction = report.FRICTION if given is None else given
     if not 0 <= friction <= _LARGEST_FRICTION:
@@ -164,7 +163,7 @@ def _check_picture(path: str | None) -> None:
         check_figure_path(path)
 
 
-def _draw(what: AnyMechanism | Solution, path: str) -> None:
+def _draw(what: AnyChain | Solution, path: str) -> None:
     from rollingjoint.plotting.figure import figure_of, save_figure
 
     save_figure(figure_of(what), path)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.cli.case_options import (
     add_loads,
     add_tension_limits,
@@ -21,7 +22,6 @@ from rollingjoint.friction import NO_FRICTION, CapstanFriction
 from rollingjoint.io import loop_report, report
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
-from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.loop import MIDDLE_TENSION, MOST_STEPS, Loop, trace_loop
 
 _SWING = (-5.0, 5.0)  # mm: of two tendons unless another is given
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> bool:
     return not failures
 
 
-def _with_friction(args: argparse.Namespace, mechanism: AnyMechanism) -> list[AnyMechanism]:
+def _with_friction(args: argparse.Namespace, mechanism: AnyChain) -> list[AnyChain]:
     """The mechanism with each of the coefficients of friction in place of its own."""
     if args.friction is None and not mechanism.has_friction:
         hint = "Add a coefficient, such as --friction 0.1."
@@ -84,7 +84,7 @@ def _with_friction(args: argparse.Namespace, mechanism: AnyMechanism) -> list[An
     return [_changed(mechanism, each) for each in changes]
 
 
-def _changed(mechanism: AnyMechanism, numbers: dict[str, float]) -> AnyMechanism:
+def _changed(mechanism: AnyChain, numbers: dict[str, float]) -> AnyChain:
     """The mechanism with other numbers in its friction and in that of its tendons."""
 
     def changed(friction: CapstanFriction | None) -> CapstanFriction | None:
@@ -94,7 +94,7 @@ def _changed(mechanism: AnyMechanism, numbers: dict[str, float]) -> AnyMechanism
     return mechanism.replace(tendons=tendons, friction=changed(mechanism.friction or NO_FRICTION))
 
 
-def _loop(args: argparse.Namespace, mechanism: AnyMechanism) -> Loop:
+def _loop(args: argparse.Namespace, mechanism: AnyChain) -> Loop:
     given = "tensions" if args.tensions is not None else "lengths"
     if args.tensions is not None and args.tension_limits is not None:
         raise InvalidInput("--tension-limits", args.tension_limits, "only with lengths")
@@ -103,14 +103,14 @@ def _loop(args: argparse.Namespace, mechanism: AnyMechanism) -> Loop:
     return trace_loop(mechanism, swing, middle, loads, given, cycles=args.cycles, steps=args.steps, **limits)
 
 
-def _middle(args: argparse.Namespace, mechanism: AnyMechanism) -> list[float] | None:
+def _middle(args: argparse.Namespace, mechanism: AnyChain) -> list[float] | None:
     """Tensions or lengths in the middle, if they are given."""
     if args.tensions is not None:
         return per_tendon("--tensions", args.tensions, mechanism)
     return None if args.lengths is None else per_tendon("--lengths", args.lengths, mechanism)
 
 
-def _swing(args: argparse.Namespace, mechanism: AnyMechanism) -> list[float]:
+def _swing(args: argparse.Namespace, mechanism: AnyChain) -> list[float]:
     """The change from the middle to the first end; no tendon may push at either end."""
     swing, m = args.swing, mechanism.n_tendons
     if swing is None and args.tensions is None and m == len(_SWING):

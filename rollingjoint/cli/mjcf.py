@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.mujoco import accuracy, mjcf
-from rollingjoint.planar.chain import RollingChain
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +16,7 @@ def add_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mjcf", type=Path, metavar="FILE.xml", help="a MuJoCo model, of a chain or an arm")
 
 
-def write(mechanism: AnyMechanism, path: Path, overwrite: bool) -> str:
+def write(mechanism: AnyChain, path: Path, overwrite: bool) -> str:
     """Writes the file; returns the line that says so, and how accurate it is.
 
     Raises:

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_floats
 from rollingjoint.design.objectives import Objective
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput, SolverError
-from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.planar import joint_table
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.outline import rotation
+from rollingjoint.chain import joint_table
+from rollingjoint.chain.outline import rotation
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.profile import Surface
-from rollingjoint.tendon import OnSurface
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.rolling import RollingChain, planar
+from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.chain import RollingChain, planar
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.tendon import OnSurface
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.sweeps import swept
 from rollingjoint.differentiable import DifferentiableChain, solve_tensions
 from rollingjoint.differentiable.equilibria import Equilibria
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, WorldForce, pair_columns
-from rollingjoint.planar.chain import RollingChain
 from rollingjoint.statics.solve import solve_tensions as solve_compiled
 
 _SMALLEST_ROTATION = 1e-6  # rad; smaller rotations of the tip count as this

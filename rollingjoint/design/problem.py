@@ -14,6 +14,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_floats, as_integer, as_number, as_positive
 from rollingjoint.design.comparison import measure
 from rollingjoint.design.margins import MARGINS
@@ -21,7 +22,6 @@ from rollingjoint.design.objectives import Measured, Objective
 from rollingjoint.design.space import DesignSpace
 from rollingjoint.design.sweeps import shared_sweeps
 from rollingjoint.errors import InvalidInput
-from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")

@@ -11,6 +11,8 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.tendon import DEFAULT_STIFFNESS
 from rollingjoint.checks import as_floats
 from rollingjoint.design.curve import Curve, curve
 from rollingjoint.design.faults import faults
@@ -20,8 +22,6 @@ from rollingjoint.design.numbers import Numbers, Structure, structure
 from rollingjoint.design.ranges import checked
 from rollingjoint.differentiable import DifferentiableChain
 from rollingjoint.errors import InvalidInput, MechanismError
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.tendon import DEFAULT_STIFFNESS
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]

@@ -6,6 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rollingjoint.chain.batch import solve_batch, step_batch
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.stacks import designs_of
+from rollingjoint.chain.status import Status, codes_of
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.friction import HISTORY
 from rollingjoint.differentiable.statics import Law
@@ -13,10 +17,6 @@ from rollingjoint.errors import MechanismError
 from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, FrictionState
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.kernels.shared.friction import FrictionLaw
-from rollingjoint.mechanism import designs_of
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.family import PLANAR
-from rollingjoint.solution import Status, codes_of
 
 
 def solve_compiled(
@@ -52,16 +52,16 @@ def solve_compiled(
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)
-    inputs = mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
+    inputs = RollingChain, mechanisms, *designs_of(mechanisms, len(begin)), laws, table, begin
     if law.friction is None or law.history is None:
-        equilibrium = PLANAR.solve_batch(*inputs)
+        equilibrium = solve_batch(*inputs)
     else:
         before = {name: rows(getattr(law.history, name), axes) for name, axes in HISTORY.items()}
         m = law.command.shape[-1]
         tendons = torch.stack([tensor.expand(*tensor.shape[:-1], m) for tensor in law.friction.tensors], -1)
         rolling = np.tile([NO_FRICTION.rolling, ROLLING_PRESLIDING], (len(begin), 1))
         history = FrictionState(**before, rolling=np.zeros_like(begin))
-        equilibrium = PLANAR.step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
+        equilibrium = step_batch(*inputs, history, FrictionLaw(rows(tendons, 2), rolling))
     phi[mask] = torch.tensor(equilibrium.joint_angles).to(phi)
     held[mask] = torch.tensor(~equilibrium.free_joints).to(held.device)
     status[mask] = torch.tensor(codes_of(equilibrium.status)).to(status)

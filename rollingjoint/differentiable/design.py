@@ -12,6 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rollingjoint.chain.rolling import Link, RollingChain, planar
+from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
 from rollingjoint.differentiable.friction import COEFFICIENTS, DifferentiableFriction, as_friction, without_rolling
 from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.surface import MOST_UNSEEN_TURN, Surfaces, turning_bound, turning_coefficients
@@ -19,9 +21,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import Load
-from rollingjoint.planar.chain import Link, RollingChain, planar
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.tendon import Hole, OnSurface, Tendon
 
 PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (parent, child), p pieces of k coefficients
     "breaks": ("n", 2, "p + 1"),

@@ -8,13 +8,13 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from rollingjoint.chain.status import Status
 from rollingjoint.differentiable.friction import HISTORY, DifferentiableFriction, FrictionStates
 from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.newton import freed
 from rollingjoint.differentiable.slip import FIRM
 from rollingjoint.differentiable.statics import ChainState
 from rollingjoint.differentiable.surface import as_pairs
-from rollingjoint.solution import Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Equilibria of many tabulated chains side by side on a device, in a fixed number of passes, without gradients.
 
-The method is that of kernels/planar/side_by_side.py, pass by pass: Newton's method on the energy where it meets no
+The method is that of kernels/shared/lanes.py, pass by pass: Newton's method on the energy where it meets no
 difficulty. A row that leaves this path has not `arrived`; the compiled solver takes it from its start.
 Between the passes nothing is read back from the device, so that a CUDA graph can hold the whole solve.
 """
@@ -19,7 +19,7 @@ from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.tabulated import ChainAtAngles, DeadLoads, ElasticLaw, TabulatedChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.arrays import Chain
-from rollingjoint.kernels.planar.side_by_side import MOST_JOINTS, SHORTEST
+from rollingjoint.kernels.shared.lanes import MOST_JOINTS, SHORTEST
 from rollingjoint.kernels.shared.tolerances import (
     LARGEST_INPUT,
     MAX_STEP,
@@ -55,7 +55,7 @@ class SideBySide:
     """A solver of B rows on a device, each with its mechanism, which are solved again and again.
 
     Args:
-        arrays: a stack of designs, the `arrays` of a mechanism or what `rollingjoint.mechanism.stack` makes of several.
+        arrays: a stack of designs, the `arrays` of a mechanism or what `chain.stacks.stack` makes of several.
         designs: which of them each row has, (B,).
         device: where everything is.
         passes: how many evaluations a solve has; on the CPU it ends when nearly every row is done.

@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
+from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_integer
 from rollingjoint.differentiable.compiled import solve_compiled
 from rollingjoint.differentiable.design import DifferentiableChain
@@ -31,7 +32,6 @@ from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.kernels.planar.loads import LINK_COLUMNS, STIFFNESSES
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
-from rollingjoint.solution import Status
 
 History = Equilibria | FrictionStates | FrictionState | None
 """The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""

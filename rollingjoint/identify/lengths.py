@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.status import Status
 from rollingjoint.load import Load
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Status
 from rollingjoint.statics.sensitivity import dlengths_dtensions
 from rollingjoint.statics.solve import solve_tensions
 
@@ -36,7 +36,7 @@ class NearestLengths:
 
     _known: dict[Hashable, tuple[Array, Array]] = field(default_factory=dict)
 
-    def solve(self, mechanism: AnyMechanism, lengths: Array, loads: Sequence[Load], history: Any, key: Hashable) -> Any:
+    def solve(self, mechanism: AnyChain, lengths: Array, loads: Sequence[Load], history: Any, key: Hashable) -> Any:
         """The equilibrium whose lengths are nearest; Status.NOT_CONVERGED where positive tensions give none."""
 
         def at(logs: Array) -> tuple[Any, Array | None]:

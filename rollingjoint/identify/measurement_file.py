@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checked_yaml import entries, located, mapping, number, numbered, numbers, point, read_yaml, text
 from rollingjoint.checks import as_boolean, as_choice, as_integer
 from rollingjoint.errors import ConfigError
 from rollingjoint.identify.measurements import GIVEN, METHODS, QUANTITIES, Input, Measurements, Run, Step
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_from_dict
 from rollingjoint.load import WorldForce
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.statics.families import family_of
 
 KEYS = ("about", "source", "mechanism", "given", "method", "tension_limits", "deviations", "absolute", "runs")
 STEP_KEYS = ("tensions", "lengths", "approach", "poses", "positions", "tip", "forces", "weight")
@@ -64,7 +63,7 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
         )
 
 
-def _mechanism(where: str, value: object, folder: Path) -> AnyMechanism:
+def _mechanism(where: str, value: object, folder: Path) -> AnyChain:
     if isinstance(value, Mapping):
         return mechanism_from_dict(value, where)
     name = text(where, value)
@@ -72,11 +71,11 @@ def _mechanism(where: str, value: object, folder: Path) -> AnyMechanism:
     return load_mechanism(beside if beside.is_file() else name)
 
 
-def _run(source: str, name: str, steps: object, mechanism: AnyMechanism) -> Run:
+def _run(source: str, name: str, steps: object, mechanism: AnyChain) -> Run:
     return Run(name, [_step(place, step, mechanism) for place, step in numbered(f"{source}: runs.{name}", steps)])
 
 
-def _step(where: str, content: object, mechanism: AnyMechanism) -> Step:
+def _step(where: str, content: object, mechanism: AnyChain) -> Step:
     step = mapping(where, content, STEP_KEYS)
     read: dict[str, Any] = {key: numbers(f"{where}.{key}", step[key]) for key in GIVEN if key in step}
     if "approach" in step:
@@ -89,14 +88,14 @@ def _step(where: str, content: object, mechanism: AnyMechanism) -> Step:
         return Step(**read, **_shape(where, step, mechanism))
 
 
-def _shape(where: str, step: Mapping[str, Any], mechanism: AnyMechanism) -> dict[str, Any]:
+def _shape(where: str, step: Mapping[str, Any], mechanism: AnyChain) -> dict[str, Any]:
     """Positions and angles of a step, from whichever of poses, positions and tip it has."""
     there = [key for key in ("poses", "positions", "tip") if key in step]
     if len(there) > 1:
         raise ConfigError(where, there, "one of poses, positions and tip")
     if not there:
         return {}
-    dimension, n = family_of(mechanism).dimension, mechanism.n_links
+    dimension, n = mechanism.dimension, mechanism.n_links
     if there == ["tip"]:
         return {
             "positions": np.vstack([np.full((n - 1, dimension), np.nan), _row(f"{where}.tip", step["tip"], dimension)])
@@ -129,8 +128,8 @@ def _input(where: str, content: object) -> Input:
         return Input(name, tuple(numbers(f"{where}.{name}", values)))
 
 
-def _force(where: str, content: object, mechanism: AnyMechanism) -> WorldForce:
-    dimension, n = family_of(mechanism).dimension, mechanism.n_links
+def _force(where: str, content: object, mechanism: AnyChain) -> WorldForce:
+    dimension, n = mechanism.dimension, mechanism.n_links
     values = entries(where, content)
     if len(values) != dimension + 1:
         raise ConfigError(where, content, f"a link and {dimension} numbers [N], such as [-1{', 0.5' * dimension}]")

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_choice, as_floats, as_positive, as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.statics.families import family_of
 
 Array = NDArray[np.float64]
 
@@ -99,7 +98,7 @@ class Measurements:
         InvalidInput: wrong shapes, names or numbers, with the run and the step.
     """
 
-    mechanism: AnyMechanism
+    mechanism: AnyChain
     runs: Sequence[Run]
     deviations: Mapping[str, float] = field(default_factory=lambda: {"position": 1.0})
     given: str = "tensions"
@@ -127,7 +126,7 @@ class Measurements:
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return family_of(self.mechanism).dimension
+        return self.mechanism.dimension
 
     @property
     def scales(self) -> Array:

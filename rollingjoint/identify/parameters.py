@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.rolling import Link, RollingChain, planar
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING, CapstanFriction
 from rollingjoint.identify.measurements import Measurements
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import Link, RollingChain, planar
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ class Coefficient:
         tendon = "" if self.tendon is None else f"[{self.tendon}]"
         return f"{self.name}{tendon}" + ("" if self.run is None else f" in {self.run}")
 
-    def nominal(self, mechanism: AnyMechanism) -> float:
+    def nominal(self, mechanism: AnyChain) -> float:
         """The value of the mechanism as designed."""
         if self.name in FRICTION and mechanism.friction is not None:
             return float(getattr(mechanism.friction, self.name))
@@ -149,9 +149,7 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
     return tuple(found)
 
 
-def values_in_run(
-    coefficients: Sequence[Coefficient], values: Array, run: str, mechanism: AnyMechanism
-) -> dict[str, Any]:
+def values_in_run(coefficients: Sequence[Coefficient], values: Array, run: str, mechanism: AnyChain) -> dict[str, Any]:
     """Value of every kind in a run, a number or (m,), one per tendon; nominal where it is not sought."""
     found: dict[str, Any] = {
         name: np.full(mechanism.n_tendons, kind.nominal) if kind.per_tendon else Coefficient(name).nominal(mechanism)
@@ -166,7 +164,7 @@ def values_in_run(
     return found
 
 
-def varied(mechanism: AnyMechanism, values: Mapping[str, Any]) -> AnyMechanism:
+def varied(mechanism: AnyChain, values: Mapping[str, Any]) -> AnyChain:
     """The mechanism with these values; those of commands and frames are no part of it."""
     changes: dict[str, Any] = {}
     friction = mechanism.friction or CapstanFriction(0.0)

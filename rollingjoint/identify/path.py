@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.identify.lengths import NearestLengths
 from rollingjoint.identify.measurements import Input, Measurements, Run, Step
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Solution, Status
 from rollingjoint.statics.sensitivity import joint_response
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
@@ -35,7 +36,7 @@ class Rates(NamedTuple):
 
 
 def follow(
-    measurements: Measurements, run: Run, mechanism: AnyMechanism, offsets: Array, nearest: NearestLengths
+    measurements: Measurements, run: Run, mechanism: AnyChain, offsets: Array, nearest: NearestLengths
 ) -> list[Reached]:
     """The equilibria of a run in order; with friction those of the approaches too, each step from the one before.
 
@@ -58,7 +59,7 @@ class _Solve(NamedTuple):
     """How the equilibrium of one input is found."""
 
     measurements: Measurements
-    mechanism: AnyMechanism
+    mechanism: AnyChain
     step: Step
     offsets: Array
     nearest: NearestLengths

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rollingjoint.solution import Status
+from rollingjoint.chain.status import Status
 from rollingjoint.statics.loop import Loop
 from rollingjoint.tables import text_table
 

@@ -11,25 +11,25 @@ from typing import Any, TypeVar, overload
 
 import yaml
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.file import format_of, formats
+from rollingjoint.chain.presets import PRESETS, preset, presets_of
 from rollingjoint.checked_yaml import mapping, read_yaml
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.presets import PRESETS, preset
-from rollingjoint.statics.families import FAMILIES, family_of, family_of_kind
 
-_M = TypeVar("_M", bound=AnyMechanism)
+_M = TypeVar("_M", bound=AnyChain)
 
 
 @overload
-def load_mechanism(name_or_path: str | Path) -> AnyMechanism: ...
+def load_mechanism(name_or_path: str | Path) -> AnyChain: ...
 
 
 @overload
 def load_mechanism(name_or_path: str | Path, kind: type[_M]) -> _M: ...
 
 
-def load_mechanism(name_or_path: str | Path, kind: type[AnyMechanism] | None = None) -> AnyMechanism:
+def load_mechanism(name_or_path: str | Path, kind: type[AnyChain] | None = None) -> AnyChain:
     """The mechanism of that preset name, or of the YAML file at that path.
 
     Args:
@@ -41,14 +41,12 @@ def load_mechanism(name_or_path: str | Path, kind: type[AnyMechanism] | None = N
     name = str(name_or_path)
     mechanism = preset(name) if name in PRESETS else _read(name)
     if kind is not None and not isinstance(mechanism, kind):
-        wanted, found = family_of_kind(kind), family_of(mechanism)
-        assert wanted is not None
-        hint = f"Such presets: {', '.join(wanted.presets)}."
-        raise ConfigError("mechanism", name, f"{wanted.title}, not {found.title}", hint)
+        hint = f"Such presets: {', '.join(presets_of(kind))}."
+        raise ConfigError("mechanism", name, f"{kind.title}, not {mechanism.title}", hint)
     return mechanism
 
 
-def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> AnyMechanism:
+def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> AnyChain:
     """The mechanism that the content of a mechanism file describes: an arm if it lists beads.
 
     Args:
@@ -58,28 +56,28 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     Raises:
         ConfigError: a wrong key, type or number, or a mechanism that cannot be built.
     """
-    keys = tuple(dict.fromkeys(key for family in FAMILIES for key in family.file.KEYS))
+    keys = tuple(dict.fromkeys(key for each in formats() for key in each.keys))
     given = content if isinstance(content, Mapping) else mapping(source, content, keys)
-    fitting = [family for family in FAMILIES if family.file.PARTS in given]
+    fitting = [each for each in formats() if each.parts in given]
     if not fitting:
-        allowed = " or ".join(f"the key {family.file.PARTS!r}" for family in FAMILIES)
+        allowed = " or ".join(f"the key {each.parts!r}" for each in formats())
         hint = "Add the links of a planar chain or the beads of an arm."
         raise ConfigError(source, list(mapping(source, given, keys)), allowed, hint)
-    return fitting[-1].file.from_dict(content, source, name)
+    return fitting[-1].from_dict(content, source, name)
 
 
-def mechanism_to_dict(mechanism: AnyMechanism) -> dict[str, Any]:
+def mechanism_to_dict(mechanism: AnyChain) -> dict[str, Any]:
     """Plain dicts, lists, numbers and text; mechanism_from_dict makes the same mechanism of them exactly."""
-    return family_of(mechanism).file.to_dict(mechanism)
+    return format_of(mechanism).to_dict(mechanism)
 
 
-def dump_mechanism(mechanism: AnyMechanism) -> str:
+def dump_mechanism(mechanism: AnyChain) -> str:
     """YAML text of the mechanism; loading it gives the same mechanism exactly."""
-    header = family_of(mechanism).file.HEADER
+    header = format_of(mechanism).header
     return header + yaml.safe_dump(mechanism_to_dict(mechanism), sort_keys=False, default_flow_style=None, width=110)
 
 
-def _read(name: str) -> AnyMechanism:
+def _read(name: str) -> AnyChain:
     path = Path(name)
     if not path.is_file():
         hint = suggestion(name, tuple(PRESETS))

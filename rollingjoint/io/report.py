@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.solution import Solution, Status
-from rollingjoint.statics.families import family_of
-from rollingjoint.tables import number_table
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
+from rollingjoint.tables import column_dicts, column_table, number_table
 
 Array = NDArray[np.float64]
 
@@ -21,15 +21,14 @@ FRICTION = 0.3
 _FAR = 0.1  # of a tendon's path: no real tendon is stretched by more
 
 
-def mechanism_line(mechanism: AnyMechanism) -> str:
+def mechanism_line(mechanism: AnyChain) -> str:
     """One line: links, tendons, length, joint travel."""
     ends = mechanism.last_links
     at = "" if set(ends) == {mechanism.n_links - 1} else f" ending at links {', '.join(map(str, ends))}"
-    travel = family_of(mechanism).report.travel(mechanism)
-    return f"{mechanism.parts}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {travel}"
+    return f"{mechanism.parts}, {mechanism.n_tendons} tendons{at}, {mechanism.length:g} mm long, {mechanism.travel}"
 
 
-def neutral_line(mechanism: AnyMechanism) -> str:
+def neutral_line(mechanism: AnyChain) -> str:
     """One line: the tendons' lengths at rest."""
     return f"neutral_lengths [mm]: {_numbers(mechanism.neutral_lengths, 4)}"
 
@@ -61,14 +60,14 @@ def _numbers(values: Array, digits: int, between: str = " ") -> str:
 def status_line(found: Solution) -> str:
     """One line: status, its meaning, residual and iterations; whether an arm has buckled."""
     status = Status(int(found.status))
-    remark = family_of(found.mechanism).report.remark(found)
-    numbers = f"residual {found.residual:.1e} N·mm, {found.iterations} iterations{remark}"
+    numbers = f"residual {found.residual:.1e} N·mm, {found.iterations} iterations{found.remark}"
     return f"{status.name}: {status.message} ({numbers})"
 
 
 def as_table(found: Solution, friction: float = FRICTION) -> str:
     """Links, joints and tendons of an equilibrium as aligned columns, and the status line."""
-    links, joints = family_of(found.mechanism).report.tables(found, friction)
+    links = column_table("link", found.link_columns())
+    joints = column_table(found.mechanism.joint, found.joint_columns(friction))
     tendons = zip(range(len(found.tensions)), found.tensions, found.lengths, strict=True)
     pulled = number_table(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4))
     return "\n\n".join((links, joints, pulled, status_line(found)))
@@ -90,7 +89,9 @@ def as_dict(found: Solution, friction: float = FRICTION) -> dict[str, Any]:
         "residual_N_mm": _finite(found.residual),
         "iterations": int(found.iterations),
         "smallest_eigenvalue_N_mm_per_rad": _finite(found.smallest_eigenvalue),
-        **family_of(found.mechanism).report.as_dict(found, friction),
+        **found.figures(friction),
+        "links": column_dicts("link", found.link_columns()),
+        "joints": column_dicts("joint", found.joint_columns(friction)),
         "tendons": [
             {"tendon": j, "tension_N": float(tension), "length_mm": float(length)}
             for j, (tension, length) in enumerate(zip(found.tensions, found.lengths, strict=True))

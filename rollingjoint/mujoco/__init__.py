@@ -4,7 +4,7 @@ Modules:
     arm: a hinge chain in space.
     chain: a planar chain of rolling links.
     coupling: a rolling contact as joints of MuJoCo.
-    model: either family; joint positions and accuracy of a planar chain.
+    model: any mechanism; joint positions and accuracy of a planar chain.
 
 The engine is not imported: writing a model needs nothing but this package.
 """

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import Spring
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.mujoco.arm import NEVER, numbers
 from rollingjoint.mujoco.coupling import Circles, Slides, coupling
-from rollingjoint.planar.chain import RollingChain
 
 Array = NDArray[np.float64]
 

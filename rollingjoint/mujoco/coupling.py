@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.planar.joint_table import common_range
+from rollingjoint.chain.joint_table import common_range
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Either family as a MuJoCo model; where its joints are, and how near a planar chain's links come to their poses."""
+"""Any mechanism as a MuJoCo model; where its joints are, and how near a planar chain's links come to their poses."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
-from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.mujoco.arm import arm_mjcf
 from rollingjoint.mujoco.chain import chain_mjcf, couplings
 from rollingjoint.mujoco.coupling import Circles
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Accuracy:
         return f"{exact}; links at most {self.largest:.2g} mm from their poses, tip {self.tip:.2g} mm (rms)"
 
 
-def mjcf(mechanism: AnyMechanism) -> str:
+def mjcf(mechanism: AnyChain) -> str:
     """The mechanism as MuJoCo's XML: an arm exactly, weightless; a planar chain with the error that accuracy() states.
 
     Actuators are motors that pull the tendons with given tensions [N]. For given lengths set the second column of
@@ -62,7 +62,7 @@ def mjcf(mechanism: AnyMechanism) -> str:
     return arm_mjcf(mechanism)
 
 
-def positions(mechanism: AnyMechanism, joint_angles: ArrayLike) -> Array:
+def positions(mechanism: AnyChain, joint_angles: ArrayLike) -> Array:
     """MuJoCo's qpos at joint angles (..., n - 1) [rad], (..., nq) [rad, m].
 
     Raises:

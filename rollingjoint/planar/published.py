@@ -25,14 +25,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.checks import as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.planar.chain import RollingChain, planar
 from rollingjoint.planar.published_equations import Configuration, PublishedChain
 
 if TYPE_CHECKING:
-    from rollingjoint.planar.equilibrium import Equilibrium
+    from rollingjoint.chain.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
 _LARGEST = float(np.finfo(float).max)

@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.se2 import adjoint, dual_adjoint, dual_bracket, inverse, skew, transform, turned
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, pair_columns
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.se2 import adjoint, dual_adjoint, dual_bracket, inverse, skew, transform, turned
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]

@@ -6,17 +6,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput, naming, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.planar import plot_mechanism
 from rollingjoint.plotting.spatial import plot_arm
-from rollingjoint.solution import Solution, Status
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
-from rollingjoint.statics.families import family_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,14 +24,15 @@ if TYPE_CHECKING:
 _FZ = SPATIAL_LOAD_COLUMNS.index("fz")
 
 
-def figure_of(what: AnyMechanism | Solution) -> Figure:
+def figure_of(what: AnyChain | Solution) -> Figure:
     """A new figure of a mechanism at rest, or of one equilibrium."""
     with naming_extras():
         from matplotlib.figure import Figure
 
     mechanism = what.mechanism if isinstance(what, Solution) else what
     figure = Figure(figsize=(6.4, 6.4))
-    ax = _DRAWN[family_of(mechanism).kind](what, figure)
+    draw: Callable[[Any, Figure], Axes] = _draw_chain if mechanism.dimension == 2 else _draw_arm
+    ax = draw(what, figure)
     ax.set_title(_title(what))
     return figure
 
@@ -48,10 +48,7 @@ def _draw_arm(what: HingeChain | HingeEquilibrium, figure: Figure) -> Axes:
     return ax
 
 
-_DRAWN: dict[type, Callable[[Any, Figure], Axes]] = {RollingChain: _draw_chain, HingeChain: _draw_arm}
-
-
-def _title(what: AnyMechanism | Solution) -> str:
+def _title(what: AnyChain | Solution) -> str:
     """Name of the mechanism, and the status if it is not simply converged."""
     if not isinstance(what, Solution):
         return what.name

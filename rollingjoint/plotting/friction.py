@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput, naming_extras
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.parts import ORDER, PALETTE
-from rollingjoint.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.errors import InvalidInput, naming_extras
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.figure import check_figure_path
 from rollingjoint.plotting.friction import tension_colors, tension_ends
 from rollingjoint.plotting.parts import PALETTE

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.outline import link_outline, right_side, rotation, to_world
+from rollingjoint.chain.rolling import Link, RollingChain
 from rollingjoint.load import LOAD_COLUMNS, pair_columns
-from rollingjoint.planar.chain import Link, RollingChain
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.planar.outline import link_outline, right_side, rotation, to_world
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

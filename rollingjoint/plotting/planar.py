@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.errors import InvalidInput, naming_extras
-from rollingjoint.planar.chain import RollingChain, planar
-from rollingjoint.planar.equilibrium import Equilibrium
 from rollingjoint.plotting.friction import draw_gap_tensions
 from rollingjoint.plotting.parts import (
     BASE_ALPHA,

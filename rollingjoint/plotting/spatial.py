@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.equilibrium import HingeEquilibrium
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
 from rollingjoint.plotting.parts import LINK_COLOR, PALETTE
-from rollingjoint.spatial.chain import HingeChain
-from rollingjoint.spatial.equilibrium import HingeEquilibrium
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D

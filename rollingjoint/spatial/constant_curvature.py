@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain import se3
+from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.checks import as_vector
-from rollingjoint.spatial import se3
-from rollingjoint.spatial.chain import HingeChain
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,7 @@
-"""Equilibria of any family: solvers and derivatives.
+"""Equilibria of any mechanism: solvers and derivatives.
 
 Modules:
     batch: checked inputs of many solves, and their solution.
-    families: all families of mechanisms.
     history: histories of steps with friction.
     least_squares: tendon lengths in the least-squares sense.
     limits: limits of tensions, checked.

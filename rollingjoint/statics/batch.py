@@ -9,16 +9,16 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.batch import solve_batch, step_batch
+from rollingjoint.chain.chain import AnyChain, Chain, kinds
+from rollingjoint.chain.friction_step import friction_laws
+from rollingjoint.chain.solution import stacked
+from rollingjoint.chain.stacks import Variations, designs_of, distinct
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
-from rollingjoint.family import Family
 from rollingjoint.friction import FrictionState
-from rollingjoint.friction_step import friction_laws
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
-from rollingjoint.mechanism import AnyMechanism, Mechanism, Variations, designs_of, distinct
-from rollingjoint.solution import stacked
-from rollingjoint.statics.families import KINDS, family_of, family_of_kind
 from rollingjoint.statics.history import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
@@ -28,26 +28,26 @@ Array = NDArray[np.float64]
 class Batch:
     """Rows that are solved in one call: the inputs of each, (B, m), and its mechanism."""
 
-    mechanism: AnyMechanism | tuple[AnyMechanism, ...]
-    family: Family
-    chains: tuple[AnyMechanism, ...]  # the distinct mechanisms; of variations the nominal one
+    mechanism: AnyChain | tuple[AnyChain, ...]
+    kind: type[AnyChain]  # of the mechanisms
+    chains: tuple[AnyChain, ...]  # the distinct mechanisms; of variations the nominal one
     arrays: Any
     designs: NDArray[np.int64]
     inputs: Array
-    variations: Variations[AnyMechanism] | None = None
+    variations: Variations[AnyChain] | None = None
 
     @classmethod
-    def of(cls, mechanism: AnyMechanism | Sequence[AnyMechanism], what: str, inputs: ArrayLike) -> Batch:
+    def of(cls, mechanism: AnyChain | Sequence[AnyChain], what: str, inputs: ArrayLike) -> Batch:
         """The batch with checked inputs."""
         if isinstance(mechanism, Variations):
-            nominal = mechanism.nominal
+            nominal: AnyChain = mechanism.nominal
             array = _rows(what, inputs, nominal.n_tendons)
             stacked_arrays = designs_of(mechanism, len(array))
-            return cls(mechanism.members(), family_of(nominal), (nominal,), *stacked_arrays, array, mechanism)
-        every = mechanism if isinstance(mechanism, Mechanism) else _mechanisms(mechanism)
+            return cls(mechanism.members(), type(nominal), (nominal,), *stacked_arrays, array, mechanism)
+        every = mechanism if isinstance(mechanism, Chain) else _mechanisms(mechanism)
         chains = distinct(every) if isinstance(every, tuple) else (every,)
         array = _rows(what, inputs, chains[0].n_tendons)
-        return cls(every, family_of(chains[0]), chains, *designs_of(every, len(array)), array)
+        return cls(every, type(chains[0]), chains, *designs_of(every, len(array)), array)
 
     def per_row(self, name: str) -> Array:
         """An array that every mechanism has, such as its stiffnesses, of every row, (B, ...)."""
@@ -63,37 +63,37 @@ class Batch:
     def solve(self, laws: TendonLaw, loads: Sequence[Load] | Array, starts: Start, history: History) -> Any:
         """The equilibria."""
         tables, phi = self._tables(loads), self._starts(start_of(starts, history))
-        inputs = self.mechanism, self.arrays, self.designs, laws, tables, phi
+        inputs = self.kind, self.mechanism, self.arrays, self.designs, laws, tables, phi
         rub = [chain.has_friction for chain in self.chains]
         if history is None or not any(rub):
-            return self.family.solve_batch(*inputs)
+            return solve_batch(*inputs)
         before = checked_history(self.mechanism, history, len(self.inputs))
         if all(rub):
             one = self.mechanism if self.variations is None else self.chains[0]
-            return self.family.step_batch(*inputs, before, friction_laws(one, len(self.inputs)))
+            return step_batch(*inputs, before, friction_laws(one, len(self.inputs)))
         return self._solve_apart(np.array(rub)[self.designs], laws, tables, phi, before)
 
     def _solve_apart(
         self, rub: NDArray[np.bool_], laws: TendonLaw, tables: Array, phi: Array, before: FrictionState
     ) -> Any:
         """The equilibria where only some rows have friction: each kind in a batch of its own."""
-        every = cast("tuple[AnyMechanism, ...]", self.mechanism)
+        every = cast("tuple[AnyChain, ...]", self.mechanism)
         found: dict[int, Any] = {}
         for kind in (True, False):
             rows = np.flatnonzero(rub == kind)
             mechanisms = tuple(every[row] for row in rows)
             law = TendonLaw(*(values[rows] for values in laws))
-            inputs = mechanisms, *designs_of(mechanisms, len(rows)), law, tables[rows], phi[rows]
+            inputs = self.kind, mechanisms, *designs_of(mechanisms, len(rows)), law, tables[rows], phi[rows]
             past = FrictionState(*(values[rows] for values in before))
-            solved = self.family.step_batch(*inputs, past) if kind else self.family.solve_batch(*inputs)
+            solved = step_batch(*inputs, past) if kind else solve_batch(*inputs)
             found |= {int(row): solved.row(place) for place, row in enumerate(rows)}
         return replace(stacked([found[row] for row in range(len(rub))]), mechanism=every)
 
     def _tables(self, loads: Sequence[Load] | Array) -> Array:
         """Load tables of all rows, (B, rows, columns)."""
-        count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.family.load_columns
+        count, n_links, columns = len(self.inputs), self.chains[0].n_links, self.kind.load_columns
         if not isinstance(loads, np.ndarray):
-            return self.repeated(self.family.load_table(loads, n_links))
+            return self.repeated(self.chains[0].load_table(loads))
         tables = with_all_columns(loads, columns, _with_zeros) if loads.ndim == 3 and loads.shape[0] == count else None
         if tables is None:
             raise InvalidInput("shape of the load table", loads.shape, f"({count}, rows, {len(columns)})")
@@ -123,11 +123,11 @@ def _with_zeros(tables: Array, missing: int) -> Array:
     return np.pad(tables, ((0, 0), (0, 0), (0, missing)))
 
 
-def _mechanisms(mechanisms: Iterable[AnyMechanism]) -> tuple[AnyMechanism, ...]:
+def _mechanisms(mechanisms: Iterable[AnyChain]) -> tuple[AnyChain, ...]:
     chains = tuple(mechanisms) if isinstance(mechanisms, Iterable) else ()
-    families = {family_of_kind(kind) for kind in set(map(type, chains))}
-    if len(families) != 1 or None in families:
-        allowed = f"{KINDS}, or a list of at least one, all of one kind"
+    kernels = {getattr(kind, "kernels", None) for kind in set(map(type, chains))}
+    if len(kernels) != 1 or None in kernels:
+        allowed = f"{kinds()}, or a list of at least one, all of one kind"
         raise InvalidInput("mechanism", mechanisms, allowed, "rollingjoint.preset(name) makes a named one.")
     return chains
 

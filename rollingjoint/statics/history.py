@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.friction_step import virgin_state
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.stacks import designs_of
 from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
-from rollingjoint.friction_step import virgin_state
-from rollingjoint.mechanism import AnyMechanism, designs_of
-from rollingjoint.solution import Solution
 
 Start = ArrayLike | Solution | None
 """Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
@@ -30,7 +31,7 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
     return getattr(history, "angles", None)
 
 
-def angles_of(mechanism: AnyMechanism, start: Start, history: History) -> NDArray[np.float64]:
+def angles_of(mechanism: AnyChain, start: Start, history: History) -> NDArray[np.float64]:
     """Joint angles to start from, (n - 1,) [rad], to be read at once: they may be the caller's.
 
     Raises:
@@ -42,9 +43,7 @@ def angles_of(mechanism: AnyMechanism, start: Start, history: History) -> NDArra
     return seen_as_vector("start", angles, mechanism.n_joints, "joint angles [rad], one per joint")
 
 
-def checked_history(
-    mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: object, rows: int | None
-) -> FrictionState:
+def checked_history(mechanism: AnyChain | tuple[AnyChain, ...], history: object, rows: int | None) -> FrictionState:
     """What friction remembers, of one mechanism or of so many rows.
 
     Raises:
@@ -65,7 +64,7 @@ def checked_history(
     return FrictionState(*arrays)
 
 
-def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: object) -> FrictionState:
+def _state_of(mechanism: AnyChain | tuple[AnyChain, ...], history: object) -> FrictionState:
     """The state of a history; that of an equilibrium without friction in terms of the mechanism that takes the step."""
     if isinstance(history, FrictionState):
         return history
@@ -82,7 +81,7 @@ def _state_of(mechanism: AnyMechanism | tuple[AnyMechanism, ...], history: objec
     rows = history.joint_angles.shape[0] if history.joint_angles.ndim > 1 else 1
     taking = mechanism if isinstance(mechanism, tuple) and len(mechanism) == rows else one
     designs = designs_of(taking, rows)
-    return virgin_state(type(history)._begin_histories, taking, designs, history.tensions, history.joint_angles)
+    return virgin_state(taking, designs, history.tensions, history.joint_angles)
 
 
 def _floats(values: object) -> np.ndarray:

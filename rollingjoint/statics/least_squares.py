@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.family import Family
+from rollingjoint.chain.batch import solve_one
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.status import Status
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import acts
-from rollingjoint.solution import Solution, Status
 from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.sensitivity import joint_response
 
@@ -32,13 +33,11 @@ _SMALLEST_DAMPING = 1e-12  # of the largest (dl/dtau)²
 _ROUNDING = 1e-15  # of the lengths
 
 
-def solve_least_squares(
-    family: Family, mechanism: Any, desired: Array, low: Array, high: Array, table: Array, start: Array
-) -> Any:
+def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array, table: Array, start: Array) -> Any:
     """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
 
     Args:
-        family, mechanism: a mechanism and its family.
+        mechanism: a chain of a class that supports the method.
         desired: (m,) [mm].
         low, high: (m,) [N]; higher limits than 1000 N count as 1000 N.
         table: load table, (rows, columns).
@@ -49,7 +48,7 @@ def solve_least_squares(
     high = np.minimum(high, LARGEST_TENSION)
 
     def solve(law: TendonLaw, start: Array) -> Any:
-        return family.solve_one(mechanism, law, table, start)
+        return solve_one(mechanism, law, table, start)
 
     elastic = _nearly_inextensible(solve, TendonLaw(desired, np.ones_like(desired), low, high), start)
     if elastic.status == Status.INVALID_INPUT:

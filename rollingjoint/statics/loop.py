@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_choice, as_integer, as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.statics.solve import solve_tensions
 from rollingjoint.statics.trace import trace
 
@@ -107,7 +107,7 @@ class Loop:
 
 
 def trace_loop(
-    mechanism: AnyMechanism,
+    mechanism: AnyChain,
     swing: ArrayLike,
     middle: ArrayLike | None = None,
     loads: Sequence[Load] = (),
@@ -152,7 +152,7 @@ def inputs_of(middle: Array, swing: Array, shares: Array) -> Array:
     return middle + shares[:, None] * swing
 
 
-def _per_tendon(what: str, values: ArrayLike, mechanism: AnyMechanism) -> Array:
+def _per_tendon(what: str, values: ArrayLike, mechanism: AnyChain) -> Array:
     """The values, finite, (m,)."""
     array = as_vector(what, values, mechanism.n_tendons, "one per tendon")
     if not np.all(np.isfinite(array)):
@@ -160,7 +160,7 @@ def _per_tendon(what: str, values: ArrayLike, mechanism: AnyMechanism) -> Array:
     return array
 
 
-def _middle(mechanism: AnyMechanism, given: str) -> Array:
+def _middle(mechanism: AnyChain, given: str) -> Array:
     """Inputs that pull every tendon with the same tension."""
     tensions = np.full(mechanism.n_tendons, MIDDLE_TENSION)
     if given == "tensions":

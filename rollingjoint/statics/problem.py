@@ -8,12 +8,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.batch import solve_one
+from rollingjoint.chain.chain import Chain, check_chain, read_only
 from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.family import Family
 from rollingjoint.load import Load
-from rollingjoint.mechanism import Mechanism, read_only
-from rollingjoint.statics.families import family_of
 from rollingjoint.statics.history import History, Start, angles_of, checked_history
 from rollingjoint.statics.limits import tension_limits_of
 from rollingjoint.statics.slot import Law, Slot, full_law
@@ -34,12 +33,10 @@ class Problem(Generic[S]):
         loads: load table, (rows, columns), read-only. tension_limits: minimum and maximum, (2, m) [N].
     """
 
-    def __init__(
-        self, family: Family, mechanism: Mechanism[S], given: str, loads: Array, tension_limits: Array
-    ) -> None:
+    def __init__(self, mechanism: Chain[S], given: str, loads: Array, tension_limits: Array) -> None:
         self.mechanism, self.given = mechanism, given
         self.loads, self.tension_limits = read_only(loads), read_only(tension_limits)
-        self._family, self._rubs, self._n_tendons = family, mechanism.has_friction, mechanism.n_tendons
+        self._rubs, self._n_tendons = mechanism.has_friction, mechanism.n_tendons
         self._spares: list[Slot] = []
 
     def solve(self, values: ArrayLike, start: Start = None, history: History = None) -> S:
@@ -84,7 +81,7 @@ class Problem(Generic[S]):
         """A step with friction."""
         before = checked_history(self.mechanism, history, None)
         law, loads = full_law(self._law(command), self._n_tendons), self.loads.copy()
-        found: S = self._family.solve_one(self.mechanism, law, loads, angles.copy(), before)
+        found: S = solve_one(self.mechanism, law, loads, angles.copy(), before)
         return found
 
     def _law(self, command: ArrayLike) -> Law:
@@ -94,13 +91,13 @@ class Problem(Generic[S]):
         return command, self.mechanism.stiffnesses, low, high
 
     def _new_slot(self) -> Slot:
-        slot = Slot(self._family, self.mechanism, len(self.loads))
+        slot = Slot(self.mechanism, len(self.loads))
         slot.enter(self._law(0.0), self.loads, self.mechanism.neutral_angles)
         return slot
 
 
 def prepare(
-    mechanism: Mechanism[S],
+    mechanism: Chain[S],
     loads: Sequence[Load] = (),
     given: str = "lengths",
     tension_limits: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
@@ -118,13 +115,13 @@ def prepare(
     Raises:
         InvalidInput: wrong types, a load on a link that does not exist, tension limits where tensions are given.
     """
-    family = family_of(mechanism)
+    check_chain(mechanism)
     as_choice("given", given, GIVEN)
     limits = tension_limits_of(tension_limits, mechanism.n_tendons)
     if given == "tensions" and (limits[0].any() or not np.isposinf(limits[1]).all()):
         raise InvalidInput("tension_limits", tension_limits, '(0, inf) with given="tensions"')
-    return Problem(family, mechanism, given, family.load_table(loads, mechanism.n_links), limits)
+    return Problem(mechanism, given, mechanism.load_table(loads), limits)
 
 
-def _restored(mechanism: Mechanism[S], given: str, loads: Array, tension_limits: Array) -> Problem[S]:
-    return Problem(family_of(mechanism), mechanism, given, loads, tension_limits)
+def _restored(mechanism: Chain[S], given: str, loads: Array, tension_limits: Array) -> Problem[S]:
+    return Problem(mechanism, given, loads, tension_limits)

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint.chain.solution import Solution
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import link_index
-from rollingjoint.solution import Solution
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.family import Family
+from rollingjoint.chain.batch import PinnedRange
+from rollingjoint.chain.chain import AnyChain
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.mechanism import AnyMechanism
 from rollingjoint.threads import run_in_threads, runs_at_once
 
 Array = NDArray[np.float64]
@@ -36,10 +36,11 @@ class Slot:
         arrays: the mechanism's. loads: load table, (rows, columns). start: joint angles, (n - 1,) [rad].
     """
 
-    def __init__(self, family: Family, mechanism: AnyMechanism, rows: int) -> None:
+    def __init__(self, mechanism: AnyChain, rows: int) -> None:
         n_joints, m = mechanism.n_joints, mechanism.n_tendons
-        self._pack, self._n_joints = family.batch.pack_outputs, n_joints
-        empty = family.batch.new_results(1, n_joints, m)
+        kernels, self._n_joints = mechanism.kernels, n_joints
+        self._pack = mechanism.equilibrium.of_outputs
+        empty = kernels.new_results(1, n_joints, m)
         floats = {name: array.shape for name, array in empty._asdict().items() if array.ndim > 1 and len(array)}
         ends = np.cumsum([0, *map(math.prod, floats.values())]).tolist()
         self._outputs = np.zeros(ends[-1])
@@ -48,13 +49,13 @@ class Slot:
         self._places = {name: (shape[1:], 8 * parts[name].start) for name, shape in floats.items()}
         laws, tables, starts = (
             np.zeros((4, 1, m)),
-            np.zeros((1, rows, len(family.load_columns))),
+            np.zeros((1, rows, len(mechanism.load_columns))),
             np.zeros((1, n_joints)),
         )
         self.law, self.loads, self.start = TendonLaw(*laws[:, 0]), tables[0], starts[0]
         self.arrays = mechanism.arrays
-        arrays = family.batch.BatchArrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
-        solve: Any = family.batch.PinnedRange(arrays)
+        arrays = kernels.batch_arrays(self.arrays, _FIRST, TendonLaw(*laws), tables, starts, results)
+        solve: Any = PinnedRange(kernels, arrays)
         self._solve = solve.__call__  # looked up once: 70 ns of every solve
         self._at_once = runs_at_once(n_joints)
         self._numbers = [array for array in results if array.ndim == 1]
@@ -66,7 +67,7 @@ class Slot:
         self.loads[...] = table
         self.start[...] = start
 
-    def solve(self, mechanism: AnyMechanism, table: Array) -> Any:
+    def solve(self, mechanism: AnyChain, table: Array) -> Any:
         """The equilibrium for what has been filled in; table: the loads that it shows, read-only."""
         if self._at_once:
             self._solve(0, 1)
@@ -82,7 +83,7 @@ def full_law(law: Law, n_tendons: int) -> TendonLaw:
     return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
-def spare_slot(family: Family, mechanism: AnyMechanism, rows: int) -> tuple[Slot, list[Any]]:
+def spare_slot(mechanism: AnyChain, rows: int) -> tuple[Slot, list[Any]]:
     """A slot of the mechanism that nobody uses, and the list to put it back into.
 
     A list gives and takes in one step, whichever threads come together; a slot whose solve is interrupted is not put
@@ -92,7 +93,7 @@ def spare_slot(family: Family, mechanism: AnyMechanism, rows: int) -> tuple[Slot
     try:
         slot = spares.pop()
     except IndexError:
-        return Slot(family, mechanism, rows), spares
+        return Slot(mechanism, rows), spares
     if slot.arrays is not mechanism.arrays:  # that of a mechanism of which this one is a copy with other numbers
-        slot = Slot(family, mechanism, rows)
+        slot = Slot(mechanism, rows)
     return slot, spares

@@ -8,14 +8,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rollingjoint.chain.batch import solve_one
+from rollingjoint.chain.chain import AnyChain, Chain, check_chain, read_only
 from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.family import Family
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import Load
-from rollingjoint.mechanism import AnyMechanism, Mechanism, read_only
 from rollingjoint.statics.batch import Batch, prescribed
-from rollingjoint.statics.families import family_of
 from rollingjoint.statics.history import History, Start, angles_of, checked_history
 from rollingjoint.statics.least_squares import solve_least_squares
 from rollingjoint.statics.limits import broadcast_limits, tension_limits_of
@@ -28,7 +27,7 @@ __all__ = ["History", "Start", "solve_lengths", "solve_lengths_batch", "solve_te
 
 
 def solve_tensions(
-    mechanism: Mechanism[S],
+    mechanism: Chain[S],
     tensions: ArrayLike,
     loads: Sequence[Load] = (),
     start: Start = None,
@@ -49,14 +48,14 @@ def solve_tensions(
         InvalidInput: wrong shapes or types, a load on a link that does not exist.
     Source: docs/theory.md, section 3.
     """
-    family = family_of(mechanism)
+    check_chain(mechanism)
     tau = seen_as_vector("tensions", tensions, mechanism.n_tendons, "one per tendon")
-    table = family.load_table(loads, mechanism.n_links)
-    return _solve_one(family, mechanism, (0.0, 1.0, tau, tau), table, start, history)
+    table = mechanism.load_table(loads)
+    return _solve_one(mechanism, (0.0, 1.0, tau, tau), table, start, history)
 
 
 def solve_lengths(
-    mechanism: Mechanism[S],
+    mechanism: Chain[S],
     lengths: ArrayLike,
     loads: Sequence[Load] = (),
     start: Start = None,
@@ -85,23 +84,23 @@ def solve_lengths(
         InvalidInput: wrong shapes or types, an unknown method, a load on a link that does not exist.
     Source: docs/theory.md, section 4; least squares: rolling-contact paper, eq. 29.
     """
-    family = family_of(mechanism)
+    check_chain(mechanism)
     command = seen_as_vector("lengths", lengths, mechanism.n_tendons, "one per tendon")
     low, high = broadcast_limits(tension_limits, mechanism.n_tendons)
-    table = family.load_table(loads, mechanism.n_links)
+    table = mechanism.load_table(loads)
     if method == "elastic":
-        return _solve_one(family, mechanism, (command, mechanism.stiffnesses, low, high), table, start, history)
-    if method not in family.length_methods:
+        return _solve_one(mechanism, (command, mechanism.stiffnesses, low, high), table, start, history)
+    if method not in mechanism.length_methods:
         raise InvalidInput("method", method, '"elastic", or "least_squares" for a RollingChain')
     if history is not None and mechanism.has_friction:
         raise InvalidInput("history", history, 'None with method "least_squares"', 'Use "elastic" with friction.')
     phi = angles_of(mechanism, start, history).copy()
     least, most = tension_limits_of(tension_limits, mechanism.n_tendons)
-    return solve_least_squares(family, mechanism, command.copy(), least, most, table, phi)
+    return solve_least_squares(mechanism, command.copy(), least, most, table, phi)
 
 
 def solve_tensions_batch(
-    mechanism: Mechanism[S] | Sequence[Mechanism[S]],
+    mechanism: Chain[S] | Sequence[Chain[S]],
     tensions: ArrayLike,
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
@@ -126,7 +125,7 @@ def solve_tensions_batch(
 
 
 def solve_lengths_batch(
-    mechanism: Mechanism[S] | Sequence[Mechanism[S]],
+    mechanism: Chain[S] | Sequence[Chain[S]],
     lengths: ArrayLike,
     loads: Sequence[Load] | Array = (),
     starts: Start = None,
@@ -155,14 +154,14 @@ def solve_lengths_batch(
     return batch.solve(TendonLaw(batch.inputs, stiffnesses, low, high), loads, starts, history)
 
 
-def _solve_one(family: Family, mechanism: AnyMechanism, law: Law, table: Array, start: Start, history: History) -> Any:
+def _solve_one(mechanism: AnyChain, law: Law, table: Array, start: Start, history: History) -> Any:
     """The equilibrium of one mechanism, with friction if it has any and there is a history."""
     angles = angles_of(mechanism, start, history)
     if history is None or not mechanism.has_friction:
-        slot, spares = spare_slot(family, mechanism, len(table))
+        slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)
         found = slot.solve(mechanism, read_only(table))
         spares.append(slot)
         return found
     before = checked_history(mechanism, history, None)
-    return family.solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)
+    return solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)

@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rollingjoint.chain.chain import Chain
+from rollingjoint.chain.solution import stacked
+from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_choice, as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.mechanism import Mechanism
-from rollingjoint.solution import Status, stacked
 from rollingjoint.statics.history import History
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
@@ -20,7 +21,7 @@ S = TypeVar("S")
 
 
 def trace(
-    mechanism: Mechanism[S],
+    mechanism: Chain[S],
     inputs: ArrayLike,
     loads: Sequence[Load] | Sequence[Sequence[Load]] = (),
     given: str = "lengths",

@@ -15,8 +15,8 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
+from rollingjoint.chain.random_chain import HARD_KINDS, hard_chain, hard_inputs, hard_loads, random_chain
 from rollingjoint.load import load_table
-from rollingjoint.planar.random_chain import HARD_KINDS, hard_chain, hard_inputs, hard_loads, random_chain
 
 _CHAINS = (five_link, two_segment, uniform, lambda: uniform(2), lambda: uniform(9), lambda: uniform(20))
 _HUGE = (np.nan, np.inf, -np.inf, 1e13, -1e300)

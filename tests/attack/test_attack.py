@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rollingjoint import CapstanFriction, Status, five_link, small_arm
-from rollingjoint.planar.random_chain import HARD_KINDS
+from rollingjoint.chain.random_chain import HARD_KINDS
 from tests.attack import __main__ as command
 from tests.attack import environments, found, inputs, ledger, minima, signals, solves
 from tests.pages import rows

@@ -15,17 +15,17 @@ from rollingjoint import (
     CapstanFriction,
     Status,
     five_link,
-    planar,
     set_threads,
     small_arm,
     solve_lengths,
     solve_lengths_batch,
     solve_tensions,
     solve_tensions_batch,
-    spatial,
     trace,
     uniform,
 )
+from rollingjoint.chain import batch
+from rollingjoint.statics import slot
 from rollingjoint.threads import run_in_threads
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="sends itself SIGINT")
@@ -65,10 +65,8 @@ def test_ctrl_c_ends_a_large_batch_after_the_pieces_in_work(threads, monkeypatch
     arm, tensions = small_arm(8), np.random.default_rng(0).uniform(0.1, 10.0, (50_000, 4))
     set_threads(threads)
     solve_tensions_batch(arm, tensions[:1])
-    begun, pinned = [], spatial.batch.PinnedRange
-    monkeypatch.setattr(
-        spatial.batch, "PinnedRange", lambda batch: begun.append(CtrlCWithin(pinned(batch), 3)) or begun[0]
-    )
+    begun, pinned = [], batch.PinnedRange
+    monkeypatch.setattr(batch, "PinnedRange", lambda *inputs: begun.append(CtrlCWithin(pinned(*inputs), 3)) or begun[0])
     with pytest.raises(KeyboardInterrupt):
         solve_tensions_batch(arm, tensions)
     (pieces,) = begun
@@ -79,9 +77,9 @@ def test_ctrl_c_does_not_wait_for_the_solve_of_a_long_chain(monkeypatch):
     chain, force = uniform(150), np.random.default_rng(1).normal(0.0, 1.0, 2)
     solve_tensions(uniform(20), (1.0, 1.0), [BodyWrench(-1, (1e-3, 0.0))])
     _ = chain.arrays
-    solves, pinned = [], planar.batch.PinnedRange
+    solves, pinned = [], slot.PinnedRange
     monkeypatch.setattr(
-        planar.batch, "PinnedRange", lambda batch: solves.append(CtrlCWithin(pinned(batch), 1)) or solves[0]
+        slot, "PinnedRange", lambda *inputs: solves.append(CtrlCWithin(pinned(*inputs), 1)) or solves[0]
     )
     with pytest.raises(KeyboardInterrupt):
         solve_tensions(chain, (3.0, 7.0), [BodyWrench(-1, tuple(force))])  # half a second

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import quad
 
 from rollingjoint import InvalidInput, Link, MechanismError, Profile, RollingChain, Surface, Tendon
-from rollingjoint.planar.joint_table import profile_table
+from rollingjoint.chain.joint_table import profile_table
 
 PROFILES = {
     "constant": Profile.constant(-0.07),

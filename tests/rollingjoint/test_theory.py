@@ -7,12 +7,12 @@ import pytest
 
 from rollingjoint import TorsionSpring, five_link, solve_lengths, uniform
 from rollingjoint._numba.jit import standalone
+from rollingjoint.chain.random_chain import random_chain, random_loads
 from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar import chain as chain_kernels
 from rollingjoint.kernels.planar.arrays import CX, CY, PX, PY
+from rollingjoint.kernels.shared import chain as chain_kernels
 from rollingjoint.kernels.shared.arrays import TendonLaw
 from rollingjoint.load import load_table
-from rollingjoint.planar.random_chain import random_chain, random_loads
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # J of the page
 STEP = 1e-6

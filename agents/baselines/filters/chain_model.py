@@ -13,8 +13,8 @@ from agents.baselines.filters.levers import chain_levers
 from agents.baselines.filters.model import Model, Part, process_part
 from agents.evaluation.controller import Array
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.solution import Solution
 from rollingjoint.statics.solve import solve_tensions_batch
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")

@@ -15,10 +15,10 @@ from agents.baselines.filters import kernels
 from agents.baselines.filters.kernels import Levers, Linear, Places, Play, Solved
 from agents.evaluation.controller import Array
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.batch import solve_batch
+from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.stacks import designs_of
 from rollingjoint.compiled import TendonLaw
-from rollingjoint.mechanism import designs_of
-from rollingjoint.solution import Solution
-from rollingjoint.statics.families import family_of
 
 
 class Part(NamedTuple):
@@ -51,7 +51,7 @@ class Prediction:
 
 
 class Model(ABC):
-    """A mechanism whose tip, tensions and link angles are predicted; every family has a class.
+    """A mechanism whose tip, tensions and link angles are predicted; every class of chains has one.
 
     Args:
         task: whose nominal mechanism it is.
@@ -77,10 +77,10 @@ class Model(ABC):
         self._bind()
 
     def _bind(self) -> None:
-        self._family, self._rows = family_of(self.mechanism), cache(self._new_rows)
+        self._rows = cache(self._new_rows)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_family", "_rows")}
+        return {name: value for name, value in vars(self).items() if name != "_rows"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
@@ -115,7 +115,7 @@ class Model(ABC):
         stiffnesses = self.mechanism.stiffnesses * np.exp(states[:, at.stiffnesses : at.bias])
         law = TendonLaw(play.played + states[:, at.offsets : at.stiffnesses], stiffnesses, rows.low, rows.high)
         tables = self._load_tables(states)
-        found = self._family.solve_batch(self.mechanism, rows.chain, rows.designs, law, tables, starts)
+        found = solve_batch(type(self.mechanism), self.mechanism, rows.chain, rows.designs, law, tables, starts)
         solved, linear = solved_of(found), self._new_linear(len(states))
         kernels.linearise(solved, self.levers(found, states), play, stiffnesses, at, linear)
         return Prediction(found, self._link_angles(found), solved, linear)
@@ -150,7 +150,10 @@ class Rows:
 
 def solved_of(found: Any) -> Solved:
     """Equilibria as the kernels take them."""
-    usable, tips = np.asarray(found.ok), np.array(found.tip)  # of one kind for both families: kernels are compiled once
+    usable, tips = (
+        np.asarray(found.ok),
+        np.array(found.tip),
+    )  # of one kind for all chains: kernels are compiled once
     rates, elastic = found.tendon_rates, found.tendon_stiffness
     return Solved(usable, found.free_joints, found.stiffness, rates, elastic, found.tensions, tips)
 

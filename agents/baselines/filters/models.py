@@ -1,4 +1,4 @@
-"""The models of all families that filters know."""
+"""The models of all classes of chains that filters know."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from agents.baselines.filters.arm_model import ArmModel
 from agents.baselines.filters.chain_model import ChainModel
 from agents.baselines.filters.model import Model
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.spatial.chain import HingeChain
+from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.rolling import RollingChain
 
 MODELS: dict[type, Callable[[TrackingTask, NDArray[np.int64]], Model]] = {
     RollingChain: ChainModel,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.views import numbers
@@ -13,14 +11,7 @@ from rollingjoint.kernels.planar.arrays import State
 from rollingjoint.kernels.planar.chain import contact_forces
 from rollingjoint.kernels.planar.loads import N_DEAD, fill_dead_loads
 from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
-from rollingjoint.kernels.shared.lane import resolvable
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
-
-# Columns of Block.search: energy, its magnitude and |r| where the line search began, part of the step that is tried,
-# steps taken, passes, whether a joint is held, phase
-ENERGY, MAGNITUDE, WORST, PART, STEPS, PASSES, HELD, PHASE = range(8)
-# Phases of a lane
-IDLE, RUNNING, ARRIVED, LEFT = 0.0, 1.0, 2.0, 3.0
+from rollingjoint.kernels.shared.lanes import HELD, STEPS, WORST, fill_law, fill_start
 
 
 class Block(NamedTuple):
@@ -34,7 +25,7 @@ class Block(NamedTuple):
     channels: Annotated[Floats, "m"]
     L: Annotated[Floats, "J", "J"]  # factor of the stiffness L D Lᵀ
     vectors: Annotated[Floats, 6, "J"]  # solution, step, 1 / D, start of the line search: angles, residual; 1 if free
-    search: Annotated[Floats, 8]  # columns above
+    search: Annotated[Floats, 8]  # columns in shared/lanes.py
     forces: Annotated[Floats, "J", 4]  # contact forces and tangents
     responses: Annotated[Floats, "m", "J"]  # d angle / d command
     rows: Annotated[Floats, 8]  # memory of one row of a joint table per lane
@@ -72,46 +63,16 @@ def fill_design(chain, block, lane, design):
 @part(inline=True)
 def fill_inputs(laws, standing, loads, starts, block, lane, source):
     """Copy one lane's inputs into the block; False where they need the solver for all cases."""
-    law, table, limits, angle = block.law, numbers(block.loads), numbers(block.limits), numbers(block.state.angle)
-    commands, stiffnesses, lows, highs = (
-        numbers(law.command),
-        numbers(law.stiffness),
-        numbers(law.low),
-        numbers(law.high),
-    )
-    usual = True
-    for j in range(commands.shape[0]):
-        command, k, low, high = (
-            laws.command[source, j],
-            laws.stiffness[source, j],
-            laws.low[source, j],
-            laws.high[source, j],
-        )
-        usual = usual and resolvable(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
-        commands[j, lane], stiffnesses[j, lane], lows[j, lane], highs[j, lane] = command, k, low, high
-    usual = usual and fill_dead_loads(standing, loads[source], table, lane)
-    for i in range(limits.shape[0]):
-        phi = starts[source, i]
-        usual = usual and resolvable(phi)
-        angle[i, lane] = min(max(phi, limits[i, 0, lane]), limits[i, 1, lane])
-    return usual
+    usual = fill_law(laws, block, lane, source)
+    usual = usual and fill_dead_loads(standing, loads[source], numbers(block.loads), lane)
+    return usual and fill_start(starts, block, lane, source)
 
 
 @part(inline=True)
-def begin_lane(search, lane):
-    """Let a lane run: its first evaluation counts as a step that is accepted. search: the numbers of Block.search."""
-    search[ENERGY, lane], search[MAGNITUDE, lane], search[WORST, lane] = np.inf, 0.0, 0.0
-    search[PART, lane], search[STEPS, lane], search[PASSES, lane] = 1.0, -1.0, 0.0
-    search[PHASE, lane] = RUNNING
-
-
-@part(inline=True)
-def fill_forces(block, tendon_joints):
-    """Fill contact forces and tangents."""
+def fill_force(block, tendon_joints, tension, i):
+    """Fill contact force and tangent of joint i; tension: of every tendon in its gap, (m,)."""
     forces = block.forces
-    for i in range(block.state.angle.size):
-        along, across, ex, ey = contact_forces(tendon_joints, block.state, block.state.tension, i)
-        forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = along, across, ex, ey
+    forces[i, 0], forces[i, 1], forces[i, 2], forces[i, 3] = contact_forces(tendon_joints, block.state, tension, i)
 
 
 @part(inline=True)

@@ -1,14 +1,12 @@
-"""The whole chain at one configuration: poses, tendon lengths and tensions, energy, residual, stiffness.
+"""A planar chain at one configuration: poses, tendon lengths, residual, contact forces.
 
-Symbols as in docs/theory.md: r = U' - M (residual), H = dr/dphi (stiffness), c contact point, F external force.
-What does not depend on loads serves floats and Lanes alike; side_by_side.py shares it.
+Symbols as in docs/theory.md: c contact point, F external force. All but the joints' tables serves floats and lanes.
 """
 
 from __future__ import annotations
 
 import math
 
-from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import where
 from rollingjoint.kernels.planar.arrays import (
@@ -27,31 +25,22 @@ from rollingjoint.kernels.planar.arrays import (
     C,
     Chain,
     S,
+    State,
     X,
     Y,
 )
 from rollingjoint.kernels.planar.joint import evaluate_gap, evaluate_joints
-from rollingjoint.kernels.planar.loads import add_link_pairs, evaluate_loads, fill_load_generators, load_stiffness
 from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.chain import register
 from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
-from rollingjoint.kernels.shared.newton import reclassified
-from rollingjoint.kernels.shared.tendons import evaluate_tendons
+from rollingjoint.kernels.shared.tendons import fill_residual
 
 
-@formula(formulas.evaluate, Chain)
-def evaluate(chain, law, loads, state):
-    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
-
-    Follower forces have no potential and are left out of the energy.
-    """
-    chain, law, loads, state = borrow(chain), borrow(law), borrow(loads), borrow(state)
+@formula(formulas.evaluate_geometry, Chain)
+def evaluate_geometry(chain, state):
+    """Fill joints, gaps, tendon lengths, poses and contacts."""
     evaluate_joints(chain, state)
     evaluate_poses(chain.holes, chain.channels, chain.tendon_joints, state)
-    energy, magnitude = evaluate_tendons(law, state)
-    load_energy, load_magnitude = evaluate_loads(chain.standing, loads, state)
-    scale = evaluate_residual(chain.tendon_joints, state)
-    return energy + load_energy, magnitude + load_magnitude, scale
 
 
 @part(inline=True)
@@ -81,73 +70,35 @@ def evaluate_poses(holes, channels, tendon_joints, state):
 
 @part(inline=True)
 def evaluate_residual(tendon_joints, state):
-    """Fill r = sum of tension g' minus the moment of the loads about the contact.
-
-    Returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm.
-    """
-    sums, contact, gap, tension, out = state.sums, state.contact, state.gap, state.tension, state.residual
+    """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
+    sums, contact = state.sums, state.contact
     scale = 0.0 * state.angle[0]
-    for i in range(out.size):
-        cx, cy = contact[i, 0], contact[i, 1]
-        moment = sums[i, TURN] - (cx * sums[i, FY] - cy * sums[i, FX])
-        size, residual = abs(moment), -moment
-        for j in range(tension.size):
-            if i < tendon_joints[j]:
-                torque = tension[j] * gap[i, j, 1]
-                residual = residual + torque
-                size = size + where(abs(torque) > tension[j], abs(torque), tension[j])
-        out[i] = residual
+    for i in range(state.residual.size):
+        moment = sums[i, TURN] - (contact[i, 0] * sums[i, FY] - contact[i, 1] * sums[i, FX])
+        size = fill_residual(tendon_joints, state, i, 0.0, moment)
         scale = where(size > scale, size, scale)
     return scale
 
 
-@formula(formulas.stiffness, Chain)
-def stiffness(chain, loads, state, H):
-    """Fill H = dr/dphi, (J, J); symmetric unless follower forces act."""
-    standing, loads, tendon_joints = borrow(chain.standing), borrow(loads), borrow(chain.tendon_joints)
-    state, H = borrow(state), borrow(H)
-    n_joints, sums, contact = state.angle.size, state.sums, state.contact
-    gap, elastic, tension = state.gap, state.elastic, state.tension
-    for i in range(n_joints):
-        for m in range(n_joints):
-            b, value = max(i, m), load_stiffness(sums, contact, i, m)
-            for j in range(elastic.size):
-                if b < tendon_joints[j]:
-                    value += elastic[j] * gap[i, j, 1] * gap[m, j, 1]
-            H[i, m] = value
-        H[i, i] += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
-        for j in range(elastic.size):
-            if i < tendon_joints[j]:
-                H[i, i] += tension[j] * gap[i, j, 2]
-    add_link_pairs(standing, loads, H)
+@formula(formulas.evaluate_residual, Chain)
+def residual_of(chain, state):
+    """`evaluate_residual` of a chain."""
+    return evaluate_residual(chain.tendon_joints, state)
 
 
-@formula(formulas.fill_generators, Chain)
-def fill_generators(chain, loads, state, prox, sweep):
-    """Fill diagonal, U and V of a Sweep (long_chain.py) from the state; prox is added to the diagonal."""
-    fill_load_generators(borrow(chain.standing), borrow(loads), state, prox, sweep)
-    n_tendons = chain.tendon_joints.size
-    first = sweep.U.shape[1] - n_tendons
-    for i in range(state.angle.size):
-        diagonal = sweep.diagonal[i]
-        for j in range(n_tendons):
-            rate = state.gap[i, j, 1] if i < chain.tendon_joints[j] else 0.0
-            sweep.U[i, first + j], sweep.V[i, first + j] = state.elastic[j] * rate, rate
-            if i < chain.tendon_joints[j]:
-                diagonal += state.elastic[j] * rate * rate + state.tension[j] * state.gap[i, j, 2]
-        sweep.diagonal[i] = diagonal
+@formula(formulas.torque, State)
+def torque(state, i, j):
+    """g'."""
+    return state.gap[i, j, 1]
 
 
-formula(formulas.direction, Chain)(symmetric_direction)
-formula(formulas.renew, Chain)(unchanged)
-formula(formulas.overshoots, Chain)(unlimited)
-formula(formulas.reconsider, Chain)(reclassified)
+@formula(formulas.own_stiffness, Chain)
+def moving_contact(chain, state, i):
+    """The contact of a joint moves as it turns, and with it the lever of what acts beyond it."""
+    return state.contact[i, 2] * state.sums[i, FY] - state.contact[i, 3] * state.sums[i, FX]
 
 
-@formula(formulas.first_tendon_column, Chain)
-def first_tendon_column(chain, columns):
-    """The tendons have the last columns of fill_generators."""
-    return columns - chain.tendon_joints.size
+register(Chain)
 
 
 @part(inline=True)

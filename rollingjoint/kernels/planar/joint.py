@@ -9,6 +9,7 @@ from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane, fused, where
 from rollingjoint._numba.views import of_width, table_rows
 from rollingjoint.kernels.planar.arrays import BUCKETS, COS, CX, CY, GX, GY, N_COEFFICIENTS, PX, PY, SIN
+from rollingjoint.kernels.shared.vectors import about, choose, dot, minus, plus, plus_dot, times
 
 CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)
 
@@ -70,29 +71,35 @@ def normal(joint, i):
 
 
 @part(inline=True)
-def gap_direction(holes, i, j, joint):
-    """(unit vector of tendon j's segment across joint i in the proximal link's frame, its length)."""
-    x, y = holes[i, j, 2], holes[i, j, 3]
-    vx = joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y - holes[i, j, 0]
-    vy = joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y - holes[i, j, 1]
-    length = math.sqrt(vx * vx + vy * vy)
+def straight_gap(below, above):
+    """(length, unit direction, 1 / length, whether it is closed) of a straight segment between two points."""
+    segment = minus(above, below)
+    length = math.sqrt(dot(segment, segment))
     closed = length <= CLOSED_GAP
     per_length = 1.0 / where(closed, 1.0, length)
-    vx, vy = vx * per_length, vy * per_length
-    if any_lane(closed):
-        nx, ny = normal(joint, i)
-        vx, vy = where(closed, nx, vx), where(closed, ny, vy)
-    return vx, vy, length, where(closed, 0.0, per_length)
+    return length, times(segment, per_length), where(closed, 0.0, per_length), closed
+
+
+@part(inline=True)
+def gap_rates(axis, below, length, direction, per_length, contact, pole):
+    """(g', g'') of a segment whose upper end turns about `axis` through `contact`, which moves by `pole` per angle."""
+    motion = about(axis, minus(plus(below, times(direction, length)), contact))
+    rate = dot(direction, motion)
+    turn = (dot(motion, motion) - rate * rate) * per_length
+    return rate, plus_dot(turn, direction, about(axis, minus(motion, pole)))
 
 
 @part(inline=True)
 def evaluate_gap(holes, i, j, joint, gap):
     """Fill gap[i, j]: length of the straight tendon segment, its first two derivatives in the angle, its direction."""
-    vx, vy, length, per_length = gap_direction(holes, i, j, joint)
-    jrx = -(holes[i, j, 1] + length * vy - joint[i, CY])
-    jry = holes[i, j, 0] + length * vx - joint[i, CX]
-    along = vx * jrx + vy * jry
-    turn = (jrx * jrx + jry * jry - along * along) * per_length
-    gap[i, j, 0], gap[i, j, 1] = length, along
-    gap[i, j, 2] = turn - vx * (jry - joint[i, PY]) + vy * (jrx - joint[i, PX])
-    gap[i, j, 3], gap[i, j, 4] = vx, vy
+    x, y = holes[i, j, 2], holes[i, j, 3]
+    above = (
+        joint[i, GX] + joint[i, COS] * x - joint[i, SIN] * y,
+        joint[i, GY] + joint[i, SIN] * x + joint[i, COS] * y,
+    )
+    below, contact, pole = (holes[i, j, 0], holes[i, j, 1]), (joint[i, CX], joint[i, CY]), (joint[i, PX], joint[i, PY])
+    length, direction, per_length, closed = straight_gap(below, above)
+    if any_lane(closed):
+        direction = choose(closed, normal(joint, i), direction)
+    gap[i, j, 0], (gap[i, j, 3], gap[i, j, 4]) = length, direction
+    gap[i, j, 1], gap[i, j, 2] = gap_rates(1.0, below, length, direction, per_length, contact, pole)

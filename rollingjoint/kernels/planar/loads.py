@@ -23,11 +23,14 @@ from rollingjoint.kernels.planar.arrays import (
     X_DOT_B,
     X_DOT_F,
     C,
+    Chain,
     K,
     S,
     X,
     Y,
 )
+from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.lane import resolvable
 
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay", "torsion", "rest", "other")
@@ -149,14 +152,14 @@ def _add_loads(table, state, energy, magnitude):
     return energy, magnitude
 
 
-@part(inline=True)
-def evaluate_loads(standing, loads, state):
+@formula(formulas.evaluate_loads, Chain)
+def evaluate_loads(chain, loads, state):
     """Fill the sums of loads beyond each joint; returns (energy, magnitude of its terms)."""
     sums = state.sums
     for i in range(sums.shape[0]):
         for column in range(sums.shape[1]):
             sums[i, column] = 0.0
-    energy, magnitude = _add_loads(standing, state, 0.0, 0.0)
+    energy, magnitude = _add_loads(chain.standing, state, 0.0, 0.0)
     energy, magnitude = _add_loads(loads, state, energy, magnitude)
     for i in range(sums.shape[0] - 2, -1, -1):
         for column in range(sums.shape[1]):
@@ -164,8 +167,17 @@ def evaluate_loads(standing, loads, state):
     return energy, magnitude
 
 
+@formula(formulas.fill_load_stiffness, Chain)
+def fill_load_stiffness(chain, state, i, H):
+    """Fill H_im and H_mi, m <= i, with what loads on one link beyond joint i add."""
+    for m in range(i):
+        H[i, m] = _load_stiffness(state.sums, state.contact, i, m)
+        H[m, i] = _load_stiffness(state.sums, state.contact, m, i)
+    H[i, i] = _load_stiffness(state.sums, state.contact, i, i)
+
+
 @part(inline=True)
-def load_stiffness(sums, contact, i, m):
+def _load_stiffness(sums, contact, i, m):
     """H_im of the loads that act on one link, the moving contact of each joint itself left out."""
     b = max(i, m)
     ci_x, ci_y, cm_x, cm_y = contact[i, 0], contact[i, 1], contact[m, 0], contact[m, 1]
@@ -176,9 +188,10 @@ def load_stiffness(sums, contact, i, m):
     return value
 
 
-@part
-def add_link_pairs(standing, loads, H):
-    """Add to H the loads that act between two links: torsion springs."""
+@formula(formulas.add_between_links, Chain)
+def add_torsion_springs(chain, loads, H):
+    """Add torsion springs to H."""
+    standing = chain.standing
     for place in range(standing.shape[0] + loads.shape[0]):
         row = _row(standing, loads, place)
         if row[TORSION] != 0.0:
@@ -188,22 +201,21 @@ def add_link_pairs(standing, loads, H):
                     H[i, m] += row[TORSION]
 
 
-@part
-def fill_load_generators(standing, loads, state, prox, sweep):
-    """Fill diagonal, U and V of a Sweep with what the loads add, and prox; tendons take the last columns."""
-    sums, contact = state.sums, state.contact
+@formula(formulas.fill_load_generators, Chain)
+def fill_load_generators(chain, loads, state, sweep):
+    """Fill diagonal, U and V of a Sweep with what loads add."""
+    standing, sums, contact = chain.standing, state.sums, state.contact
     springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
         cx, cy = contact[i, 0], contact[i, 1]
         lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
         lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
         sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
-        diagonal = lever + prox
+        diagonal = lever
         if springs:
             sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
             sweep.V[i, 1], sweep.V[i, 2] = cx, cy
             diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
-        diagonal += contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
         sweep.diagonal[i] = diagonal
     column = 3 if springs else 1
     for place in range(standing.shape[0] + loads.shape[0]):

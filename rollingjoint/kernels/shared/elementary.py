@@ -26,6 +26,49 @@ _Q = (
     1.945506571482613964425e2,
 )
 
+# sin and cos up to pi/4, and pi/2 in two parts, the first of 33 bits. Source: fdlibm, k_sin.c, k_cos.c, e_rem_pio2.c
+_SIN = (
+    -1.66666666666666324348e-1,
+    8.33333333332248946124e-3,
+    -1.98412698298579493134e-4,
+    2.75573137070700676789e-6,
+    -2.50507602534068634195e-8,
+    1.58969099521155010221e-10,
+)
+_COS = (
+    4.16666666666666019037e-2,
+    -1.38888888888741095749e-3,
+    2.48015872894767294178e-5,
+    -2.75573143513906633035e-7,
+    2.08757232129817482790e-9,
+    -1.13596475577881948265e-11,
+)
+_QUARTER, _QUARTER_REST = 1.57079632673412561417, 6.07710050650619224932e-11
+_INTEGERS = 1.5 * 2.0**52  # added and taken away again, it rounds to an integer
+
+
+@part(inline=True)
+def sine_and_cosine(x):
+    """(sin x, cos x) to 1.2e-16 for |x| up to 1e5."""
+    quarters = (x * (2.0 / math.pi) + _INTEGERS) - _INTEGERS
+    y = (x - quarters * _QUARTER) - quarters * _QUARTER_REST
+    z = y * y
+    sine = y + y * z * (_SIN[0] + z * (_SIN[1] + z * (_SIN[2] + z * (_SIN[3] + z * (_SIN[4] + z * _SIN[5])))))
+    half = 0.5 * z
+    high = 1.0 - half
+    tail = z * z * (_COS[0] + z * (_COS[1] + z * (_COS[2] + z * (_COS[3] + z * (_COS[4] + z * _COS[5])))))
+    cosine = high + (((1.0 - high) - half) + tail)
+    is_odd = _is_odd(quarters)
+    is_turned = _is_odd(where(is_odd, 0.5 * (quarters - 1.0), 0.5 * quarters))
+    sine, cosine = where(is_odd, cosine, sine), where(is_odd, -sine, cosine)
+    return where(is_turned, -sine, sine), where(is_turned, -cosine, cosine)
+
+
+@part(inline=True)
+def _is_odd(integer):
+    half = 0.5 * integer
+    return abs(half - ((half + _INTEGERS) - _INTEGERS)) > 0.25
+
 
 @part(inline=True)
 def decay(x):

@@ -19,9 +19,91 @@ def design(chain: Any, which: Any) -> Any:
     raise TypeError("design is compiled into kernels")
 
 
+def new_state(chain: Any, n_joints: Any, n_tendons: Any) -> Any:
+    """Empty arrays for everything that is evaluated at one configuration."""
+    raise TypeError("new_state is compiled into kernels")
+
+
+def middle(chain: Any, i: Any) -> Any:
+    """A pose of joint i that is always possible."""
+    raise TypeError("middle is compiled into kernels")
+
+
+def load_columns(chain: Any) -> Any:
+    """How many columns a load table has."""
+    raise TypeError("load_columns is compiled into kernels")
+
+
+def stiffness_columns(chain: Any) -> Any:
+    """The columns of a load table that must not be negative."""
+    raise TypeError("stiffness_columns is compiled into kernels")
+
+
+def solve(chain: Any, law: Any, loads: Any, start: Any, state: Any) -> Any:
+    """Equilibrium from joint angles; fills the state; returns (status, iterations, largest free |r|, escapes)."""
+    raise TypeError("solve is compiled into kernels")
+
+
+def solve_step(
+    chain: Any, friction: Any, before: Any, law: Any, loads: Any, start: Any, state: Any, memory: Any
+) -> Any:
+    """The step with friction; fills the state and the memory (rubbed_chain.py); returns what `solve` returns."""
+    raise TypeError("solve_step is compiled into kernels")
+
+
+def store(chain: Any, state: Any, outcome: Any, results: Any, lane: Any) -> None:
+    """Copy a solved state and what `solve` returned into the results."""
+    raise TypeError("store is compiled into kernels")
+
+
+def store_friction(chain: Any, state: Any, memory: Any, results: Any, lane: Any) -> None:
+    """Copy what friction has changed into the results."""
+    raise TypeError("store_friction is compiled into kernels")
+
+
 def evaluate(chain: Any, law: Any, loads: Any, state: Any) -> Any:
     """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale)."""
     raise TypeError("evaluate is compiled into kernels")
+
+
+def evaluate_geometry(chain: Any, state: Any) -> None:
+    """Fill poses, gaps and tendon lengths at the angles."""
+    raise TypeError("evaluate_geometry is compiled into kernels")
+
+
+def evaluate_loads(chain: Any, loads: Any, state: Any) -> Any:
+    """Fill the sums of loads beyond each joint; returns the energy of loads and joints, and its terms' magnitude."""
+    raise TypeError("evaluate_loads is compiled into kernels")
+
+
+def evaluate_residual(chain: Any, state: Any) -> Any:
+    """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
+    raise TypeError("evaluate_residual is compiled into kernels")
+
+
+def torque(state: Any, i: Any, j: Any) -> Any:
+    """Moment of a tendon about joint i per tension [mm]."""
+    raise TypeError("torque is compiled into kernels")
+
+
+def own_stiffness(chain: Any, state: Any, i: Any) -> Any:
+    """What joint i alone adds to the diagonal of H: its spring, its moving contact."""
+    raise TypeError("own_stiffness is compiled into kernels")
+
+
+def fill_load_stiffness(chain: Any, state: Any, i: Any, H: Any) -> None:
+    """Fill H_im and H_mi, m <= i, with what loads on one link beyond joint i add."""
+    raise TypeError("fill_load_stiffness is compiled into kernels")
+
+
+def add_between_links(chain: Any, loads: Any, H: Any) -> None:
+    """Add to H what loads between two links add."""
+    raise TypeError("add_between_links is compiled into kernels")
+
+
+def fill_load_generators(chain: Any, loads: Any, state: Any, sweep: Any) -> None:
+    """Fill diagonal, U and V of a Sweep with what loads add, in its first columns."""
+    raise TypeError("fill_load_generators is compiled into kernels")
 
 
 def stiffness(chain: Any, loads: Any, state: Any, H: Any) -> None:
@@ -42,11 +124,6 @@ def fill_turns(chain: Any, state: Any, turn: Any) -> None:
 def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
     """Fill what presses the links of every joint together: per tension of its gaps, and the share of the loads."""
     raise TypeError("fill_normals is compiled into kernels")
-
-
-def first_tendon_column(chain: Any, columns: Any) -> Any:
-    """Where the columns of the tendons begin among those that fill_generators fills."""
-    raise TypeError("first_tendon_column is compiled into kernels")
 
 
 def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rollingjoint._numba.jit import part
 from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.formulas import evaluate, stiffness
+from rollingjoint.kernels.shared.formulas import evaluate, load_columns, stiffness
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 
@@ -47,10 +47,10 @@ def valid(law, loads, start, stiffnesses):
 
 
 @part
-def evaluate_unloaded(chain, columns, state):
-    """Fill the state at its angles without tensions and without loads, whose table has so many columns."""
+def evaluate_unloaded(chain, state):
+    """Fill the state at its angles without tensions and without loads."""
     zero = np.zeros(state.length.size)
-    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, columns)), state)
+    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, load_columns(chain))), state)
 
 
 @part

@@ -226,7 +226,7 @@ def fill_generators(chain, loads, state, prox, sweep):
     formulas.fill_generators(chain.chain, loads, state, prox, base)
     for j in range(elastic.size):
         state.elastic[j] = elastic[j]
-    first = formulas.first_tendon_column(chain.chain, columns)
+    first = columns - elastic.size
     for i in range(n_joints):
         for a in range(columns):
             lu.U[i, a], lu.V[i, a], lu.P[i, a], lu.Q[i, a] = base.U[i, a], base.V[i, a], base.V[i, a], base.U[i, a]

@@ -1,4 +1,7 @@
-"""The tendon law: tensions, their rates and their energy from the lengths; of numbers and of SIMD lanes alike."""
+"""What tendons do: tensions, their rates and their energy from the lengths, and the balance at a joint.
+
+Of numbers and of SIMD lanes alike.
+"""
 
 from __future__ import annotations
 
@@ -24,3 +27,20 @@ def evaluate_tendons(law, state):
         energy = energy + term
         magnitude = magnitude + abs(term) + abs(tension * length)
     return energy, magnitude
+
+
+@part(inline=True)
+def fill_residual(tendon_joints, state, i, spring, moment):
+    """Fill r = spring + sum of tension × g' - moment of the loads about the axis, at joint i.
+
+    Returns the sum of the terms' magnitudes, every tension with a lever of at least 1 mm.
+    """
+    gap, tension = state.gap, state.tension
+    residual, size = spring - moment, abs(spring) + abs(moment)
+    for j in range(tension.size):
+        if i < tendon_joints[j]:
+            torque = tension[j] * gap[i, j, 1]
+            residual = residual + torque
+            size = size + where(abs(torque) > tension[j], abs(torque), tension[j])
+    state.residual[i] = residual
+    return size

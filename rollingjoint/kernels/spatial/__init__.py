@@ -2,14 +2,13 @@
 
 Modules:
     arrays: the arrays of a chain, its state and its results, grouped by name.
-    batch: the solver, lane by lane.
-    chain: poses, tendons, loads, residual and stiffness at one configuration.
-    rubbed: the solver of steps with friction, lane by lane.
-    solve: one equilibrium from one start.
-    springs: springs to fixed points: forces, energy, stiffness.
+    chain: poses, tendons, residual and stiffness at one configuration.
+    lanes: chains in lanes, eight side by side or a single one.
+    loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and in lanes.
+    solve: one equilibrium from one start, one step with friction, and where their results go.
     turns: what friction needs: how far tendons turn at the holes of the beads.
-    vectors: vectors in space, as three numbers.
 """
 
 from rollingjoint.kernels.spatial import chain as chain
+from rollingjoint.kernels.spatial import solve as solve
 from rollingjoint.kernels.spatial import turns as turns

@@ -27,9 +27,11 @@ LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR = map(
     SPATIAL_LOAD_COLUMNS.index, ("link", "px", "fx", "mx", "bx", "nx", "k", "ax")
 )
 N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
+N_DEAD = MOMENT  # columns of the table of dead loads of lanes: those of a load table up to the force
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
 # follower force B, moment of follower loads about the origin
 F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21
+N_DEAD_SUMS = M
 # Columns of Hinges.turns: the segment of a tendon at angle 0, the same in the frames of the links below and above its
 # hinge; what it gains per sin and per 1 - cos in the frame below, and in the frame above; 1 where the channels below
 # and above are in line and across the axis, so that both turns are half the angle
@@ -65,8 +67,8 @@ class HingeState(NamedTuple):
     axis: Annotated[Floats, "J", 3]
     gap: Annotated[Floats, "J", "m", 3]  # g, g', g''
     torque: Annotated[Floats, "J", "m"]  # moment about the hinge per tension; g' unless the model is END_COUPLE
-    sums: Annotated[Floats, "J", N_SUMS]
-    held: Annotated[Floats, "J", N_HELD]
+    sums: Annotated[Floats, "J", "sums"]  # N_SUMS; N_DEAD_SUMS where only dead forces act
+    held: Annotated[Floats, "J", "held"]  # N_HELD; 0 where no springs act
     length: Annotated[Floats, "m"]
     tension: Annotated[Floats, "m"]
     elastic: Annotated[Floats, "m"]  # d tension / d length
@@ -97,6 +99,13 @@ class BatchArrays(NamedTuple):
     loads: Annotated[Floats, "B", "rows", N_COLUMNS]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
     results: HingeResults
+
+
+class PinnedHinges(NamedTuple):
+    """A batch as kernels take it that are called again and again."""
+
+    batch: BatchArrays
+    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
 
 
 def new_hinge_results(n_lanes: int, n_joints: int, n_tendons: int) -> HingeResults:

@@ -12,18 +12,31 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
+from rollingjoint.kernels.shared import formulas
 from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.shared.bounds import begin, mark_free, move
 from rollingjoint.kernels.shared.descent import most_descent_steps
-from rollingjoint.kernels.shared.formulas import evaluate, stiffness
+from rollingjoint.kernels.shared.formulas import evaluate, formula, stiffness
 from rollingjoint.kernels.shared.long_chain import new_sweep
 from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.shared.relaxation import relax
 from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
-from rollingjoint.kernels.spatial.arrays import ANCHOR, END_COUPLE, FORCE, LINK, MOMENT, N_COLUMNS, SPRING
-from rollingjoint.kernels.spatial.springs import has_springs
+from rollingjoint.kernels.spatial.arrays import (
+    ANCHOR,
+    END_COUPLE,
+    FORCE,
+    LINK,
+    MOMENT,
+    N_COLUMNS,
+    PX,
+    SPRING,
+    Hinges,
+    new_hinge_state,
+)
+from rollingjoint.kernels.spatial.loads import has_springs
 
+STIFFNESSES = (SPRING,)  # columns of a load table
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
 _STEPS_PER_ESCAPE = 10  # dense steps that take as long as the eigenvectors of an escape
@@ -83,7 +96,7 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
 
 
 @part
-def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, share_of_loads):
+def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_of_loads):
     """Equilibrium by letting loads and tendons grow from nothing at the rest pose, each stage from the one before.
 
     Without a potential an unstable equilibrium is followed too. The last two arguments are scratch space.
@@ -91,10 +104,12 @@ def _grow(chain, law, loads, conservative, rest, state, H, sweep, share_of_law, 
     n, m = state.angle.size, state.length.size
     spent, most = 0, most_staged_iterations(n)
     last, slack = np.empty(n), np.empty(m)
+    for i in range(n):
+        last[i] = middle(chain, i)
     part_loads = borrow(share_of_loads)
     scratch = borrow(share_of_law)
     part_law = TendonLaw(scratch[0], law.stiffness, scratch[1], scratch[2])
-    begin(chain, rest, state.angle)
+    begin(chain, last, state.angle)
     evaluate(chain, law, loads, state)
     for j in range(m):
         slack[j] = state.length[j]
@@ -137,8 +152,32 @@ def _generator_columns(law, loads):
     return law.low.size + (6 if has_springs(loads) else 3)
 
 
-@part
-def solve_hinges(chain, law, loads, start, rest, state):
+@formula(formulas.new_state, Hinges)
+def state_of(chain, n_joints, n_tendons):
+    """An empty HingeState."""
+    return new_hinge_state(n_joints, n_tendons)
+
+
+@formula(formulas.middle, Hinges)
+def middle(chain, i):
+    """The rest angle of a hinge."""
+    return chain.joints[i, 2]
+
+
+@formula(formulas.load_columns, Hinges)
+def load_columns(chain):
+    """Those of a load table."""
+    return N_COLUMNS
+
+
+@formula(formulas.stiffness_columns, Hinges)
+def stiffness_columns(chain):
+    """That of springs."""
+    return STIFFNESSES
+
+
+@formula(formulas.solve, Hinges)
+def solve(chain, law, loads, start, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = _has_potential(chain, loads)
     n = long_joints(start.size, conservative)
@@ -153,7 +192,7 @@ def solve_hinges(chain, law, loads, start, rest, state):
         count += more
     if status >= UNSTABLE:
         scratch = np.empty((3, law.low.size)), np.empty(loads.shape)
-        status, more, worst, escapes = _grow(chain, law, loads, conservative, rest, state, H, sweep, *scratch)
+        status, more, worst, escapes = _grow(chain, law, loads, conservative, state, H, sweep, *scratch)
         count += more
     if status >= UNSTABLE and conservative and most_descent_steps(start.size) > 0:
         how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, True
@@ -163,9 +202,9 @@ def solve_hinges(chain, law, loads, start, rest, state):
     return status, count, worst, escapes
 
 
-@part
-def step_hinges(chain, friction, before, law, loads, start, state, memory):
-    """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what solve_hinges does."""
+@formula(formulas.solve_step, Hinges)
+def solve_step(chain, friction, before, law, loads, start, state, memory):
+    """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what `solve` returns."""
     conservative, n = _has_potential(chain, loads), start.size
     columns = _generator_columns(law, loads)
     angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)
@@ -185,3 +224,33 @@ def step_hinges(chain, friction, before, law, loads, start, state, memory):
             angles[i] = state.angle[i]
         escapes += 1
     return status, count, worst, escapes
+
+
+@formula(formulas.store, Hinges)
+def store(chain, state, outcome, results, lane):
+    """Copy a solved state and its outcome into the results."""
+    for i in range(state.angle.size):
+        results.joint_angles[lane, i] = state.angle[i]
+        for j in range(state.length.size):
+            results.rates[lane, i, j] = state.gap[i, j, 1]
+            results.torques[lane, i, j] = state.torque[i, j]
+    for k in range(state.angle.size + 1):
+        for a in range(3):
+            for b in range(3):
+                results.poses[lane, k, a, b] = state.pose[k, 3 * a + b]
+            results.poses[lane, k, a, 3] = state.pose[k, PX + a]
+            results.poses[lane, k, 3, a] = 0.0
+        results.poses[lane, k, 3, 3] = 1.0
+    for j in range(state.length.size):
+        results.tensions[lane, j], results.lengths[lane, j] = state.tension[j], state.length[j]
+        results.elastic[lane, j] = state.elastic[j]
+    results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
+
+
+@formula(formulas.store_friction, Hinges)
+def store_friction(chain, state, memory, results, lane):
+    """Torques at the motors, of which friction lets a part pass."""
+    for i in range(state.angle.size):
+        for j in range(state.tension.size):
+            if i < chain.tendon_joints[j]:
+                results.torques[lane, i, j] = memory.now.lever[i, j] * memory.now.passed[i, j]

@@ -9,45 +9,60 @@ import math
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
+from rollingjoint._numba.simd import where
 from rollingjoint.kernels.shared import formulas
+from rollingjoint.kernels.shared.elementary import angle_and_inverse, sine_and_cosine
 from rollingjoint.kernels.shared.formulas import formula
 from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, TURN
+from rollingjoint.kernels.shared.vectors import plus, times
 from rollingjoint.kernels.spatial.arrays import HALVES, IN_ABOVE, IN_BELOW, Hinges
+
+
+@part(inline=True)
+def evaluate_turns(table, tendon_joints, state, turn):
+    """Fill turns and their rates; table: Hinges.turns, or of lanes."""
+    angle = state.angle
+    zero = 0.0 * angle[0]
+    for j in range(tendon_joints.size):
+        entry = zero
+        for i in range(tendon_joints[j]):
+            half = 0.5 * angle[i]
+            sin, _ = sine_and_cosine(angle[i])
+            sin_half, _ = sine_and_cosine(half)
+            versine = 2.0 * (sin_half * sin_half)
+            below, below_rate = _turn_from_z(table[i, j], IN_BELOW, sin, versine)
+            above, above_rate = _turn_from_z(table[i, j], IN_ABOVE, sin, versine)
+            in_line = table[i, j, HALVES] > 0.0
+            slope = where(half > 0.0, 0.5, where(half < 0.0, zero - 0.5, zero))
+            turn[i, j, TURN] = entry + where(in_line, abs(half), below)
+            turn[i, j, BELOW_RATE] = where(in_line, slope, below_rate)
+            turn[i, j, ABOVE_RATE] = where(in_line, slope, above_rate)
+            entry = where(in_line, abs(half), above)
+
+
+@part(inline=True)
+def _turn_from_z(row, frame, sin, versine):
+    """Angle between a link's z axis and the segment, and its rate; the rate is 0 where the segment continues z."""
+    cos = 1.0 - versine
+    per_sin, per_versine = _three(row, frame), _three(row, frame + 3)
+    x, y, z = plus(plus(_three(row, 0), times(per_sin, sin)), times(per_versine, versine))
+    dx, dy, dz = plus(times(per_sin, cos), times(per_versine, sin))
+    side = math.sqrt(x * x + y * y)
+    aside = side > 0.0
+    angle, per_side = angle_and_inverse(side, where(aside, z, 1.0), where(aside, side, 1.0))
+    rate = (z * (x * dx + y * dy) * per_side - side * dz) / where(aside, side * side + z * z, 1.0)
+    return where(aside, angle, 0.0 * side), where(aside, rate, 0.0 * side)
+
+
+@part(inline=True)
+def _three(row, first):
+    return row[first], row[first + 1], row[first + 2]
 
 
 @formula(formulas.fill_turns, Hinges)
 def fill_turns(chain, state, turn):
     """Fill turns and their rates (shared.friction.Rubbing.turn)."""
-    table, angle, turn = borrow(chain.turns), borrow(state.angle), borrow(turn)
-    for j in range(chain.tendon_joints.size):
-        entry = 0.0
-        for i in range(chain.tendon_joints[j]):
-            half = 0.5 * abs(angle[i])
-            if table[i, j, HALVES] > 0.0:
-                slope = math.copysign(0.5, angle[i]) if angle[i] != 0.0 else 0.0
-                turn[i, j, TURN], entry = entry + half, half
-                turn[i, j, BELOW_RATE] = turn[i, j, ABOVE_RATE] = slope
-            else:
-                sin, versine = math.sin(angle[i]), 2.0 * math.sin(half) ** 2
-                below, turn[i, j, BELOW_RATE] = _turn_from_z(table, i, j, IN_BELOW, sin, versine)
-                turn[i, j, TURN] = entry + below
-                entry, turn[i, j, ABOVE_RATE] = _turn_from_z(table, i, j, IN_ABOVE, sin, versine)
-
-
-@part(inline=True)
-def _turn_from_z(table, i, j, frame, sin, versine):
-    """Angle between a link's z axis and the segment, and its rate; the rate is 0 where the segment continues z."""
-    cos = 1.0 - versine
-    x = table[i, j, 0] + sin * table[i, j, frame] + versine * table[i, j, frame + 3]
-    y = table[i, j, 1] + sin * table[i, j, frame + 1] + versine * table[i, j, frame + 4]
-    z = table[i, j, 2] + sin * table[i, j, frame + 2] + versine * table[i, j, frame + 5]
-    dx = cos * table[i, j, frame] + sin * table[i, j, frame + 3]
-    dy = cos * table[i, j, frame + 1] + sin * table[i, j, frame + 4]
-    dz = cos * table[i, j, frame + 2] + sin * table[i, j, frame + 5]
-    side = math.sqrt(x * x + y * y)
-    if side == 0.0:
-        return 0.0, 0.0
-    return math.atan2(side, z), (z * (x * dx + y * dy) / side - side * dz) / (side * side + z * z)
+    evaluate_turns(borrow(chain.turns), chain.tendon_joints, borrow(state), borrow(turn))
 
 
 @formula(formulas.fill_normals, Hinges)

@@ -21,9 +21,9 @@ from rj_gym.core.registry import task_of
 from rj_gym.planar.config import TrackingConfig
 from rj_gym.planar.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
+from rollingjoint.chain.presets import preset, small_arm, uniform
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import load_table
-from rollingjoint.presets import preset, small_arm, uniform
 from rollingjoint.statics.sensitivity import dposes_dtensions
 
 SEEDS = range(9000, 9040)

@@ -16,8 +16,8 @@ from agents.evaluation.recording import record_episodes
 from agents.runs.environment import EnvConfig, make_env, make_vector_env
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import DATA, TEST
+from rollingjoint.chain.presets import preset
 from rollingjoint.errors import ConfigError
-from rollingjoint.presets import preset
 
 SETTINGS = {"episode_steps": 8, "load": {"magnitude": [0.0, 1.0]}}
 ENV = EnvConfig(settings=SETTINGS)

@@ -9,9 +9,9 @@ import rj_gym  # noqa: F401  (registers its ids)
 from agents.evaluation.floor import episode_floor, floor, why_no_floor
 from agents.runs.environment import EnvConfig
 from rollingjoint import CapstanFriction
+from rollingjoint.chain.presets import preset, small_arm
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.load import WorldForce, load_table, spatial_load_table
-from rollingjoint.presets import preset, small_arm
 from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions, solve_tensions_batch
 
 HEAVY_TIP = {"load": {"link": "tip", "magnitude": [1.0, 1.5]}}

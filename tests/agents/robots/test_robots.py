@@ -23,8 +23,8 @@ from agents.runs.environment import EnvConfig
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import ROBOTS, TEST, TUNING, VALIDATION
 from rj_gym.sb3 import make_sb3_env
+from rollingjoint.chain.presets import five_link
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.presets import five_link
 
 TEXT = Path("docs/robots.md").read_text(encoding="utf-8")
 

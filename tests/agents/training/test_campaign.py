@@ -18,9 +18,9 @@ from agents.runs.config import TrainConfig, load_config
 from agents.runs.environment import EnvConfig
 from agents.training import campaign
 from agents.training.campaign import load_campaign
+from rollingjoint.chain.presets import small_arm
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import mechanism_to_dict
-from rollingjoint.presets import small_arm
 from tests.agents.executors import units
 from tests.agents.forked import CONTEXT
 

@@ -11,8 +11,8 @@ from agents.runs.algorithms import PARAMETERS, constructor_arguments
 from agents.runs.config import TrainConfig, load_config
 from agents.runs.schedules import Linear
 from agents.runs.seeds import TEST, TUNING, VALIDATION
+from rollingjoint.chain.presets import PRESETS
 from rollingjoint.errors import ConfigError
-from rollingjoint.presets import PRESETS
 
 CONFIGS = sorted(Path("configs/train").glob("*.yaml"))
 

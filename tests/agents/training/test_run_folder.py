@@ -16,9 +16,9 @@ from agents.runs.files import (
 from agents.runs.folder import RunFolder
 from agents.train import main
 from agents.training import checkpoint
+from rollingjoint.chain.presets import five_link
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import dump_mechanism
-from rollingjoint.presets import five_link
 
 
 def test_a_new_run_folder_holds_all_that_repeats_the_run(tmp_path):

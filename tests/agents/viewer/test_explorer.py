@@ -9,9 +9,9 @@ import pytest
 
 from agents.viewer.explorer import LENGTHS, TENSIONS, Explorer
 from rollingjoint import Status, WorldForce, five_link, solve_lengths, solve_tensions
+from rollingjoint.chain.presets import PRESETS
 from rollingjoint.errors import MechanismError
 from rollingjoint.io.mechanism_file import load_mechanism, mechanism_to_dict
-from rollingjoint.presets import PRESETS
 
 
 @pytest.mark.parametrize("name", PRESETS)

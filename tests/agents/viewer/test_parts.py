@@ -19,7 +19,7 @@ from agents.viewer.solids import frames, in_space, solids, strands, strands_of
 from agents.viewer.steering import KEYS, nudge, pulls
 from rj_gym.core.registry import task_of
 from rollingjoint import CapstanFriction, preset, solve_tensions
-from rollingjoint.planar.outline import link_outline, to_world
+from rollingjoint.chain.outline import link_outline, to_world
 
 CHAIN, ARM = EnvConfig(), EnvConfig("rj_gym/FlexibleArm-v0")
 

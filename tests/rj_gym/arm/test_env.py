@@ -11,9 +11,9 @@ import rj_gym
 from rj_gym import FlexibleArmConfig, FlexibleArmEnv, FlexibleArmGoalEnv, FlexibleArmVectorEnv
 from rj_gym.rendering.canvas import SIZE
 from rollingjoint import Status
+from rollingjoint.chain import se3
+from rollingjoint.chain.presets import five_link, flexible_arm, small_arm
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.presets import five_link, flexible_arm, small_arm
-from rollingjoint.spatial import se3
 from tests.rj_gym.rollouts import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 

@@ -4,8 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 
+from rj_gym.arm import episodes
 from rj_gym.core.tracking_episodes import TrackingEpisodeBuffer
-from rollingjoint.spatial import batch
 
 LANES = 6
 TAUT = {"start_tension": 15.0, "tension_range": (0.5, 60.0)}  # far from the limits
@@ -36,13 +36,13 @@ def test_a_lane_at_the_edge_of_buckling_leaves_all_lanes_to_forward_differences(
     env, _ = arm(2, friction=None, **TAUT)
     expected = TrackingEpisodeBuffer._rates(env._buffer, 3)
 
-    def singular(solved, friction):
-        H, torques = stiffnesses(solved, friction)
+    def singular(*solved):
+        H, torques = stiffnesses(*solved)
         H[2] = 0.0
         return H, torques
 
-    stiffnesses = batch.stiffnesses
-    monkeypatch.setattr(batch, "stiffnesses", singular)
+    stiffnesses = episodes.stiffnesses
+    monkeypatch.setattr(episodes, "stiffnesses", singular)
     found = env.tangent()
     assert np.array_equal(np.hstack([found.tip_rates, found.tension_rates, found.length_rates]), expected)
     assert (np.abs(expected[:, 3:]).max(axis=(1, 2)) > 0).all()

@@ -15,9 +15,9 @@ from rj_gym.core.columns import REWARD
 from rj_gym.core.draws import over_time
 from rj_gym.core.registry import task_of
 from rollingjoint import Gravity, Status, WorldForce
+from rollingjoint.chain import se3
+from rollingjoint.chain.presets import flexible_arm, small_arm
 from rollingjoint.compiled import standalone
-from rollingjoint.presets import flexible_arm, small_arm
-from rollingjoint.spatial import se3
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from tests.rj_gym.planar.test_sampling import HARDWARE, assert_lane_is_alone
 from tests.rj_gym.watched_solver import watch_solver

@@ -13,9 +13,9 @@ from rj_gym import FrictionConfig, RollingJointEnv, RollingJointVectorEnv, Track
 from rj_gym.core.kernels import friction_columns
 from rj_gym.rendering.tracking import TrackingScene
 from rollingjoint import CapstanFriction, Status, solve_lengths, solve_tensions
+from rollingjoint.chain.presets import five_link
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.load import WorldForce
-from rollingjoint.presets import five_link
 from tests.rj_gym.core.test_vector import assert_same
 from tests.rj_gym.rollouts import rollout, same
 

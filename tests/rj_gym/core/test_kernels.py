@@ -107,8 +107,8 @@ def test_a_kernel_is_compiled_anew_when_a_layout_changes_and_when_a_class_that_i
 
 
 def test_kernels_of_one_name_in_files_of_one_name_do_not_share_a_place_on_disk():
-    from rj_gym.arm.kernels import observe, prepare
+    from rj_gym.arm.kernels import observe, step
     from rj_gym.planar.kernels import observe as planar_observe
 
-    names = [one._cache._impl.filename_base for one in (observe, planar_observe, prepare)]
+    names = [one._cache._impl.filename_base for one in (observe, planar_observe, step)]
     assert len(set(names)) == 3

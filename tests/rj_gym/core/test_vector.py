@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rollingjoint import InvalidInput, RollingJointError, Status
-from rollingjoint.presets import five_link
+from rollingjoint.chain.presets import five_link
 from tests.rj_gym.watched_solver import watch_solver
 
 SHORT = {"episode_steps": 4, "load": {"process": "step", "hold_steps": 2.0}, "target": {"process": "path"}}

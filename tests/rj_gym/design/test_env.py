@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rollingjoint import ConfigError, InvalidInput
-from rollingjoint.solution import Status
+from rollingjoint.chain.status import Status
 from tests.rj_gym import rollouts
 from tests.rj_gym.rollouts import same
 

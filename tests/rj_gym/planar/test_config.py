@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 
 from rj_gym import LoadConfig, TrackingConfig
+from rollingjoint.chain.presets import five_link
 from rollingjoint.errors import ConfigError
-from rollingjoint.presets import five_link
 
 
 def test_defaults_are_the_documented_task():

@@ -12,9 +12,9 @@ from gymnasium.utils.env_checker import check_env
 
 import rj_gym
 from rj_gym import IDS, RollingJointEnv, RollingJointGoalEnv
+from rollingjoint.chain.presets import five_link, flexible_arm
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.presets import five_link, flexible_arm
-from rollingjoint.solution import Status
 from tests.rj_gym.rollouts import rollout, same
 from tests.rj_gym.watched_solver import watch_solver
 

@@ -12,10 +12,10 @@ from rj_gym.core.columns import REWARD
 from rj_gym.core.info import reward_info
 from rj_gym.planar.episodes import PlanarEpisodeBuffer
 from rj_gym.planar.task import PlanarTask
+from rollingjoint.chain.status import Status
 from rollingjoint.compiled import entry_address, kernel
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import WorldForce
-from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths
 from tests.rj_gym.watched_solver import watch_solver
 

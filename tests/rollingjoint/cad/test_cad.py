@@ -16,9 +16,9 @@ from ezdxf import recover
 
 import rollingjoint as rj
 from rollingjoint.cad import Fabrication, bodies, export
-from rollingjoint.planar.outline import to_world
-from rollingjoint.planar.presets import PRESETS as ROLLING_CHAINS
-from rollingjoint.planar.random_chain import random_chain
+from rollingjoint.chain.outline import to_world
+from rollingjoint.chain.presets import presets_of
+from rollingjoint.chain.random_chain import random_chain
 
 SVG = "{http://www.w3.org/2000/svg}"
 DRILLABLE = [1, 3, 5, 8, 13, 15, 18]  # of the seeds 0 to 19: the others have coincident holes or channels too close
@@ -103,8 +103,9 @@ def flat(y, width=10.0, **place):
     return rj.Surface(rj.Profile.constant(0.0, (-0.5 * width, 0.5 * width)), (0.0, y), **place)
 
 
+ROLLING_CHAINS = presets_of(rj.RollingChain)
 MECHANISMS = {
-    **ROLLING_CHAINS,
+    **{name: rj.PRESETS[name] for name in ROLLING_CHAINS},
     **{
         f"random {seed}": lambda seed=seed: random_chain(np.random.default_rng(seed), max_links=4) for seed in range(20)
     },

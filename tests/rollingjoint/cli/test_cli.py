@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rollingjoint.chain.presets import PRESETS, five_link, small_arm
+from rollingjoint.chain.status import Status
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.load import BodyWrench, Gravity, Spring, WorldForce
-from rollingjoint.presets import PRESETS, five_link, small_arm
-from rollingjoint.solution import Status
 from rollingjoint.statics.loop import trace_loop
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 from tests.rollingjoint.command import rj

@@ -8,8 +8,8 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint import Link, Profile, RollingChain, Status, Surface, Tendon
+from rollingjoint.chain.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.statics import sensitivity
 
 torch = pytest.importorskip("torch")

@@ -5,8 +5,8 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint import Status
+from rollingjoint.chain.random_chain import random_chain, random_loads, random_tensions
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.random_chain import random_chain, random_loads, random_tensions
 
 torch = pytest.importorskip("torch")
 

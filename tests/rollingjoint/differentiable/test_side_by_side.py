@@ -5,10 +5,10 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint import InvalidInput, Status
+from rollingjoint.chain.random_chain import random_chain
+from rollingjoint.chain.stacks import stack
+from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.mechanism import stack
-from rollingjoint.planar.random_chain import random_chain
-from rollingjoint.planar.variations import ChainVariations
 
 torch = pytest.importorskip("torch")
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
+from rollingjoint.chain.chain import AnyChain
+from rollingjoint.chain.hinge import Bead, HingeChain
+from rollingjoint.chain.presets import PRESETS, preset
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.tendon import BeadTendon
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.io.mechanism_file import dump_mechanism, load_mechanism, mechanism_from_dict, mechanism_to_dict
-from rollingjoint.mechanism import AnyMechanism
-from rollingjoint.planar.chain import RollingChain
-from rollingjoint.presets import PRESETS, preset
-from rollingjoint.spatial.chain import Bead, HingeChain
-from rollingjoint.tendon import BeadTendon
 
 ROOT = Path(__file__).resolve().parents[3]
 TABLES = ["piecewise_constant", "piecewise_polynomial", "spline", "samples"]
@@ -60,7 +60,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def assert_same(a: AnyMechanism, b: AnyMechanism) -> None:
+def assert_same(a: AnyChain, b: AnyChain) -> None:
     """The same surfaces or beads, holes, tendons and name to the last bit."""
     assert (a.name, a.n_links, a.n_tendons) == (b.name, b.n_links, b.n_tendons)
     if isinstance(a, HingeChain):

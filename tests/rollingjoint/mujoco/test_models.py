@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from rollingjoint import CapstanFriction, RollingChain, flexible_arm, small_arm, solve_tensions
+from rollingjoint.chain.presets import preset
+from rollingjoint.chain.rolling import Link
+from rollingjoint.chain.tendon import Tendon
 from rollingjoint.cli import main
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import load_mechanism
 from rollingjoint.load import TorsionSpring
 from rollingjoint.mujoco import accuracy, mjcf, positions
 from rollingjoint.mujoco.coupling import Circles, coupling, relative_poses
-from rollingjoint.planar.chain import Link
-from rollingjoint.presets import preset
 from rollingjoint.profile import Profile, Surface
-from rollingjoint.tendon import Tendon
 
 
 def circles():

@@ -242,7 +242,7 @@ def warm_folder(tmp_path_factory):
 COMPILED = """
 from pathlib import Path
 from rollingjoint._numba.cache import cache_directory
-from rollingjoint.kernels.planar.batch import solve_lanes, stiffness_of
+from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
 from rollingjoint.kernels.planar.side_by_side import solve_alone, solve_pinned
 from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
+from rollingjoint.chain.se2 import dual_adjoint, dual_bracket, transform
 from rollingjoint.load import load_table
 from rollingjoint.planar.published import (
     length_jacobian,
@@ -15,7 +16,6 @@ from rollingjoint.planar.published import (
     solve_tensions_published,
 )
 from rollingjoint.planar.published_equations import Configuration, PublishedChain, body_load
-from rollingjoint.planar.se2 import dual_adjoint, dual_bracket, transform
 
 PUSH = [rj.WorldForce(-1, (0.5, 0.0))]
 

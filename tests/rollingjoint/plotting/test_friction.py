@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from PIL import Image
 
+from rollingjoint.chain.presets import five_link, small_arm, two_segment
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.plotting import (
@@ -30,7 +31,6 @@ from rollingjoint.plotting import (
 )
 from rollingjoint.plotting.friction import tension_colors, tension_ends
 from rollingjoint.plotting.loops import moved
-from rollingjoint.presets import five_link, small_arm, two_segment
 from rollingjoint.statics.loop import Loop, trace_loop
 from rollingjoint.statics.solve import solve_tensions
 

@@ -19,15 +19,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.outline import link_outline, surface_points, to_world
+from rollingjoint.chain.presets import five_link, preset, presets_of, two_segment
+from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import BodyWrench, Spring, WorldForce
-from rollingjoint.planar.equilibrium import Equilibrium
-from rollingjoint.planar.outline import link_outline, surface_points, to_world
-from rollingjoint.planar.presets import PRESETS as ROLLING_CHAINS
 from rollingjoint.plotting import PALETTE, plot_family, plot_mechanism, save_figure
 from rollingjoint.plotting.parts import arrow_scale, contact_forces_world
-from rollingjoint.presets import five_link, preset, two_segment
-from rollingjoint.solution import Status
 from rollingjoint.statics.solve import solve_lengths, solve_tensions, solve_tensions_batch
 
 
@@ -61,7 +61,7 @@ def legend_texts(ax: Axes) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-@pytest.mark.parametrize("name", ROLLING_CHAINS)
+@pytest.mark.parametrize("name", presets_of(RollingChain))
 def test_outline_is_closed_and_runs_along_both_surfaces(name: str) -> None:
     for link in preset(name).links:
         outline = link_outline(link, count=21)

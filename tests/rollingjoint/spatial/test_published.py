@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rollingjoint import InvalidInput, WorldForce, flexible_arm, small_arm, solve_lengths, solve_tensions
-from rollingjoint.spatial import se3
+from rollingjoint.chain import se3
 from rollingjoint.spatial.constant_curvature import bends_of_lengths, constant_curvature_poses, segments_of, tip_errors
 from rollingjoint.spatial.published import (
     PublishedArm,

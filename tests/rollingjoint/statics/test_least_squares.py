@@ -13,7 +13,7 @@ from rollingjoint import (
     solve_tensions_batch,
     uniform,
 )
-from rollingjoint.planar.random_chain import random_chain, random_loads
+from rollingjoint.chain.random_chain import random_chain, random_loads
 
 LOW, HIGH = 0.5, 6.0
 

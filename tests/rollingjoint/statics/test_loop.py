@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rollingjoint.chain.presets import five_link, two_segment
+from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
 from rollingjoint.load import WorldForce
-from rollingjoint.presets import five_link, two_segment
-from rollingjoint.solution import Status
 from rollingjoint.statics.loop import Loop, trace_loop
 from rollingjoint.statics.solve import solve_lengths
 

@@ -1,0 +1,22 @@
+"""Mechanisms: chains of one-angle joints. Links roll on each other in the plane; beads turn on hinges in space.
+
+Modules:
+    batch: batches solved into arrays that the caller keeps.
+    chain: the base class of all mechanisms, and what each class says of its own.
+    equilibrium: what a solve returns, of either class.
+    file: the content of mechanism files.
+    friction_step: what friction did in a step, and the history with which it begins.
+    hinge: beads on elastic hinges, and the arrays that kernels read.
+    joint_table: the geometry of a rolling joint over its angle as polynomials.
+    outline: outlines of links, for any drawing.
+    presets: mechanisms by name.
+    random_chain: random valid chains, loads and inputs.
+    rolling: links that roll on each other, and the arrays that kernels read.
+    se2: planar rigid-body motions.
+    se3: spatial rigid-body motions.
+    solution: the base class of all equilibria.
+    stacks: several mechanisms as one stack of arrays.
+    status: how a solve ended.
+    tendon: which holes tendons pass, where they end, how stiff they are.
+    variations: many chains that differ by surfaces and stiffness, as one stack of arrays.
+"""

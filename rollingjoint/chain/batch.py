@@ -1,0 +1,194 @@
+"""Batches of chains solved into arrays that the caller keeps: what solvers and environments share.
+
+Nothing is checked here; `rollingjoint.statics.solve` is the front door.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint._numba.jit import entry_address, machine_code
+from rollingjoint._numba.layout import Integers, fields
+from rollingjoint._numba.pins import Pinned
+from rollingjoint.chain.chain import AnyChain, Kernels
+from rollingjoint.chain.friction_step import FrictionStep, friction_laws
+from rollingjoint.chain.solution import strictly_within
+from rollingjoint.friction import FrictionState
+from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
+from rollingjoint.kernels.shared.friction import (
+    FrictionArrays,
+    FrictionLaw,
+    History,
+    histories_of,
+    new_friction_arrays,
+)
+from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
+from rollingjoint.threads import run_in_threads
+
+Array = NDArray[np.float64]
+
+_LEFT = Annotated[Integers, "left"]
+_FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
+
+
+class PinnedRange:
+    """Solves ranges of rows of arrays that stay where they are; Python's lock is released while there are several.
+
+    Kernels call it by call_range(entry, pins, PinnedBatch, first, last), which returns how many rows it leaves to
+    `solve_the_rest`. `entry` is 0 where those are all of them: of long chains. The arrays are kept alive.
+
+    Args:
+        kernels: of the class of chains.
+        batch: what is solved.
+        memory: of lanes, for a batch of one row: shared by ranges of which only one is solved at a time; None: memory
+            of its own.
+    Raises:
+        InvalidInput: an array of another type or shape than the batch declares.
+    """
+
+    def __init__(self, kernels: Kernels, batch: Any, memory: Array | None = None) -> None:
+        alone, self._is_long = len(batch.starts) == 1, batch.starts.shape[1] > kernels.most_joints
+        if memory is None:
+            memory = kernels.memory(batch) if alone and not self._is_long else np.zeros(0)
+        self._batch, self._pinned, self.entry = batch, Pinned(kernels.pinned_batch(batch, memory)), 0
+        self.pins = self._pinned.address_for(kernels.pinned_batch)
+        if not self._is_long:
+            kernel = kernels.solve_alone if alone else kernels.solve
+            self.entry = entry_address(kernel, int, int, int)
+            self._solve = partial(machine_code(kernel, int, int, int), self.pins)
+
+    def __call__(self, first: int, last: int) -> None:
+        """Solve rows first to last - 1."""
+        if self._is_long or self._solve(first, last):
+            self.solve_the_rest(first, last)
+
+    def solve_the_rest(self, first: int, last: int) -> None:
+        """Solve those of the rows first to last - 1 that `entry` has left."""
+        left = _left(self._batch, first, last, self._is_long)
+        _on_batch(solve_lanes, _kind(self._batch), _LEFT)(*self._batch, left)
+
+
+def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
+    """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
+    is_long = batch.starts.shape[1] > kernels.most_with_friction
+    if is_long or _on_batch(kernels.step, _kind(batch), FrictionArrays, int, int)(*batch, friction, first, last):
+        left = _left(batch, first, last, is_long)
+        _on_batch(step_lanes, _kind(batch), FrictionArrays, _LEFT)(*batch, friction, left)
+
+
+def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
+    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
+    rows, (law, history) = slice(first, last), histories_of(friction, first, last)
+    begin_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
+
+
+def stiffnesses(kernels: Kernels, batch: Any, friction: FrictionArrays | None = None) -> tuple[Array, Array]:
+    """Stiffness (B, J, J) [N·mm/rad] and d residual / d tension (B, J, m) [mm] of the solved rows.
+
+    With friction, those after the steps that left its histories: holes that stick go on sticking, the others sliding.
+    """
+    results, H = batch.results, np.empty((*batch.starts.shape, batch.starts.shape[1]))
+    torques = getattr(results, kernels.torques)
+    known = batch.chain, batch.designs
+    there = results.tensions, results.elastic, batch.loads, results.joint_angles
+    if friction is None:
+        stiffness_of(*known, *there, H)
+        return H, torques
+    torques = np.empty_like(torques)
+    rubbed_stiffness_of(*known, friction.law, *there, friction.after, H, torques)
+    return H, torques
+
+
+def free_joints(batch: Any) -> NDArray[np.bool_]:
+    """False where a joint of a solved row is at its limit, (B, J)."""
+    low, high = np.moveaxis(batch.chain.joints[batch.designs, :, :2], -1, 0)
+    return strictly_within(batch.results.joint_angles, low, high)
+
+
+def solve_batch(
+    kind: type[AnyChain],
+    mechanism: Any,
+    chain: Any,
+    designs: NDArray[np.int64],
+    laws: TendonLaw,
+    tables: Array,
+    starts: Array,
+) -> Any:
+    """The equilibria of a batch of mechanisms of one class, unchecked.
+
+    Args:
+        kind: the class. mechanism: one, or one per row.
+        chain, designs, laws, tables, starts: those of Kernels.batch_arrays.
+    """
+    arrays = _new_batch(kind, chain, designs, laws, tables, starts)
+    run_in_threads(PinnedRange(kind.kernels, arrays), len(starts), starts.shape[1], abandon=True)
+    return kind.equilibrium.of_results(mechanism, tables, arrays.results)
+
+
+def step_batch(
+    kind: type[AnyChain],
+    mechanism: Any,
+    chain: Any,
+    designs: NDArray[np.int64],
+    laws: TendonLaw,
+    tables: Array,
+    starts: Array,
+    before: FrictionState,
+    friction: FrictionLaw | None = None,
+) -> Any:
+    """The equilibria of a batch of steps with friction; the first arguments are those of `solve_batch`.
+
+    before: histories of all rows; friction: their coefficients, default those of the mechanisms.
+    """
+    arrays = _new_batch(kind, chain, designs, laws, tables, starts)
+    steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))
+    work = partial(step_range, kind.kernels, arrays, steps)
+    run_in_threads(work, len(starts), starts.shape[1], abandon=True)
+    return kind.equilibrium.of_results(mechanism, tables, arrays.results, FrictionStep.of(steps))
+
+
+def solve_one(
+    mechanism: AnyChain, law: TendonLaw, table: Array, start: Array, before: FrictionState | None = None
+) -> Any:
+    """The equilibrium of one mechanism, unchecked; `before` makes it a step with friction.
+
+    law: (m,) each; table: (rows, columns); start: (n - 1,) [rad].
+    """
+    laws = TendonLaw(*(values[None] for values in law))
+    inputs = type(mechanism), mechanism, mechanism.arrays, _FIRST, laws, table[None], start[None]
+    if before is None:
+        return solve_batch(*inputs).row(0)
+    return step_batch(*inputs, FrictionState(*(array[None] for array in before))).row(0)
+
+
+def _new_batch(
+    kind: type[AnyChain], chain: Any, designs: NDArray[np.int64], laws: TendonLaw, tables: Array, starts: Array
+) -> Any:
+    """The arrays of a batch, with room for its results."""
+    results = kind.kernels.new_results(len(starts), starts.shape[1], laws.low.shape[1])
+    return kind.kernels.batch_arrays(chain, designs, laws, tables, starts, results)
+
+
+def _kind(batch: Any) -> Any:
+    """Its class."""
+    return type(batch)
+
+
+@functools.cache
+def _on_batch(kernel: Any, kind: Any, *kinds: Any) -> Callable[..., Any]:
+    """The machine code of a kernel of the fields of a class of batches, and of arguments of these kinds after them."""
+    return machine_code(kernel, *fields(kind), *kinds)
+
+
+def _left(batch: Any, first: int, last: int, everything: bool) -> NDArray[np.int64]:
+    """The rows that are left to the solver for all cases."""
+    rows = np.arange(first, last)
+    return rows if everything else rows[batch.results.status[first:last] == PENDING]

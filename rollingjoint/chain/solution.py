@@ -1,0 +1,428 @@
+"""The base class of all equilibria: stiffness, stability and friction."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingjoint.chain.chain import read_only
+from rollingjoint.chain.friction_step import FrictionStep, check_shape, friction_laws, virgin_state
+from rollingjoint.chain.stacks import designs_of
+from rollingjoint.chain.status import STATUSES, Status, codes_of
+from rollingjoint.errors import InvalidInput, SolverError
+from rollingjoint.friction import FrictionState
+from rollingjoint.kernels.shared.batch import stiffness_of
+from rollingjoint.kernels.shared.friction import History
+from rollingjoint.kernels.shared.rubbed import rubbed_stiffness_of
+from rollingjoint.load import check_table
+from rollingjoint.tables import Column
+
+Array = NDArray[np.float64]
+_S = TypeVar("_S")
+
+
+_AT_LIMIT = 1e-12  # rad: so near to its limit a joint is at it
+_FAR = 1e15  # eigenvalue assigned to joints that are held
+
+
+def strictly_within(angles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Whether joint angles are between their limits and not at them, all of one shape [rad]."""
+    return (angles > low + _AT_LIMIT) & (angles < high - _AT_LIMIT)
+
+
+def stacked(solutions: Sequence[Any]) -> Any:
+    """Equilibria of one mechanism as one with a leading axis; tables of fewer loads are padded with rows of zeros."""
+    first = solutions[0]
+    rows = max(len(one.loads) for one in solutions)
+    tables = [np.pad(one.loads, ((0, rows - len(one.loads)), (0, 0))) for one in solutions]
+    names = [each.name for each in fields(first) if each.name not in ("mechanism", "loads", "friction")]
+    arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names if name != "status"}
+    arrays["status"] = np.array([int(one.status) for one in solutions])
+    friction = None
+    if any(one.friction is not None for one in solutions):
+        steps = [one.friction or _no_friction(one) for one in solutions]
+        state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
+        gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
+        friction = FrictionStep(gap_tensions, slip, work, state)
+    return replace(first, loads=np.array(tables), friction=friction, **arrays)
+
+
+def _no_friction(one: Solution) -> FrictionStep:
+    return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
+
+
+Outputs = tuple[Array, bytes, dict[str, tuple[tuple[int, ...], int]]]
+"""The arrays of one equilibrium: joint angles, the memory of all, and the shape and first byte of each.
+
+A plain tuple: a NamedTuple takes four times as long to make.
+"""
+
+
+class _Part:
+    """A field that is made from the outputs when somebody asks for it: a solve is done in a third less time."""
+
+    def __init__(self, field: str, part: str, columns: slice | None) -> None:
+        self.field, self.part, self.columns = field, part, columns
+
+    def __get__(self, solution: Any, owner: type) -> Any:
+        if solution is None:
+            return self
+        known = solution.__dict__
+        _, memory, places = known["_outputs"]
+        shape, first = places[self.part]
+        known[self.field] = self.of(np.ndarray(shape, float, memory, first))
+        return known[self.field]
+
+    def of(self, array: Array) -> Array:
+        """The field in an array of its name."""
+        return array if self.columns is None else array[..., self.columns]
+
+
+def parts(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
+    """Have fields of a dataclass come from Outputs if they are not given: by the name there, or some columns of it."""
+
+    def add(cls: type[_S]) -> type[_S]:
+        made = {}
+        for name, place in places.items():
+            part, columns = (place, None) if isinstance(place, str) else place
+            made[name] = _Part(name, part, columns)
+            setattr(cls, name, made[name])
+        cls._parts = getattr(cls, "_parts", {}) | made  # type: ignore[attr-defined]
+        return cls
+
+    return add
+
+
+@parts(poses="poses", tensions="tensions", lengths="lengths", tendon_rates="rates", tendon_stiffness="elastic")
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(ABC):
+    """One equilibrium, or many with a leading axis B on every array, all read-only; each class of chains adds to it.
+
+    Attributes:
+        mechanism: what was solved, or a tuple of mechanisms, one per row.
+        loads: load table, (rows, columns), columns as of the mechanism.
+        joint_angles: (n - 1,) angle of every joint [rad].
+        poses: of every link in the base frame: (n, 3) x, y, angle [mm, rad], or (n, 4, 4) frames [mm].
+        tensions: (m,) [N]. lengths: (m,) tendon lengths [mm].
+        tendon_rates: (n - 1, m) d length / d joint angle [mm/rad].
+        tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
+        residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
+        iterations: Newton steps. status: Status, or (B,) integers.
+        friction: what friction did; None for a solve without a history, or of a mechanism without friction.
+    """
+
+    mechanism: Any
+    loads: Array
+    joint_angles: Array
+    poses: Array
+    tensions: Array
+    lengths: Array
+    tendon_rates: Array
+    tendon_stiffness: Array
+    residual: float | Array
+    iterations: int | NDArray[np.int64]
+    status: Status | NDArray[np.int64]
+    friction: FrictionStep | None = field(default=None, kw_only=True)
+
+    _parts: ClassVar[dict[str, _Part]]  # by the names of their fields
+    _NUMBERS: ClassVar[tuple[str, ...]] = ()  # fields of a class that are numbers
+
+    def __post_init__(self) -> None:
+        """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
+        one, rows = self._one, self._codes.shape
+        for name, shape in self._shapes(one.n_joints, one.n_tendons).items():
+            check_shape(name, getattr(self, name), (*rows, *shape))
+        if self.friction is not None:
+            self.friction.check(rows, one.n_joints, one.n_tendons)
+        if np.ndim(self.loads) != len(rows) + 2 or np.shape(self.loads)[:-2] != rows:
+            raise InvalidInput("shape of loads", np.shape(self.loads), f"{(*rows, 'rows', 'columns')}")
+        check_table(self.loads, one.load_columns, one.n_links)
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                object.__setattr__(self, name, read_only(value.copy()))
+
+    @classmethod
+    def of_results(cls, mechanism: Any, table: Array, results: Any, friction: FrictionStep | None = None) -> Self:
+        """The equilibria in the outputs of a batch; mechanism: one, or one per row."""
+        for array in (table, *results):
+            array.setflags(write=False)
+        values = {"mechanism": mechanism, "loads": table, "friction": friction}
+        for name in (each.name for each in fields(cls)):
+            if name not in values:
+                part = cls._parts.get(name)
+                values[name] = getattr(results, name) if part is None else part.of(getattr(results, part.part))
+        return cls.filled(values)
+
+    @classmethod
+    def of_outputs(
+        cls, mechanism: Any, table: Array, outputs: Outputs, residual: float, iterations: int, status: int, *more: int
+    ) -> Self:
+        """One equilibrium whose arrays are made from its outputs when they are asked for.
+
+        more: the other numbers of an equilibrium, in the order of the fields.
+        """
+        values = {
+            "mechanism": mechanism,
+            "loads": table,
+            "joint_angles": outputs[0],
+            "residual": residual,
+            "iterations": iterations,
+            "status": STATUSES[status],
+            "friction": None,
+            "_outputs": outputs,
+        }
+        if more:
+            values.update(zip(cls._NUMBERS, more, strict=True))
+        return cls.filled(values)
+
+    @classmethod
+    def filled(cls, values: dict[str, Any]) -> Self:
+        """The equilibrium of these fields, which kernels have filled: it keeps them, unchecked and uncopied."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "__dict__", values)  # as it is: copying it takes a microsecond
+        return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything as arrays of its own."""
+        state = vars(self) | {one.name: getattr(self, one.name) for one in fields(self)}
+        state.pop("_outputs", None)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled arrays are writable."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+        vars(self).update(state)
+
+    @property
+    def ok(self) -> bool | NDArray[np.bool_]:
+        """True for a stable equilibrium (Status CONVERGED or AT_LIMIT)."""
+        usable = Status.usable(self.status)
+        return bool(usable) if usable.ndim == 0 else usable
+
+    @property
+    def _codes(self) -> NDArray[np.int64]:
+        """(B,) or () status as integers."""
+        return codes_of(self.status)
+
+    def row(self, index: int) -> Self:
+        """One equilibrium of many."""
+        names = [each.name for each in fields(self) if each.name not in ("mechanism", "loads", "status", "friction")]
+        values = {name: getattr(self, name)[index] for name in names}
+        plain = {name: value.item() if np.ndim(value) == 0 else value for name, value in values.items()}
+        mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
+        friction = None if self.friction is None else self.friction.row(index)
+        status = Status(int(self._codes[index]))
+        rest = {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
+        return self.filled(plain | rest)
+
+    @property
+    @abstractmethod
+    def positions(self) -> Array:
+        """Origins of the links, (n, 2 or 3) [mm]."""
+
+    @property
+    def tip(self) -> Array:
+        """Origin of the last link, (2,) or (3,) [mm]."""
+        return self.positions[..., -1, :]
+
+    @property
+    def pose_jacobian(self) -> Array:
+        """(n, 3 or 6, n - 1) d link poses / d joint angles [mm/rad, 1].
+
+        Poses are (x, y, angle) in the plane; in space (x, y, z, rotation vector), base frame.
+        """
+        n = self.positions.shape[-2]
+        arms = self.positions[..., :, None, :] - self._pivots[..., None, :, :]
+        return self._twists(arms) * np.tri(n, n - 1, -1)[:, None]  # joint i moves link k > i
+
+    @property
+    def torques_per_tension(self) -> Array:
+        """(n - 1, m) d residual / d tension at the motor [mm]: without friction the rates of the lengths."""
+        return self.tendon_rates if self.friction is None else self._with_friction[1]
+
+    @property
+    def gap_tensions(self) -> Array:
+        """(n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]; `tensions` are those at the motor."""
+        if self.friction is not None:
+            return self.friction.gap_tensions
+        return np.where(self._crossed, self.tensions[..., None, :], 0.0)
+
+    @cached_property
+    def friction_state(self) -> FrictionState:
+        """What friction remembers. After a solve without history: as if nothing had ever slipped."""
+        if self.friction is not None:
+            return self.friction.state
+        return virgin_state(self.mechanism, self._designs, self.tensions, self.joint_angles)
+
+    @property
+    def friction_states(self) -> Array:
+        """(n - 1, m) friction state of every tendon in links 0 to n - 2: 1 slips to the motor, -1 to the tip."""
+        return np.zeros_like(self.tendon_rates) if self.friction is None else self.friction.state.states
+
+    @property
+    def sticking(self) -> NDArray[np.bool_]:
+        """(n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
+        return self._crossed & (np.abs(self.friction_states) < 1.0)
+
+    @property
+    def slip(self) -> Array:
+        """(n - 1, m) slip of every tendon in links 0 to n - 2 since the history, towards the tip positive [mm]."""
+        return np.zeros_like(self.tendon_rates) if self.friction is None else self.friction.slip
+
+    @property
+    def dissipated_work(self) -> float | Array:
+        """What friction has taken up in the step from the history to here [N·mm]; the sum over a path is its loss.
+
+        Slightly negative where holes give back what they stored before they slipped.
+        """
+        if self.friction is not None:
+            return self.friction.work
+        return 0.0 if self._codes.ndim == 0 else np.zeros(self._codes.size)
+
+    @property
+    def remark(self) -> str:
+        """What a report adds to the status, with a leading comma, or an empty text."""
+        return ""
+
+    @abstractmethod
+    def link_columns(self) -> list[Column]:
+        """Where the links of one equilibrium are, for reports."""
+
+    @abstractmethod
+    def joint_columns(self, friction: float) -> list[Column]:
+        """Joints of one equilibrium, for reports; friction: coefficient for slip margins."""
+
+    @abstractmethod
+    def figures(self, friction: float) -> dict[str, Any]:
+        """What else reports in JSON say of one equilibrium."""
+
+    def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
+        """(3 or 6, n - 1) d pose of a frame at a body point [mm], default the link's origin, / d joint angles."""
+        at = self.positions[..., link, :] if point is None else self._placed(link, np.asarray(point, float))
+        jacobian = self._twists(at[..., None, :] - self._pivots)
+        jacobian[..., link:] = 0.0
+        return jacobian
+
+    @cached_property
+    def free_joints(self) -> NDArray[np.bool_]:
+        """(n - 1,) False where a joint is at its limit."""
+        chain, designs = self._designs
+        low, high = np.moveaxis(chain.joints[designs, :, :2], -1, 0).reshape(2, *self.joint_angles.shape)
+        return strictly_within(self.joint_angles, low, high)
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
+        known = self._codes != int(Status.INVALID_INPUT)
+        loads = np.where(known[..., None, None], self.loads, 0.0)
+        angles = self._rows(self.joint_angles)
+        if self.friction is not None:
+            return self._with_friction[0]
+        H = np.empty((*angles.shape, angles.shape[1]))
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        stiffness_of(*self._designs, *tendons, self._rows(loads, axes=2), angles, H)
+        return H.reshape(*self.joint_angles.shape, angles.shape[1])
+
+    @cached_property
+    def smallest_eigenvalue(self) -> float | Array:
+        """Smallest real part of the eigenvalues of the stiffness over the free joints [N·mm/rad]; inf if none is free.
+
+        Positive: stable; its size is the distance from snap-through.
+        """
+        free = self.free_joints
+        masked = np.where(free[..., :, None] & free[..., None, :], self.stiffness, 0.0)
+        values = np.linalg.eigvals(masked + np.eye(free.shape[-1]) * np.where(free, 0.0, _FAR)[..., None, :])
+        smallest = values.real.min(axis=-1)
+        smallest = np.where(free.any(axis=-1), smallest, np.inf)
+        return float(smallest) if smallest.ndim == 0 else smallest
+
+    def require(self) -> Self:
+        """This equilibrium.
+
+        Raises:
+            SolverError: when it is not a stable equilibrium.
+        """
+        if not np.all(self.ok):
+            statuses = sorted({Status(int(code)) for code in self._codes.flat} - {Status.CONVERGED, Status.AT_LIMIT})
+            raise SolverError("; ".join(f"{status.name}: {status.message}" for status in statuses))
+        return self
+
+    def __repr__(self) -> str:
+        kind = type(self).__name__
+        name = repr("several mechanisms" if isinstance(self.mechanism, tuple) else self.mechanism.name)
+        if self._codes.ndim:
+            codes, counts = np.unique(self._codes, return_counts=True)
+            found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
+            return f"<{kind} of {name}, {self._codes.size} rows: {found or 'none'}>"
+        point = ", ".join(f"{x:.3f}" for x in self.tip)
+        return f"<{kind} of {name}: {Status(int(self._codes)).name}, tip at ({point}) mm>"
+
+    @property
+    @abstractmethod
+    def _pivots(self) -> Array:
+        """Points about which the joints turn, (n - 1, 2 or 3) [mm]."""
+
+    @abstractmethod
+    def _placed(self, link: int, point: Array) -> Array:
+        """A body point of a link in the base frame, (2,) or (3,) [mm]."""
+
+    @abstractmethod
+    def _twists(self, arms: Array) -> Array:
+        """Velocity at the ends of arms from every joint, (..., n - 1, 2 or 3), and turn, (..., 3 or 6, n - 1)."""
+
+    @property
+    def _one(self) -> Any:
+        """The mechanism, or the first one."""
+        return self.mechanism[0] if isinstance(self.mechanism, tuple) else self.mechanism
+
+    @cached_property
+    def _designs(self) -> tuple[Any, NDArray[np.int64]]:
+        """The arrays of the mechanisms, and which of them each row has."""
+        return designs_of(self.mechanism, self._codes.size)
+
+    @abstractmethod
+    def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
+        """Shape of every field with numbers, of one row; classes add to it."""
+        joints, tendons, both = (n_joints,), (n_tendons,), (n_joints, n_tendons)
+        return {
+            "joint_angles": joints,
+            "tensions": tendons,
+            "lengths": tendons,
+            "tendon_rates": both,
+            "tendon_stiffness": tendons,
+            "residual": (),
+            "iterations": (),
+        }
+
+    @cached_property
+    def _crossed(self) -> NDArray[np.bool_]:
+        """(n - 1, m) whether a tendon crosses a joint."""
+        chain, _ = self._designs
+        return np.arange(self.joint_angles.shape[-1])[:, None] < chain.tendon_joints
+
+    @cached_property
+    def _with_friction(self) -> tuple[Array, Array]:
+        """(n - 1, n - 1) d residual / d joint angle, (n - 1, m) d residual / d tension, after a step with friction."""
+        assert self.friction is not None
+        known = self._codes != int(Status.INVALID_INPUT)
+        loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
+        angles, state = self._rows(self.joint_angles), self.friction.state
+        states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
+        history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))
+        A, torques = np.empty((*angles.shape, angles.shape[1])), np.empty_like(states)
+        tendons = self._rows(self.tensions), self._rows(self.tendon_stiffness)
+        law = friction_laws(self.mechanism, len(angles))
+        rubbed_stiffness_of(*self._designs, law, *tendons, loads, angles, history, A, torques)
+        return A.reshape(*self.joint_angles.shape, angles.shape[1]), torques.reshape(self.tendon_rates.shape)
+
+    def _rows(self, values: Array, axes: int = 1) -> Array:
+        """A copy with a leading axis of rows, in the form that kernels are compiled for."""
+        return np.array(values, float, order="C").reshape(self._codes.size, *values.shape[values.ndim - axes :])

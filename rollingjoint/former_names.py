@@ -1,0 +1,20 @@
+"""Modules under the names that they had until version 0.1.0: pickles name the classes in them, and go on loading."""
+
+from __future__ import annotations
+
+import sys
+
+from rollingjoint.chain import chain, equilibrium, friction_step, hinge, presets, rolling, solution, tendon, variations
+
+sys.modules |= {
+    "rollingjoint.friction_step": friction_step,
+    "rollingjoint.mechanism": chain,
+    "rollingjoint.planar.chain": rolling,
+    "rollingjoint.planar.equilibrium": equilibrium,
+    "rollingjoint.planar.variations": variations,
+    "rollingjoint.presets": presets,
+    "rollingjoint.solution": solution,
+    "rollingjoint.spatial.chain": hinge,
+    "rollingjoint.spatial.equilibrium": equilibrium,
+    "rollingjoint.tendon": tendon,
+}

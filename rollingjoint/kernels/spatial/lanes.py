@@ -1,0 +1,198 @@
+"""Hinge chains with exact tendons in lanes (shared/lanes.py): dead forces act.
+
+`solve_hinges_pinned` works on eight lanes of SIMD numbers, `solve_hinges_alone` on a single one of floats.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.layout import Floats, size
+from rollingjoint._numba.pins import unpin
+from rollingjoint._numba.simd import where
+from rollingjoint._numba.views import numbers
+from rollingjoint.kernels.shared import block_formulas
+from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
+from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint.kernels.shared.lanes import (
+    HELD,
+    STEPS,
+    WORST,
+    advance,
+    fill_law,
+    fill_start,
+    own_search,
+    solve_in,
+    solve_wide,
+    wide_memory,
+)
+from rollingjoint.kernels.shared.tendons import evaluate_tendons, fill_residual
+from rollingjoint.kernels.shared.vectors import dot, in_space
+from rollingjoint.kernels.spatial.arrays import EXACT, N_DEAD, N_DEAD_SUMS, PX, BatchArrays, HingeState, PinnedHinges
+from rollingjoint.kernels.spatial.chain import evaluate_geometry, evaluate_hinges
+from rollingjoint.kernels.spatial.loads import dead_moment, evaluate_dead_loads, fill_dead_loads, lever
+
+MOST_HINGES = 32  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
+
+
+class HingeBlock(NamedTuple):
+    """Inputs, state and scratch space of lanes; fields that are not Hinges' are those of planar.block.Block."""
+
+    state: HingeState
+    law: TendonLaw
+    loads: Annotated[Floats, "rows", N_DEAD]
+    limits: Annotated[Floats, "J", 3]  # Hinges.joints
+    axes: Annotated[Floats, "J", 3]
+    springs: Annotated[Floats, "J"]
+    spacings: Annotated[Floats, "J"]
+    gaps: Annotated[Floats, "J", "m", 3]  # G, B, C
+    channels: Annotated[Floats, "m"]
+    L: Annotated[Floats, "J", "J"]
+    vectors: Annotated[Floats, 6, "J"]
+    search: Annotated[Floats, 8]
+
+
+class HingeBlockSizes(NamedTuple):
+    """Lengths of the axes of a HingeBlock."""
+
+    J: int
+    n: int
+    m: int
+    rows: int
+    sums: int
+    held: int
+
+
+@part(inline=True)
+def block_sizes(n_joints, n_tendons, n_loads):
+    """Sizes of a HingeBlock."""
+    return HingeBlockSizes(n_joints, n_joints + 1, n_tendons, n_loads, N_DEAD_SUMS, 0)
+
+
+@formula(block_formulas.evaluate_lanes, HingeBlock)
+def evaluate_lanes(block, chain, designs):
+    """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
+    state, tendon_joints = block.state, chain.tendon_joints
+    evaluate_geometry(block.axes, block.spacings, block.gaps, block.channels, True, tendon_joints, state)
+    energy, magnitude = evaluate_tendons(block.law, state)
+    load_energy, load_magnitude = evaluate_dead_loads(block.loads, state)
+    spring_energy = evaluate_hinges(block.limits, block.springs, state)
+    scale = 0.0 * state.angle[0]
+    for i in range(state.angle.size):
+        moment = dot(in_space(state.axis, i, 0), dead_moment(state, i))
+        spring = block.springs[i] * (state.angle[i] - block.limits[i, 2])
+        size = fill_residual(tendon_joints, state, i, spring, moment)
+        scale = where(size > scale, size, scale)
+    magnitude = magnitude + (load_magnitude + spring_energy)
+    return energy + (load_energy + spring_energy), magnitude, scale
+
+
+@formula(block_formulas.fill_row_of_loads, HingeBlock)
+def fill_row_of_loads(block, i, H):
+    """Fill row i of H with what dead forces add; returns what they and the hinge's spring add to the diagonal."""
+    axis, w = block.state.axis, lever(block.state, i)
+    for m in range(i):
+        H[i, m] = -dot(in_space(axis, m, 0), w)
+    return block.springs[i] - dot(in_space(axis, i, 0), w)
+
+
+formula(block_formulas.advance, HingeBlock)(advance)
+formula(block_formulas.search_of, HingeBlock)(own_search)
+
+
+@formula(block_formulas.fill_row, HingeBlock)
+def fill_row(block, batch, friction, lane, row, design):
+    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    if design >= 0:
+        fill_design(batch.chain, block, lane, design)
+    return fill_inputs(batch, block, lane, row)
+
+
+@part(inline=True)
+def fill_inputs(batch, block, lane, row):
+    """Copy one row's inputs into a lane; False where they need the solver for all cases."""
+    usual = batch.chain.model[batch.designs[row]] == EXACT
+    usual = usual and fill_law(batch.laws, block, lane, row)
+    usual = usual and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
+    return usual and fill_start(batch.starts, block, lane, row)
+
+
+@part(inline=True)
+def fill_design(chain, block, lane, design):
+    """Copy what a lane needs of its design."""
+    limits, axes, gaps, channels = (
+        numbers(block.limits),
+        numbers(block.axes),
+        numbers(block.gaps),
+        numbers(block.channels),
+    )
+    springs, spacings = numbers(block.springs), numbers(block.spacings)
+    for i in range(limits.shape[0]):
+        springs[i, lane], spacings[i, lane] = chain.springs[design, i], chain.spacings[design, i]
+        for k in range(3):
+            limits[i, k, lane], axes[i, k, lane] = chain.joints[design, i, k], chain.axes[design, i, k]
+            for j in range(channels.shape[0]):
+                gaps[i, j, k, lane] = chain.gaps[design, i, j, k]
+    for j in range(channels.shape[0]):
+        channels[j, lane] = chain.channels[design, j]
+
+
+@formula(block_formulas.fill_outputs, HingeBlock)
+def fill_outputs(block, batch):
+    """Nothing is stored that is not evaluated."""
+
+
+@formula(block_formulas.store_row, HingeBlock)
+def store_row(block, batch, friction, lane, row):
+    """Copy a lane that has arrived into its row."""
+    store_lane(block, batch.results, lane, row)
+
+
+@part(inline=True)
+def store_lane(block, results, lane, row):
+    """Copy an equilibrium into its row of the results."""
+    search, state, torque = numbers(block.search), block.state, numbers(block.state.torque)
+    angle, pose, gap = numbers(state.angle), numbers(state.pose), numbers(state.gap)
+    tension, length, elastic = numbers(state.tension), numbers(state.length), numbers(state.elastic)
+    for i in range(angle.shape[0]):
+        results.joint_angles[row, i] = angle[i, lane]
+        for j in range(tension.shape[0]):
+            results.rates[row, i, j], results.torques[row, i, j] = gap[i, j, 1, lane], torque[i, j, lane]
+    for k in range(pose.shape[0]):
+        for a in range(3):
+            for b in range(3):
+                results.poses[row, k, a, b] = pose[k, 3 * a + b, lane]
+            results.poses[row, k, a, 3], results.poses[row, k, 3, a] = pose[k, PX + a, lane], 0.0
+        results.poses[row, k, 3, 3] = 1.0
+    for j in range(tension.shape[0]):
+        results.tensions[row, j], results.lengths[row, j] = tension[j, lane], length[j, lane]
+        results.elastic[row, j] = elastic[j, lane]
+    results.residual[row], results.iterations[row] = search[WORST, lane], int(search[STEPS, lane])
+    results.status[row] = AT_LIMIT if search[HELD, lane] > 0.0 else CONVERGED
+    results.escapes[row] = 0
+
+
+@kernel(nogil=True, short_loops=True, title="the arm's solver")
+def solve_hinges_pinned(pins, first, last):
+    """Solve lanes first to last - 1 of PinnedHinges; returns how many are PENDING."""
+    batch = unpin(pins, PinnedHinges).batch
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
+    return solve_wide(np.zeros(wide_memory(HingeBlock, sizes)), HingeBlock, sizes, batch, None, first, last)
+
+
+@kernel(short_loops=True, title="the arm's solver of single chains")
+def solve_hinges_alone(pins, first, last):
+    """As solve_hinges_pinned in a single lane, one row after the other, in the batch's own memory."""
+    batch, memory = unpin(pins, PinnedHinges)
+    sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
+    return solve_in(memory, HingeBlock, sizes, batch, None, first, last)
+
+
+def memory_alone(batch: BatchArrays) -> np.ndarray:
+    """The memory that solve_hinges_alone works in."""
+    (_, n_joints), rows, m = batch.starts.shape, batch.loads.shape[1], len(batch.chain.tendon_joints)
+    lengths = HingeBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0)._asdict()
+    return np.zeros(size(HingeBlock, lengths) + 2)
