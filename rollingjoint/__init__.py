@@ -30,6 +30,7 @@ Modules:
     tables: tables as text and Markdown.
     tendon: which holes tendons pass, where they end, how stiff they are.
     threads: rows of a batch spread over threads.
+    transmission: play, sheath and limits of tension between motors and tendons.
     warmup: all kernels compiled in advance, in several processes.
 """
 

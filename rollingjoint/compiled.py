@@ -21,6 +21,10 @@ Arrays that stay where they are:
         are float, int, bool, or such NamedTuples.
     Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
+Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission`:
+    play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
+    sheath_direction, sheath_ratio: the friction of a sheath.
+    motor_yield: what a motor does whose tension is at a limit.
 Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
     call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
@@ -56,6 +60,15 @@ from rollingjoint.kernels.shared.friction import (
 )
 from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedBatch, PinnedRange
 from rollingjoint.threads import run_in_threads, runs_at_once
+from rollingjoint.transmission.kernels import (
+    motor_yield,
+    play_contact,
+    play_inverse,
+    play_place,
+    play_step,
+    sheath_direction,
+    sheath_ratio,
+)
 
 __all__ = [
     "CONSTANT",
@@ -82,11 +95,18 @@ __all__ = [
     "entry_address",
     "kernel",
     "machine_code",
+    "motor_yield",
     "new_friction_arrays",
     "next_uniform",
     "part",
+    "play_contact",
+    "play_inverse",
+    "play_place",
+    "play_step",
     "run_in_threads",
     "runs_at_once",
+    "sheath_direction",
+    "sheath_ratio",
     "singles_at",
     "standalone",
     "unpin",
