@@ -24,7 +24,7 @@ Arrays that stay where they are:
 Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission`:
     play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
     sheath_direction, sheath_ratio: the friction of a sheath.
-    motor_yield: what a motor does whose tension is at a limit.
+    unstretched_length, motor_yield: where a tendon and its motor are after a limit of tension.
 Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
     call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
@@ -68,6 +68,7 @@ from rollingjoint.transmission.kernels import (
     play_step,
     sheath_direction,
     sheath_ratio,
+    unstretched_length,
 )
 
 __all__ = [
@@ -110,4 +111,5 @@ __all__ = [
     "singles_at",
     "standalone",
     "unpin",
+    "unstretched_length",
 ]

@@ -11,7 +11,8 @@ play is crossed; φ is the coefficient of friction times the turn of the sheath.
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
-`rollingjoint.compiled`; both give the same numbers, to the last bit. Source: docs/theory.md, section 10.
+`rollingjoint.compiled`; both give the same numbers, to the last bit. Tensors have a statement of their own,
+`rollingjoint.differentiable.transmission`. Source: docs/theory.md, section 10.
 
 Modules:
     kernels: the formulas, compiled.
@@ -113,7 +114,16 @@ def limited_tension(pull: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
 
 def _filled(fill: Callable[..., None], *values: ArrayLike) -> Any:
     """What a kernel makes of values that broadcast against each other, in their common shape."""
-    arrays = np.broadcast_arrays(*(np.asarray(value, np.float64) for value in values))
-    made = np.empty(arrays[0].size)
-    fill(*(np.ascontiguousarray(array).reshape(-1) for array in arrays), made)
-    return made.reshape(arrays[0].shape)[()]
+    arrays = [np.asarray(value, np.float64) for value in values]
+    first, *others = {array.shape for array in arrays}
+    shape = np.broadcast_shapes(first, *others) if others else first
+    made = np.empty(shape)
+    fill(*(_row(array, shape) for array in arrays), made.reshape(-1))
+    return made if shape else made[()]
+
+
+def _row(array: Array, shape: tuple[int, ...]) -> Array:
+    """An array spread to a shape, (N,): of the one layout for which kernels are compiled."""
+    if array.shape != shape:
+        array = np.broadcast_to(array, shape)
+    return (array if array.flags.carray else array.copy()).reshape(-1)

@@ -64,6 +64,12 @@ def limited_tension(pull, low, high):
 
 
 @part(inline=True)
+def unstretched_length(length, tension, stiffness):
+    """p of a tendon with this length and tension: l - T / k, at a limit what its motor has left of it."""
+    return length - tension / stiffness
+
+
+@part(inline=True)
 def motor_yield(motor, goal, shift):
     """(q, where the motor is going) after a limit of tension has shifted its tendon by this much; there it stays."""
     motor, goal = motor + shift, goal + shift

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rollingjoint import transmission
-from rollingjoint.compiled import motor_yield, standalone
+from rollingjoint.compiled import motor_yield, standalone, unstretched_length
 from rollingjoint.transmission import (
     at_limit,
     kernels,
@@ -187,6 +187,15 @@ def test_tensions_are_held_at_their_limits_and_elastic_between():
     assert at_limit(pull, 0.5, 15.0).tolist() == at_limit(tension, 0.5, 15.0).tolist()
     assert at_limit(tension, 0.5, 15.0).tolist() == [True, True, False, False, False, True, True]
     assert limited_tension(pull, 4.0, 4.0).tolist() == [4.0] * 7  # prescribed
+
+
+def test_a_tendon_at_a_limit_is_left_with_the_length_that_carries_its_tension():
+    length, stiffness, left = 92.0, 20.0, standalone(unstretched_length)
+    for tendon in (90.0, 91.5, 93.0):  # beyond the upper limit, elastic, slack
+        tension = limited_tension(stiffness * (length - tendon), 0.5, 15.0)
+        kept = left(length, float(tension), stiffness)
+        assert stiffness * (length - kept) == pytest.approx(tension)
+        assert (kept == pytest.approx(tendon)) == (not at_limit(tension, 0.5, 15.0))
 
 
 def test_a_motor_that_gives_way_moves_with_its_tendon_and_stays_there():
