@@ -24,7 +24,8 @@ Arrays that stay where they are:
 Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission`:
     play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
     sheath_direction, sheath_ratio: the friction of a sheath.
-    unstretched_length, motor_yield: where a tendon and its motor are after a limit of tension.
+    limited_tension, at_limit: the limits of tension of a motor.
+    unstretched_length, motor_yield: where a tendon and its motor are after a limit.
 Solvers:
     BatchArrays: equilibria to be solved and where they go; PinnedRange solves ranges of its rows.
     call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange; how many
@@ -61,6 +62,8 @@ from rollingjoint.kernels.shared.friction import (
 from rollingjoint.planar.batch import PENDING, BatchArrays, PinnedBatch, PinnedRange
 from rollingjoint.threads import run_in_threads, runs_at_once
 from rollingjoint.transmission.kernels import (
+    at_limit,
+    limited_tension,
     motor_yield,
     play_contact,
     play_inverse,
@@ -89,12 +92,14 @@ __all__ = [
     "Singles",
     "TendonLaw",
     "WrongLayout",
+    "at_limit",
     "borrow",
     "cache_directory",
     "call_range",
     "carve",
     "entry_address",
     "kernel",
+    "limited_tension",
     "machine_code",
     "motor_yield",
     "new_friction_arrays",

@@ -142,6 +142,7 @@ def test_contact_is_where_the_tendon_moves_with_its_motor():
     assert np.allclose(by_half[sure], side[sure], atol=1e-8)
     assert set(side) == {-1.0, 0.0, 1.0}
     assert play_contact(90.0, 80.0, 0.5) == 1.0 and play_contact(90.0, 100.0, 0.5) == -1.0  # pulled in, paid out
+    assert play_contact(90.5, 90.0, 0.5) == 1.0  # at the very end, where the last step left it
 
 
 def test_the_inverse_of_play_moves_a_tendon_by_what_was_wanted():
@@ -154,8 +155,9 @@ def test_the_inverse_of_play_moves_a_tendon_by_what_was_wanted():
 
 
 def test_place_is_the_share_of_the_half_width_and_direction_is_cut_to_its_ends():
-    assert play_place(90.5, [90.5, 90.0, 91.0, 89.5], 0.5) == pytest.approx([0.0, 1.0, -1.0, 2.0])
-    assert sheath_direction(90.5, [90.5, 90.0, 91.0, 89.5], 0.5) == pytest.approx([0.0, 1.0, -1.0, 1.0])
+    motors = [90.5, 90.0, 91.0, 89.5, 92.0]
+    assert play_place(90.5, motors, 0.5) == pytest.approx([0.0, 1.0, -1.0, 2.0, -3.0])
+    assert sheath_direction(90.5, motors, 0.5) == pytest.approx([0.0, 1.0, -1.0, 1.0, -1.0])
     assert play_place(90.5, 90.0, 0.0) == sheath_direction(90.5, 90.0, 0.0) == 0.0
 
 
