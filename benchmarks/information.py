@@ -33,6 +33,7 @@ from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensi
 from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.load import load_table
 from rollingjoint.tables import markdown_table
+from rollingjoint.transmission import play_step, sheath_direction, sheath_ratio
 
 Array = NDArray[np.float64]
 
@@ -135,12 +136,11 @@ def follow(config: TrackingConfig, hidden: Hidden, motors: Array) -> tuple[Array
     measured, tips = [], []
     for step in range(motors.shape[1]):
         at = motors[:, step] if step else begin
-        tendons = np.clip(tendons, at - half, at + half)
+        tendons = play_step(tendons, at, half)
         equilibria = solve_lengths_batch(
             chains, tendons + hidden.offsets, loads, starts=equilibria, tension_limits=config.tension_range
         )
-        place = np.clip((tendons - at) / half, -1.0, 1.0)
-        measured.append(equilibria.tensions * np.exp(hidden.sheath * place))
+        measured.append(equilibria.tensions * sheath_ratio(hidden.sheath, sheath_direction(tendons, at, half)))
         tips.append(equilibria.tip)
     return begin, np.stack(measured, axis=1), np.stack(tips, axis=1)
 

@@ -26,6 +26,7 @@ Modules:
     statics: the solvers, and derivatives.
     tables: tables as text and Markdown.
     threads: rows of a batch spread over threads.
+    transmission: play, sheath and limits of tension between motors and tendons.
     warmup: all kernels compiled in advance, in several processes.
 """
 

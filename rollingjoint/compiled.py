@@ -21,6 +21,11 @@ Arrays that stay where they are:
         are float, int, bool, or such NamedTuples.
     Pinned: the addresses of a NamedTuple's arrays, and its numbers as they are now; it keeps the arrays alive.
     unpin: in a kernel, the NamedTuple from `Pinned.address`. Another layout raises WrongLayout.
+Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission`:
+    play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
+    sheath_direction, sheath_ratio: the friction of a sheath.
+    limited_tension, at_limit: the limits of tension of a motor.
+    unstretched_length, motor_yield: where a tendon and its motor are after a limit.
 Solvers:
     BatchArrays: equilibria of rolling chains to be solved and where they go; those of any class of chains are its
         kernels.batch_arrays. PinnedRange solves ranges of its rows, step_range with friction.
@@ -60,6 +65,18 @@ from rollingjoint.kernels.shared.friction import (
 from rollingjoint.kernels.shared.lanes import PENDING
 from rollingjoint.kernels.spatial.arrays import PinnedHinges
 from rollingjoint.threads import run_in_threads, runs_at_once
+from rollingjoint.transmission.kernels import (
+    at_limit,
+    limited_tension,
+    motor_yield,
+    play_contact,
+    play_inverse,
+    play_place,
+    play_step,
+    sheath_direction,
+    sheath_ratio,
+    unstretched_length,
+)
 
 __all__ = [
     "CONSTANT",
@@ -80,6 +97,7 @@ __all__ = [
     "Singles",
     "TendonLaw",
     "WrongLayout",
+    "at_limit",
     "begin_range",
     "borrow",
     "cache_directory",
@@ -87,14 +105,23 @@ __all__ = [
     "carve",
     "entry_address",
     "kernel",
+    "limited_tension",
     "machine_code",
+    "motor_yield",
     "new_friction_arrays",
     "next_uniform",
     "part",
+    "play_contact",
+    "play_inverse",
+    "play_place",
+    "play_step",
     "run_in_threads",
     "runs_at_once",
+    "sheath_direction",
+    "sheath_ratio",
     "singles_at",
     "standalone",
     "step_range",
     "unpin",
+    "unstretched_length",
 ]

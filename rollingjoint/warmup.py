@@ -20,6 +20,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingjoint import transmission
 from rollingjoint._numba.cache import only_what_is_kept
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import five_link, small_arm, uniform
@@ -263,6 +264,16 @@ def planar_friction_special_cases() -> None:
     assert _step_with_friction(uniform(40)).size
 
 
+def motors_and_sheaths() -> None:
+    """Move a motor, whatever lies between it and its tendon."""
+    tendon, motor, half, friction = 90.0, 89.0, 0.5, 0.3
+    moved = transmission.play_step(tendon, motor, half)
+    ratio = transmission.sheath_ratio(friction, transmission.sheath_direction(moved, motor, half))
+    assert transmission.play_place(moved, motor, half) == transmission.play_contact(tendon, motor, half) == 1.0
+    assert ratio > 1.0 and transmission.play_inverse(moved, -1.0, half) < motor
+    assert transmission.at_limit(transmission.limited_tension(20.0, 0.5, 15.0), 0.5, 15.0)
+
+
 def arm_solver() -> None:
     """Solve an arm."""
     arm = small_arm()
@@ -312,4 +323,5 @@ GROUPS = (
     Group("the arm's solver for special cases", arm_special_cases, family="arm"),
     Group("the arm's solver of single chains", arm_solver, family="arm"),
     Group("the arm's solver", arm_batches, family="arm"),
+    Group("motors and sheaths", motors_and_sheaths),
 )

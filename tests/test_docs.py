@@ -123,5 +123,5 @@ def test_theory_has_the_sections_that_the_code_refers_to():
         for group in re.findall(r"docs/theory\.md, sections? ([\d, and]+)", text)
         for number in re.findall(r"\d+", group)
     }
-    numbered = {int(number) for number in re.findall(r"^## (\d)\. ", PAGES["docs/theory.md"], re.MULTILINE)}
+    numbered = {int(number) for number in re.findall(r"^## (\d+)\. ", PAGES["docs/theory.md"], re.MULTILINE)}
     assert referred and referred <= numbered

@@ -7,6 +7,7 @@ import numpy as np
 from agents.baselines.feedback_settings import FeedbackSettings
 from agents.baselines.kernels import cross_play
 from agents.evaluation.controller import Array
+from rollingjoint.transmission import play_step
 
 
 class AssumedPlay:
@@ -24,7 +25,7 @@ class AssumedPlay:
     def follow(self, motors: Array) -> Array:
         """Commands of the tendons, (B, m) [mm], when the motors are there; they begin in the middle of the play."""
         half = self.settings.half_width_mm
-        self.tendons = motors if self.motors is None else np.clip(self.tendons, motors - half, motors + half)
+        self.tendons = motors if self.motors is None else play_step(self.tendons, motors, half)
         self.motors = motors
         return self.tendons
 

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rollingjoint.compiled import Floats, kernel, part
+from rollingjoint.compiled import Floats, kernel, part, play_inverse, play_step
 
 ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
 PASSES = 3  # after which hardly a tension changes sides of its limit
@@ -132,8 +132,7 @@ def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
         for j in range(moves.shape[1]):
             way = wanted[b, j]
             if abs(way) > dead_band:
-                ahead = crossing * half_widths[b, j] * (1.0 if way > 0.0 else -1.0)
-                moves[b, j] = played[b, j] + way + ahead - motors[b, j]
+                moves[b, j] = play_inverse(played[b, j], way, crossing * half_widths[b, j]) - motors[b, j]
             else:
                 moves[b, j] = way
 
@@ -183,7 +182,7 @@ def _cost(outlook, b, wanted, weights, move):
         left[:] = outlook.errors[b, h]
         for j in range(m):
             motor, half, before = outlook.motors[b, j] + move[j], outlook.half_widths[row, j], outlook.played[row, j]
-            change = min(max(before, motor - half), motor + half) - before
+            change = play_step(before, motor, half) - before
             mean[j] += weight * change
             for axis in range(len(left)):
                 left[axis] -= outlook.tips[row, axis, j] * change

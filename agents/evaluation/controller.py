@@ -14,6 +14,7 @@ from rj_gym.core.hardware import AGE
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
+from rollingjoint.transmission import limited_tension
 
 Array = NDArray[np.float64]
 HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
@@ -133,7 +134,7 @@ class Seen:
             hanging = [mechanism.gravity(HANGING)]
             return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
         stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
-        return np.clip(mechanism.stiffnesses * stretch, *config.tension_range)
+        return limited_tension(mechanism.stiffnesses * stretch, *config.tension_range)
 
     def _need(self, *poses: str) -> None:
         if self.sees not in poses:

@@ -14,10 +14,11 @@ import torch
 from numpy.typing import NDArray
 
 from rj_gym.core.tangent import Tangent
+from rollingjoint.transmission import play_contact, play_place, sheath_direction, sheath_ratio
 
 Array = NDArray[np.float32]
 
-NO_PLAY = 1e-9  # mm: half a play below which tendons follow their motors
+NO_PLAY = 1e-9  # mm: half a play below which derivatives by the place in it grow no more
 
 
 class Motion(NamedTuple):
@@ -69,7 +70,7 @@ class _Step(torch.autograd.Function):
         after = goal if motors.limit is None else motor + np.clip(way, -motors.limit, motors.limit)
         ctx.heard = np.abs(due) <= 1.0
         ctx.free = True if motors.limit is None else np.abs(way) <= motors.limit
-        ctx.taken_along = np.abs(after - command) >= tangent.half_play
+        ctx.taken_along = play_contact(command, after, tangent.half_play) != 0.0
         goal = tangent.motors if motors.limit is None else np.where(tangent.held, tangent.motors, goal)
         return _found(tangent, goal)
 
@@ -93,28 +94,22 @@ class _Step(torch.autograd.Function):
 
 def _found(tangent: Tangent, goal: NDArray[Any]) -> tuple[torch.Tensor, ...]:
     """The fields of Motion."""
-    found = tangent.motors, goal, tangent.commands, _measured(tangent), tangent.tips, tangent.poses
+    measured = tangent.tensions * _ratio(tangent)
+    found = tangent.motors, goal, tangent.commands, measured, tangent.tips, tangent.poses
     return tuple(single(each) for each in found)
 
 
-def _place(tangent: Tangent) -> NDArray[np.float64]:
-    """Where tendons are in their play, from -1 to 1 within it, (B, m)."""
-    half = tangent.half_play
-    return np.where(half > 0.0, (tangent.commands - tangent.motors) / np.maximum(half, NO_PLAY), 0.0)
-
-
-def _measured(tangent: Tangent) -> NDArray[np.float64]:
-    measured: NDArray[np.float64] = tangent.tensions * np.exp(tangent.sheath * np.clip(_place(tangent), -1.0, 1.0))
-    return measured
+def _ratio(tangent: Tangent) -> NDArray[np.float64]:
+    """Measured tensions over true ones, (B, m)."""
+    return sheath_ratio(tangent.sheath, sheath_direction(tangent.commands, tangent.motors, tangent.half_play))
 
 
 def _through_readings(
     tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array, by_pose: Array
 ) -> tuple[Any, Any]:
     """Gradients by commands and motors, those of what is read included."""
-    place, half = _place(tangent), tangent.half_play
-    rubbed = np.exp(tangent.sheath * np.clip(place, -1.0, 1.0))
-    shifts = (np.abs(place) <= 1.0) & (half > 0.0)
+    half, rubbed = tangent.half_play, _ratio(tangent)
+    shifts = (np.abs(play_place(tangent.commands, tangent.motors, half)) <= 1.0) & (half > 0.0)
     by_shift = np.where(
         shifts, by_measured * tangent.tensions * rubbed * tangent.sheath / np.maximum(half, NO_PLAY), 0.0
     )

@@ -13,6 +13,7 @@ from rj_gym.core.tangent import Tangent
 from rj_gym.core.tracking_task import TrackingTask
 from rj_gym.core.vector import TaskVectorEnv
 from rollingjoint.errors import ConfigError
+from rollingjoint.transmission import play_inverse
 
 KEEP = 3.0  # mm/N: what a tension outside the margin weighs, more than any error
 MARGIN = 0.05  # of the tension range, kept free at both ends: there a tendon controls nothing
@@ -84,7 +85,7 @@ class Teacher:
         self._target = target.copy()
         way = self.weights.gain * (target - tangent.tips) + (target - before)
         tendons = self._released(self._step(tangent, way), tangent)
-        ahead = tangent.commands + tendons + np.sign(tendons) * tangent.half_play - tangent.motors
+        ahead = play_inverse(tangent.commands, tendons, tangent.half_play) - tangent.motors
         moves = np.where(np.abs(tendons) > self.weights.dead_band_mm, ahead, tendons)
         return np.clip(-moves / self.scale, -1.0, 1.0)
 

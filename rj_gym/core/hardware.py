@@ -1,7 +1,7 @@
 """Motors and sensors between the agent and the tendons, compiled: play, friction, noise, late pictures, past readings.
 
 A motor's position q and the tendon's command p (readings, after TENSIONS) are different things here: the agent moves
-and reads q. Every function works on one lane.
+and reads q. What lies between them is rollingjoint/transmission. Every function works on one lane.
 """
 
 from __future__ import annotations
@@ -12,7 +12,16 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from rj_gym.core.columns import STEP, TENSIONS
-from rollingjoint.compiled import Floats, Integers, Singles, part
+from rollingjoint.compiled import (
+    Floats,
+    Integers,
+    Singles,
+    motor_yield,
+    part,
+    play_step,
+    sheath_direction,
+    sheath_ratio,
+)
 
 # Rows of Hardware.motors [mm]: where motors are, where they are going; both after a step that stands; the position that
 # the step asks of the tendon.
@@ -20,7 +29,6 @@ MOTOR, GOAL, NEXT_MOTOR, NEXT_GOAL, ASKED, MOTOR_ROWS = range(6)
 POSITION, TENSION, SENSED = range(3)  # rows of Hardware.measured [mm, N]
 TAKEN, NEW = range(2)  # columns of Hardware.picture: the step it is from, and whether it came in this step
 
-FREE = 1e-9  # mm: a tendon that ends so near to where it was asked to be is at no tension limit
 LAG_TENSION = 2.0  # N: unit of past tensions
 AGE = 10.0  # steps: unit of the age of a picture
 
@@ -78,7 +86,7 @@ def move_motors(rules, hardware, state, offsets, commands, lane):
             q = motors[lane, MOTOR, j]
             q += min(max(goal - q, -limit), limit)
             motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j] = q, goal
-            p = min(max(p, q - half[lane, j]), q + half[lane, j])
+            p = play_step(p, q, half[lane, j])
         motors[lane, ASKED, j] = p
         commands[lane, j] = p + offsets[lane, j]
 
@@ -90,11 +98,9 @@ def settle_motors(hardware, readings, lane):
     for j in range(m):
         p = readings[lane, TENSIONS + m + j]
         shift = p - motors[lane, ASKED, j]
-        q, goal = motors[lane, NEXT_MOTOR, j] + shift, motors[lane, NEXT_GOAL, j] + shift
+        q, goal = motor_yield(motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j], shift)
         if begins:
             q = goal = p + hardware.starts[lane, j]
-        elif abs(shift) > FREE:
-            goal = q
         motors[lane, MOTOR, j], motors[lane, GOAL, j] = q, goal
 
 
@@ -104,9 +110,10 @@ def measure_tendons(rules, hardware, readings, lane):
     motors, measured, now = hardware.motors, hardware.measured, int(readings[lane, STEP])
     m, positions, tensions = motors.shape[2], hardware.encoder_noise, hardware.tension_noise
     for j in range(m):
-        q, tension = motors[lane, MOTOR, j], readings[lane, TENSIONS + j]
+        p, q, tension = readings[lane, TENSIONS + m + j], motors[lane, MOTOR, j], readings[lane, TENSIONS + j]
         if hardware.sheath[lane, j] > 0.0:
-            tension *= math.exp(hardware.sheath[lane, j] * _place_in_play(hardware, readings, lane, j))
+            direction = sheath_direction(p, q, hardware.half_play[lane, j])
+            tension *= sheath_ratio(hardware.sheath[lane, j], direction)
         if positions.shape[1] > 0:
             q += positions[lane, min(now, positions.shape[1] - 1), j]
         if tensions.shape[1] > 0:
@@ -122,15 +129,6 @@ def sensed(rules, hardware, readings, lane, j):
     if rules.hardware.active:
         return hardware.measured[lane, POSITION, j], hardware.measured[lane, TENSION, j]
     return readings[lane, TENSIONS + m + j], readings[lane, TENSIONS + j]
-
-
-@part(inline=True)
-def _place_in_play(hardware, readings, lane, j):
-    """Where in the play a tendon is: 1 where its motor pulls it in, -1 where it pays out; 0 without play."""
-    half, m = hardware.half_play[lane, j], hardware.motors.shape[2]
-    if half <= 0.0:
-        return 0.0
-    return min(max((readings[lane, TENSIONS + m + j] - hardware.motors[lane, MOTOR, j]) / half, -1.0), 1.0)
 
 
 @part(inline=True)

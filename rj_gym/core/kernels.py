@@ -22,7 +22,7 @@ from rj_gym.core.columns import (
 )
 from rj_gym.core.hardware import move_motors, settle_motors
 from rollingjoint.chain.status import Status
-from rollingjoint.compiled import borrow, kernel, next_uniform, part
+from rollingjoint.compiled import borrow, kernel, next_uniform, part, unstretched_length
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 
@@ -86,7 +86,7 @@ def settle_tendons(rules, course, state, hardware, solved, lane):
     usable = solved.status[lane] <= AT_LIMIT
     if usable:
         for j in range(m):
-            unstretched = lengths[lane, j] - tensions[lane, j] / stiffnesses[lane, j]
+            unstretched = unstretched_length(lengths[lane, j], tensions[lane, j], stiffnesses[lane, j])
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
         if rules.hardware.active:

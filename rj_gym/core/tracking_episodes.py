@@ -22,6 +22,7 @@ from rollingjoint.compiled import run_in_threads
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 from rollingjoint.load import wrong_links
+from rollingjoint.transmission import at_limit
 
 Array = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ class TrackingEpisodeBuffer(StartingEpisodes):
             poses=self._pictured(self.state.poses),
             half_play=self.hardware.half_play.copy() if active else nothing,
             sheath=self.hardware.sheath.copy() if active else nothing,
-            held=(tensions <= low) | (tensions >= high),
+            held=at_limit(tensions, low, high),
             tip_rates=rates[:, :d],
             pose_rates=rates[:, d + 2 * m :],
             tension_rates=rates[:, d : d + m],
@@ -101,9 +102,9 @@ class TrackingEpisodeBuffer(StartingEpisodes):
         """Commands of all lanes with their offsets, (B, m) [mm]; tendons at a limit are held at it in `_solve_near`."""
         m, laws = self._actions.shape[1], self._laws
         tensions, (low, high) = self.readings[:, TENSIONS : TENSIONS + m], self.task.config.tension_range
-        at_limit = (tensions <= low) | (tensions >= high)
-        laws.low[:] = np.where(at_limit, tensions, 0.0)
-        laws.high[:] = np.where(at_limit, tensions, FREE_OF_LIMITS * high)
+        limited = at_limit(tensions, low, high)
+        laws.low[:] = np.where(limited, tensions, 0.0)
+        laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)
         held: Array = self.readings[:, TENSIONS + m : TENSIONS + 2 * m] + self.course.actuator_offsets
         return held
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from rj_gym.core.hardware import ASKED, FREE, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR
+from rj_gym.core.hardware import ASKED, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR
 from rj_gym.planar.kernels import Rules
 from rj_gym.torch_env.lanes import Lanes
+from rollingjoint.differentiable.transmission import motor_yield, play_step
 
 
 def moved_motors(rules: Rules, lanes: Lanes, taken: Tensor, held: Tensor) -> Tensor:
@@ -24,7 +25,7 @@ def moved_motors(rules: Rules, lanes: Lanes, taken: Tensor, held: Tensor) -> Ten
     here, half = lanes.motors[:, MOTOR], lanes.half_play
     goal = lanes.motors[:, GOAL] - rules.action_scale * due
     motor = here + (goal - here).clamp(-limit, limit)
-    asked = torch.minimum(torch.maximum(held, motor - half), motor + half)
+    asked = play_step(held, motor, half)
     return torch.stack([here, lanes.motors[:, GOAL], motor, goal, asked], 1)
 
 
@@ -36,6 +37,5 @@ def settled_motors(moved: Tensor, commands: Tensor) -> Tensor:
         commands: of the tendons after it, (B, m) [mm].
     """
     shift = commands - moved[:, ASKED]
-    motor, goal = moved[:, NEXT_MOTOR] + shift, moved[:, NEXT_GOAL] + shift
-    here = torch.stack([motor, torch.where(shift.abs() > FREE, motor, goal)], 1)
+    here = torch.stack(motor_yield(moved[:, NEXT_MOTOR], moved[:, NEXT_GOAL], shift), 1)
     return torch.cat([here, moved[:, NEXT_MOTOR:]], 1)

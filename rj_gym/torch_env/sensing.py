@@ -11,6 +11,7 @@ from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TENSIONS, TIP
 from rj_gym.core.hardware import MOTOR, TAKEN
 from rj_gym.planar.kernels import Rules
 from rj_gym.torch_env.lanes import Lanes, at_step
+from rollingjoint.differentiable.transmission import sheath_direction, sheath_ratio
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,7 @@ class Sensors:
         hardware, steps = self.rules.hardware, lanes.readings[:, STEP]
         tensions, commands = tendons(lanes)
         positions = lanes.motors[:, MOTOR]
-        place = torch.where(lanes.half_play > 0.0, (commands - positions) / lanes.half_play, 0.0).clamp(-1.0, 1.0)
-        tensions = tensions * (lanes.sheath * place).exp()
+        tensions = tensions * sheath_ratio(lanes.sheath, sheath_direction(commands, positions, lanes.half_play))
         if lanes.encoder_noise.shape[1]:
             positions = positions + at_step(lanes.encoder_noise, steps)
         if lanes.tension_noise.shape[1]:

@@ -29,6 +29,7 @@ from rj_gym.torch_env.lanes import Lanes, at_step
 from rj_gym.torch_env.sensing import tendons
 from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
+from rollingjoint.differentiable.transmission import unstretched_length
 
 
 class Prepared(NamedTuple):
@@ -85,7 +86,7 @@ def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> 
     readings, m = prepared.readings, solved.tensions.shape[-1]
     readings[:, STATUS] = solved.status.to(readings.dtype)
     usable = solved.status <= int(Status.AT_LIMIT)
-    unstretched = solved.lengths - solved.tensions / lanes.stiffnesses - lanes.actuator_offsets
+    unstretched = unstretched_length(solved.lengths, solved.tensions, lanes.stiffnesses) - lanes.actuator_offsets
     pulled = torch.cat([solved.tensions, unstretched], -1)
     readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(usable, pulled, readings[:, TENSIONS : TENSIONS + 2 * m])
     after = replace(

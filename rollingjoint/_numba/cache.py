@@ -36,7 +36,7 @@ _PACKAGE = Path(__file__).parents[1]
 def _source_hash() -> str:
     """Hash of every source that kernels are compiled from."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for room in ("_numba", "kernels"):
+    for room in ("_numba", "kernels", "transmission"):
         for path in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(path.relative_to(_PACKAGE).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]

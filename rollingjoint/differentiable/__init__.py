@@ -17,6 +17,7 @@ Modules:
     statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
     tabulated: chains as the compiled solver's tables on a device.
+    transmission: play, sheath and limits of tension of motors.
 """
 
 from rollingjoint.errors import naming_extras

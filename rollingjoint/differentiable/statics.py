@@ -17,6 +17,7 @@ from rollingjoint.differentiable.friction import DifferentiableFriction, Frictio
 from rollingjoint.differentiable.geometry import Contact, Geometry, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
+from rollingjoint.differentiable.transmission import limited_tension
 
 _CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
 
@@ -72,7 +73,7 @@ class Law:
         if self.prescribed:
             return self.low, torch.zeros_like(lengths)
         pull = self.stiffness * (lengths - self.command)
-        tensions = torch.where(pull <= self.low, self.low, torch.where(pull >= self.high, self.high, pull))
+        tensions = limited_tension(pull, self.low, self.high)
         return tensions, torch.where((pull > self.low) & (pull < self.high), self.stiffness, 0.0)
 
 

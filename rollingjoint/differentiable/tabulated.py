@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rollingjoint.differentiable.loads import cross, dot
+from rollingjoint.differentiable.transmission import at_limit, limited_tension
 from rollingjoint.kernels.planar.arrays import BUCKETS, N_COEFFICIENTS, Chain
 from rollingjoint.kernels.planar.joint import CLOSED_GAP
 from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
@@ -205,10 +206,9 @@ def _pulled(law: ElasticLaw, lengths: Tensor) -> tuple[Tensor, Tensor, Tensor, T
     """Tensions, d tension / d length, (B, m) each; their energy and the magnitude of its terms, (B,)."""
     stretch = lengths - law.command
     pull = law.stiffness * stretch
-    slack, yielding = pull <= law.low, pull >= law.high
-    tensions = torch.where(slack, law.low, torch.where(yielding, law.high, pull))
+    tensions = limited_tension(pull, law.low, law.high)
     terms = tensions * stretch - 0.5 * tensions * tensions / law.stiffness
-    elastic = torch.where(slack | yielding, 0.0, law.stiffness)
+    elastic = torch.where(at_limit(pull, law.low, law.high), 0.0, law.stiffness)
     return tensions, elastic, terms.sum(-1), (terms.abs() + (tensions * lengths).abs()).sum(-1)
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 
-from rollingjoint.compiled import Floats, kernel, part
+from rollingjoint.compiled import Floats, kernel, part, play_contact, play_place, play_step, sheath_ratio
 
 SINGULAR = 1e-9  # N·mm/rad: pivots below are those of no stable equilibrium
 NARROW = 1e-6  # mm: half the width of a play that is none
@@ -177,8 +177,8 @@ def expect_tensions(solved, linear, play, states, motors, at, expected, columns)
             continue
         for j in range(m):
             half, friction = states[row, at.half_widths + j], states[row, at.frictions + j]
-            place = (play.played[row, j] - motors[row // hypotheses, j]) / half if half > NARROW else 0.0
-            factor = math.exp(friction * place)
+            place = play_place(play.played[row, j], motors[row // hypotheses, j], half if half > NARROW else 0.0)
+            factor = sheath_ratio(friction, place)
             expected[row, j] = factor * solved.tensions[row, j]
             for i in range(columns.shape[2]):
                 columns[row, j, i] = factor * linear.tensions[row, j, i]
@@ -197,9 +197,9 @@ def move_play(play, states, motors, at):
     for row in range(n_rows):
         for j in range(m):
             half, motor = states[row, at.half_widths + j], motors[row // hypotheses, j]
-            side = 1.0 if play.played[row, j] > motor else -1.0
-            if abs(play.played[row, j] - motor) >= half:
-                play.played[row, j] = motor + side * half
+            side = play_contact(play.played[row, j], motor, half)
+            if side != 0.0:
+                play.played[row, j] = play_step(play.played[row, j], motor, half)
                 play.by_width[row, j], play.by_place[row, j] = side, 0.0
 
 

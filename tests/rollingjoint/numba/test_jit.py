@@ -58,15 +58,15 @@ def test_damaged_files_and_read_only_places_cost_time_and_nothing_else(tmp_path)
     assert float(run(blocked)[0]) == pytest.approx(1.0)
 
 
-def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch):
+@pytest.mark.parametrize("source", ["kernels/planar/joint.py", "transmission/kernels.py", "_numba/jit.py"])
+def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch, source):
     before = cache._source_hash()
     copy = tmp_path / "rollingjoint"
-    for room in ("_numba", "kernels"):
+    for room in ("_numba", "kernels", "transmission"):
         shutil.copytree(cache._PACKAGE / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(cache, "_PACKAGE", copy)
     assert cache._source_hash.__wrapped__() == before
-    source = copy / "kernels" / "planar" / "joint.py"
-    source.write_text(source.read_text() + "\n")
+    (copy / source).write_text((copy / source).read_text() + "\n")
     assert cache._source_hash.__wrapped__() != before
 
 
@@ -225,7 +225,8 @@ def test_what_is_compiled_is_announced_once_and_never_when_it_is_kept(tmp_path):
 
 
 def test_every_kernel_of_the_solvers_has_a_title():
-    names = [path.read_text(encoding="utf-8") for path in (ROOT / "rollingjoint" / "kernels").rglob("*.py")]
+    rooms = (ROOT / "rollingjoint" / room for room in ("kernels", "transmission"))
+    names = [path.read_text(encoding="utf-8") for room in rooms for path in room.rglob("*.py")]
     decorators = [line for text in names for line in text.splitlines() if line.startswith("@kernel")]
     assert decorators and all("title=" in line for line in decorators)
 

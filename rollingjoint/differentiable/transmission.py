@@ -1,0 +1,44 @@
+"""The transmission of motors in torch: the formulas of rollingjoint/transmission, with its symbols, of tensors."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from rollingjoint.transmission.kernels import FREE
+
+
+def play_step(tendon: Tensor, motor: Tensor, half_width: Tensor) -> Tensor:
+    """p after a step of the motor to q [mm]."""
+    return torch.minimum(torch.maximum(tendon, motor - half_width), motor + half_width)
+
+
+def sheath_direction(tendon: Tensor, motor: Tensor, half_width: Tensor) -> Tensor:
+    """u, along which friction acts on a tendon in its sheath, within [-1, 1]; 0 without play."""
+    return torch.where(half_width > 0.0, (tendon - motor) / half_width, 0.0).clamp(-1.0, 1.0)
+
+
+def sheath_ratio(friction: Tensor, direction: Tensor) -> Tensor:
+    """Tension at the motor over the one behind the sheath."""
+    return (friction * direction).exp()
+
+
+def limited_tension(pull: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """T of an elastic tendon, from its pull k (l - p) [N]."""
+    return torch.where(pull <= low, low, torch.where(pull >= high, high, pull))
+
+
+def at_limit(tension: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Whether a motor holds or gives way at this tension, or at this pull [N]; bool."""
+    return (tension <= low) | (tension >= high)
+
+
+def unstretched_length(length: Tensor, tension: Tensor, stiffness: Tensor) -> Tensor:
+    """p of a tendon with this length and tension [mm]."""
+    return length - tension / stiffness
+
+
+def motor_yield(motor: Tensor, goal: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
+    """(q, where the motor is going) after a limit of tension has shifted its tendon by this much [mm]."""
+    motor, goal = motor + shift, goal + shift
+    return motor, torch.where(shift.abs() > FREE, motor, goal)

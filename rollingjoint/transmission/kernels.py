@@ -1,0 +1,132 @@
+"""The formulas of a motor's transmission, for kernels, and the kernels in which they fill arrays.
+
+Symbols and units are those of the package's docstring. Parts are of numbers; those of the limit of SIMD lanes, too.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rollingjoint._numba.jit import kernel, part
+from rollingjoint._numba.simd import where
+
+FREE = 1e-9  # mm: a tendon that ends so near to where its motor asked it to be is at no limit of tension
+
+
+@part(inline=True)
+def play_step(tendon, motor, half_width):
+    """p after a step of the motor to q: clip(p, q - h, q + h). A motor that is NaN moves nothing."""
+    return min(max(tendon, motor - half_width), motor + half_width)
+
+
+@part(inline=True)
+def play_contact(tendon, motor, half_width):
+    """Which end of the play moves the tendon on when its motor goes to q: the sign of p - q, or 0 within the play."""
+    if abs(tendon - motor) >= half_width:
+        return 1.0 if tendon > motor else -1.0
+    return 0.0
+
+
+@part(inline=True)
+def play_place(tendon, motor, half_width):
+    """Where in the play a tendon is: (p - q) / h, within [-1, 1] but for rounding; 0 without play."""
+    return (tendon - motor) / half_width if half_width > 0.0 else 0.0
+
+
+@part(inline=True)
+def play_inverse(tendon, move, half_width):
+    """q that moves a tendon by this much, whichever way it was moved before."""
+    return tendon + move + (half_width if move > 0.0 else -half_width)
+
+
+@part(inline=True)
+def sheath_direction(tendon, motor, half_width):
+    """u, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
+    return min(max(play_place(tendon, motor, half_width), -1.0), 1.0)
+
+
+@part(inline=True)
+def sheath_ratio(friction, direction):
+    """Tension at the motor over the one behind the sheath: exp(phi u), the capstan's."""
+    return math.exp(friction * direction)
+
+
+@part(inline=True)
+def at_limit(tension, low, high):
+    """Whether a motor holds (low) or gives way (high) at this tension, or at this pull k (l - p)."""
+    return (tension <= low) | (tension >= high)
+
+
+@part(inline=True)
+def limited_tension(pull, low, high):
+    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high)."""
+    return where(pull <= low, low, where(pull >= high, high, pull))
+
+
+@part(inline=True)
+def unstretched_length(length, tension, stiffness):
+    """p of a tendon with this length and tension: l - T / k, at a limit what its motor has left of it."""
+    return length - tension / stiffness
+
+
+@part(inline=True)
+def motor_yield(motor, goal, shift):
+    """(q, where the motor is going) after a limit of tension has shifted its tendon by this much; there it stays."""
+    motor, goal = motor + shift, goal + shift
+    return motor, motor if abs(shift) > FREE else goal
+
+
+@kernel(title="motors and sheaths")
+def play_steps(tendon, motor, half_width, after):
+    """Fill `after` (N,)."""
+    for i in range(len(after)):
+        after[i] = play_step(tendon[i], motor[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def play_contacts(tendon, motor, half_width, sides):
+    """Fill sides (N,)."""
+    for i in range(len(sides)):
+        sides[i] = play_contact(tendon[i], motor[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def play_places(tendon, motor, half_width, places):
+    """Fill places (N,)."""
+    for i in range(len(places)):
+        places[i] = play_place(tendon[i], motor[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def play_inverses(tendon, move, half_width, motors):
+    """Fill motors (N,)."""
+    for i in range(len(motors)):
+        motors[i] = play_inverse(tendon[i], move[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def sheath_directions(tendon, motor, half_width, directions):
+    """Fill directions (N,)."""
+    for i in range(len(directions)):
+        directions[i] = sheath_direction(tendon[i], motor[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def sheath_ratios(friction, direction, ratios):
+    """Fill ratios (N,)."""
+    for i in range(len(ratios)):
+        ratios[i] = sheath_ratio(friction[i], direction[i])
+
+
+@kernel(title="motors and sheaths")
+def limits_reached(tension, low, high, reached):
+    """Fill reached (N,), numbers: 1 at a limit."""
+    for i in range(len(reached)):
+        reached[i] = 1.0 if at_limit(tension[i], low[i], high[i]) else 0.0
+
+
+@kernel(title="motors and sheaths")
+def limited_tensions(pull, low, high, tensions):
+    """Fill tensions (N,)."""
+    for i in range(len(tensions)):
+        tensions[i] = limited_tension(pull[i], low[i], high[i])
