@@ -9,8 +9,6 @@ Modules:
     joint_table: a joint's geometry over its angle as polynomials.
     outline: outlines of links, for any drawing.
     presets: named chains.
-    published: the published algorithms, an independent second opinion.
-    published_equations: the equations of the published algorithms at one configuration.
     random_chain: random valid chains, loads and inputs.
     report: equilibria in words, tables and JSON.
     se2: planar rigid-body motions.

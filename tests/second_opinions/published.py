@@ -29,7 +29,7 @@ from rollingjoint.checks import as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
 from rollingjoint.planar.chain import RollingChain, planar
-from rollingjoint.planar.published_equations import Configuration, PublishedChain
+from tests.second_opinions.published_equations import Configuration, PublishedChain
 
 if TYPE_CHECKING:
     from rollingjoint.planar.equilibrium import Equilibrium
