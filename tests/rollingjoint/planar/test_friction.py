@@ -22,6 +22,7 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
+from rollingjoint.planar import batch
 
 CASES = json.loads((Path(__file__).parent / "friction_reference.json").read_text("utf-8"))["cases"]
 CHAINS = {"five_link": five_link, "two_segment": two_segment, "uniform2": partial(uniform, 2)}
@@ -262,3 +263,17 @@ def test_what_friction_remembers_is_only_what_it_says():
     by_result = solve_lengths(chain, command, tension_limits=LIMITS, history=first)
     assert np.array_equal(by_state.poses, by_result.poses)
     assert np.linalg.norm(by_result.tip - begin.tip) > 0.5  # it does not come back
+
+
+def test_ordinary_steps_take_few_iterations_in_the_lanes_and_none_is_left_to_the_solver_for_all_cases(monkeypatch):
+    left = []
+    monkeypatch.setattr(batch, "_left", lambda arrays, first, last, everything: left.append(first))
+    chain, rng = with_friction(five_link, 0.1), np.random.default_rng(0)
+    commands = chain.neutral_lengths - rng.uniform(0.5, 3.0, (64, 2))
+    loads = [WorldForce(-1, (0.2, 0.1))]
+    history = solve_lengths_batch(chain, commands, loads)
+    for _ in range(4):
+        commands = commands + rng.uniform(-0.5, 0.5, commands.shape)
+        history = solve_lengths_batch(chain, commands, loads, history=history)
+        assert left == [] and np.all(history.status == Status.CONVERGED)
+        assert history.residual.max() < 1e-8 and history.iterations.mean() < 5.0
