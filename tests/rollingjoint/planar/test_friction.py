@@ -277,3 +277,16 @@ def test_ordinary_steps_take_few_iterations_in_the_lanes_and_none_is_left_to_the
         history = solve_lengths_batch(chain, commands, loads, history=history)
         assert left == [] and np.all(history.status == Status.CONVERGED)
         assert history.residual.max() < 1e-8 and history.iterations.mean() < 5.0
+
+
+def test_lanes_and_the_solver_for_all_cases_end_a_step_alike(monkeypatch):
+    chain, rng = with_friction(five_link, 0.1), np.random.default_rng(1)
+    commands, loads = chain.neutral_lengths - rng.uniform(0.5, 3.0, (24, 2)), [WorldForce(-1, (0.2, 0.1))]
+    history = solve_lengths_batch(chain, commands, loads)
+    commands = commands + rng.uniform(-0.5, 0.5, commands.shape)
+    side_by_side = solve_lengths_batch(chain, commands, loads, history=history)
+    monkeypatch.setattr(batch, "MOST_JOINTS", 0)
+    row_by_row = solve_lengths_batch(chain, commands, loads, history=history)
+    assert np.all(row_by_row.status == Status.CONVERGED)
+    for name in ("joint_angles", "poses", "tensions", "gap_tensions", "contact_forces", "contact_tangents", "slip"):
+        assert getattr(side_by_side, name) == pytest.approx(getattr(row_by_row, name), rel=0, abs=1e-7), name
