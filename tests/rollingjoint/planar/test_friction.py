@@ -290,3 +290,16 @@ def test_lanes_and_the_solver_for_all_cases_end_a_step_alike(monkeypatch):
     assert np.all(row_by_row.status == Status.CONVERGED)
     for name in ("joint_angles", "poses", "tensions", "gap_tensions", "contact_forces", "contact_tangents", "slip"):
         assert getattr(side_by_side, name) == pytest.approx(getattr(row_by_row, name), rel=0, abs=1e-7), name
+
+
+def test_rolling_resistance_is_the_normal_force_off_the_contact():
+    chain, force, arm = with_friction(five_link, 0.1, rolling=0.5), np.array([0.4, -0.3]), 0.5
+    history, command = at_rest(chain)
+    found = solve_lengths(chain, command - (1.5, -1.0), [WorldForce(-1, force)], history=history)
+    assert found.status is Status.CONVERGED
+    levers = found.tip - found.contact_points
+    moments = levers[:, 0] * force[1] - levers[:, 1] * force[0]
+    rolling = arm * found.contact_forces[:, 1] * found.friction_state.rolling
+    assert np.abs(rolling).min() > 0.1
+    pulls = (found.gap_tensions * found.tendon_rates).sum(axis=1)
+    assert pulls + rolling == pytest.approx(moments, abs=1e-7)
