@@ -303,3 +303,13 @@ def test_rolling_resistance_is_the_normal_force_off_the_contact():
     assert np.abs(rolling).min() > 0.1
     pulls = (found.gap_tensions * found.tendon_rates).sum(axis=1)
     assert pulls + rolling == pytest.approx(moments, abs=1e-7)
+
+
+def test_one_joint_whose_tendons_hardly_stretch_in_their_channels_ends_as_without():
+    begin, _ = at_rest(uniform(2))
+    rigid, soft = (
+        solve_tensions(with_friction(partial(uniform, 2), 0.1, compliance=compliance), (5.0, 3.0), history=begin)
+        for compliance in (0.0, 1e-9)
+    )
+    assert soft.status is Status.CONVERGED
+    assert soft.joint_angles == pytest.approx(rigid.joint_angles, abs=1e-7)
