@@ -21,7 +21,7 @@ OPTIONS = {
 }
 
 
-LONG = {"fidelity", "friction_loops", "published_iterations"}
+LONG = {"fidelity", "friction_loops"}
 
 
 @pytest.mark.parametrize(

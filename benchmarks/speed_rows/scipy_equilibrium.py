@@ -2,7 +2,7 @@
 
 Unknowns of link i >= 1: its pose (x, y, angle), the contact's arc length and the contact force; equations: its pose
 follows from the link before (9), and its wrenches balance (10). The equations are those of
-rollingjoint.planar.published_equations, written to be read.
+tests.second_opinions.published_equations, written to be read.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.optimize import root
 from rollingjoint import Equilibrium, RollingChain
 from rollingjoint.chain.se2 import transform
 from rollingjoint.load import Load
-from rollingjoint.planar.published_equations import Configuration, PublishedChain, body_load
+from tests.second_opinions.published_equations import Configuration, PublishedChain, body_load
 
 Array = NDArray[np.float64]
 

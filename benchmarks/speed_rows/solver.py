@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from rollingjoint import prepare, solve_lengths
-from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 from speed_rows.limit import BareWalk
 from speed_rows.mujoco_chain import MujocoChain
 from speed_rows.row import LIMIT, Row, Target, timed_row
@@ -16,6 +15,7 @@ from speed_rows.scipy_equilibrium import solve_by_root
 from speed_rows.sizes import Sizes
 from speed_rows.timing import Contestant, race
 from speed_rows.walk import TENSION_LIMITS, CompiledWalk, Walk, random_walk
+from tests.second_opinions.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 
 TITLE = "One warm solve"
 TEXT = """Five links, two tendons. Tendon lengths and a dead force at the tip change at random by at most 1 mm and
@@ -25,7 +25,7 @@ call from Python for every step, *side by side* is one call for all of them. *Pu
 checks and its `Equilibrium`; *prepared* is `prepare` once, for the load of the first step, and its `solve` for all.
 
 The peers: `scipy.optimize.root` on the paper's 6 (n - 1) equations (`scipy_equilibrium.py`; plain NumPy, numerical
-Jacobian); the paper's algorithms (`rollingjoint.planar.published`), plain NumPy too; and a MuJoCo model of the
+Jacobian); the paper's algorithms (`tests.second_opinions.published`), plain NumPy too; and a MuJoCo model of the
 same size (`mujoco_chain.py`: hinges for rolling contacts, masses, dampers and time step tuned for the shortest way
 to rest), which needs a simulation until it rests. MuJoCo's is compiled code called from Python a few times per
 solve."""

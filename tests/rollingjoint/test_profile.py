@@ -158,6 +158,7 @@ def test_points_beyond_the_surface_are_refused():
     "make, expected",
     [
         (lambda: Profile.constant(-0.05, (-6000.0, 6000.0)), "profile length = 12000.0: expected at most 10,000 mm"),
+        (lambda: Profile.samples((-6000.0, 0.0, 6000.0), 3 * [-0.05]), "profile length = 12000.0: expected at most"),
         (lambda: Profile.constant(-50_000.0), "turning of a profile = 1500000.0: expected at most 2000 rad"),
         (lambda: Profile.constant(-1e300), "turning of a profile"),
         (lambda: Profile.polynomial([1e300] * 5, (-1.0, 1.0)), "turning of a profile"),

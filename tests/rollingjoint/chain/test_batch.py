@@ -241,6 +241,26 @@ def test_a_part_of_the_lanes_leaves_the_results_of_the_others_alone():
     assert np.all(results.status[5:12] == Status.CONVERGED)
 
 
+@pytest.mark.parametrize("count", [1, 11])
+def test_responses_are_how_angles_answer_commands(count):
+    chain, h = five_link(), 1e-4
+    command = chain.neutral_lengths - np.random.default_rng(0).uniform(0.5, 2.0, (count, 2))
+    laws = TendonLaw(command, np.full((count, 2), 5.0), np.zeros((count, 2)), np.full((count, 2), np.inf))
+    tables, starts = np.zeros((count, 0, len(LOAD_COLUMNS))), np.repeat(chain.neutral_angles[None], count, axis=0)
+    results = new_results(count, 4, 2, responses=True)
+    solve = PinnedRange(BatchArrays(*designs_of(chain, count), laws, tables, starts, results))
+    solve(0, count)
+    responses = results.responses.copy()
+    for j in range(2):
+        angles = []
+        for step in (h, -2.0 * h, h):
+            command[:, j] += step
+            solve(0, count)
+            angles.append(results.joint_angles.copy())
+        np.testing.assert_allclose(responses[..., j], (angles[0] - angles[1]) / (2.0 * h), rtol=0, atol=1e-6)
+    assert np.abs(responses).min() > 1e-3
+
+
 def test_no_lanes_give_no_equilibria():
     none = solve_lengths_batch(five_link(), np.empty((0, 2)))
     assert repr(none) == "<Equilibrium of 'five_link', 0 rows: none>"

@@ -8,6 +8,7 @@ from rollingjoint import (
     Gravity,
     InvalidInput,
     Link,
+    OnSurface,
     Profile,
     RollingChain,
     SolverError,
@@ -15,6 +16,7 @@ from rollingjoint import (
     Status,
     Surface,
     Tendon,
+    TorsionSpring,
     WorldForce,
     five_link,
     sensitivity,
@@ -23,6 +25,7 @@ from rollingjoint import (
     solve_tensions,
     solve_tensions_batch,
     two_segment,
+    uniform,
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.random_chain import random_chain, random_loads, random_tensions
@@ -333,3 +336,26 @@ def test_arc_lengths_at_a_limit_are_within_it_and_accepted(seed):
     np.testing.assert_array_equal(chain.joint_angles(nearly), chain.joint_angles(found.arc_lengths))
     with pytest.raises(InvalidInput, match="surface limits"):
         chain.joint_angles(high + 1e-6)
+
+
+@pytest.mark.parametrize(
+    "spring", [[], [Spring(-1, 1e-6, (0.0, 100.0))]], ids=["in lanes", "by the solver for all cases"]
+)
+@pytest.mark.parametrize("rest", [3.0, -3.0])
+@pytest.mark.parametrize("joint", range(4))
+def test_one_joint_alone_is_pressed_against_the_end_of_its_surface(joint, rest, spring):
+    chain = five_link()
+    found = solve_tensions(chain, (2.0, 2.0), [TorsionSpring(joint + 1, 1e4, rest, joint), *spring])
+    assert found.status is Status.AT_LIMIT
+    assert found.free_joints.tolist() == [i != joint for i in range(4)]
+    assert abs(found.arc_lengths[joint]) == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("s", [0.0, 4.0])
+def test_a_tendon_whose_holes_meet_holds_the_joint_where_they_do(s):
+    chain, h = uniform(2).replace(tendons=[Tendon([(OnSurface(s), OnSurface(s))] * 2)]), 1e-3
+    met = chain.joint_angles(np.array([s]))
+    found = solve_tensions(chain, [3.0], start=met + 0.05)
+    assert found.status is Status.CONVERGED and found.joint_angles == pytest.approx(met, abs=1e-9)
+    before, there, after = (chain.tendon_lengths(met + step)[0] for step in (-h, 0.0, h))
+    assert found.stiffness[0, 0] == pytest.approx(3.0 * (before - 2.0 * there + after) / h**2, rel=1e-6)

@@ -1,6 +1,7 @@
 """Steps with friction against two other methods, a closed form, and what any law of dry friction must keep."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from rollingjoint import (
     CapstanFriction,
     FrictionState,
+    RollingChain,
     Status,
     WorldForce,
     five_link,
@@ -22,6 +24,7 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
+from rollingjoint.chain import batch
 
 CASES = json.loads((Path(__file__).parent / "friction_reference.json").read_text("utf-8"))["cases"]
 CHAINS = {"five_link": five_link, "two_segment": two_segment, "uniform2": partial(uniform, 2)}
@@ -262,3 +265,53 @@ def test_what_friction_remembers_is_only_what_it_says():
     by_result = solve_lengths(chain, command, tension_limits=LIMITS, history=first)
     assert np.array_equal(by_state.poses, by_result.poses)
     assert np.linalg.norm(by_result.tip - begin.tip) > 0.5  # it does not come back
+
+
+def test_ordinary_steps_take_few_iterations_in_the_lanes_and_none_is_left_to_the_solver_for_all_cases(monkeypatch):
+    left = []
+    monkeypatch.setattr(batch, "_left", lambda arrays, first, last, everything: left.append(first))
+    chain, rng = with_friction(five_link, 0.1), np.random.default_rng(0)
+    commands = chain.neutral_lengths - rng.uniform(0.5, 3.0, (64, 2))
+    loads = [WorldForce(-1, (0.2, 0.1))]
+    history = solve_lengths_batch(chain, commands, loads)
+    for _ in range(4):
+        commands = commands + rng.uniform(-0.5, 0.5, commands.shape)
+        history = solve_lengths_batch(chain, commands, loads, history=history)
+        assert left == [] and np.all(history.status == Status.CONVERGED)
+        assert history.residual.max() < 1e-8 and history.iterations.mean() < 5.0
+
+
+def test_lanes_and_the_solver_for_all_cases_end_a_step_alike(monkeypatch):
+    chain, rng = with_friction(five_link, 0.1), np.random.default_rng(1)
+    commands, loads = chain.neutral_lengths - rng.uniform(0.5, 3.0, (24, 2)), [WorldForce(-1, (0.2, 0.1))]
+    history = solve_lengths_batch(chain, commands, loads)
+    commands = commands + rng.uniform(-0.5, 0.5, commands.shape)
+    side_by_side = solve_lengths_batch(chain, commands, loads, history=history)
+    monkeypatch.setattr(RollingChain, "kernels", replace(RollingChain.kernels, most_with_friction=0))
+    row_by_row = solve_lengths_batch(chain, commands, loads, history=history)
+    assert np.all(row_by_row.status == Status.CONVERGED)
+    for name in ("joint_angles", "poses", "tensions", "gap_tensions", "contact_forces", "contact_tangents", "slip"):
+        assert getattr(side_by_side, name) == pytest.approx(getattr(row_by_row, name), rel=0, abs=1e-7), name
+
+
+def test_rolling_resistance_is_the_normal_force_off_the_contact():
+    chain, force, arm = with_friction(five_link, 0.1, rolling=0.5), np.array([0.4, -0.3]), 0.5
+    history, command = at_rest(chain)
+    found = solve_lengths(chain, command - (1.5, -1.0), [WorldForce(-1, force)], history=history)
+    assert found.status is Status.CONVERGED
+    levers = found.tip - found.contact_points
+    moments = levers[:, 0] * force[1] - levers[:, 1] * force[0]
+    rolling = arm * found.contact_forces[:, 1] * found.friction_state.rolling
+    assert np.abs(rolling).min() > 0.1
+    pulls = (found.gap_tensions * found.tendon_rates).sum(axis=1)
+    assert pulls + rolling == pytest.approx(moments, abs=1e-7)
+
+
+def test_one_joint_whose_tendons_hardly_stretch_in_their_channels_ends_as_without():
+    begin, _ = at_rest(uniform(2))
+    rigid, soft = (
+        solve_tensions(with_friction(partial(uniform, 2), 0.1, compliance=compliance), (5.0, 3.0), history=begin)
+        for compliance in (0.0, 1e-9)
+    )
+    assert soft.status is Status.CONVERGED
+    assert soft.joint_angles == pytest.approx(rigid.joint_angles, abs=1e-7)

@@ -141,7 +141,6 @@ def _planar_functions():
     from rollingjoint.cad import bodies, export
     from rollingjoint.design import DesignSpace, LateralStiffness, measure
     from rollingjoint.differentiable import DifferentiableChain
-    from rollingjoint.planar.published import solve_lengths_published, solve_tensions_published
     from rollingjoint.plotting import plot_family, plot_mechanism
 
     return {
@@ -149,8 +148,6 @@ def _planar_functions():
         "plot_family": lambda arm: plot_family([arm], ["arm"]),
         "export": lambda arm: export(arm, "never written"),
         "bodies": bodies,
-        "solve_tensions_published": lambda arm: solve_tensions_published(arm, np.ones(4)),
-        "solve_lengths_published": lambda arm: solve_lengths_published(arm, np.ones(4)),
         "DifferentiableChain": DifferentiableChain.from_mechanism,
         "measure": lambda arm: measure(arm, [LateralStiffness()]),
         "DesignSpace.vector": DesignSpace().vector,

@@ -246,6 +246,14 @@ def test_couples_on_the_last_bead_balance_an_arm_that_stands_which_newton_from_r
     assert np.median(found.iterations) > 30  # an overdamped motion, or growing loads
 
 
+def test_a_growing_load_without_potential_is_followed_along_unstable_equilibria():
+    rng = np.random.default_rng(0)
+    arm = flexible_arm("end_couple")
+    tensions = (rng.uniform(0, 30, (12, 8)) * (rng.random((12, 8)) < 0.5))[:2]
+    found = solve_tensions_batch(arm, tensions, [BodyWrench(-1, (0.0, 0.3, -1.0)), arm.gravity(UPRIGHT)])
+    assert np.all(found.status == Status.UNSTABLE) and found.residual.max() < 1e-8
+
+
 def test_what_an_arm_has_computed_once_cannot_be_overwritten():
     arm = small_arm()
     for name in ("joint_limits", "neutral_angles", "neutral_lengths", "stiffnesses"):

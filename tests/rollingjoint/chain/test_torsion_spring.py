@@ -12,8 +12,8 @@ from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, 
 from rollingjoint.kernels.planar.arrays import new_results
 from rollingjoint.kernels.shared.batch import solve_lanes
 from rollingjoint.load import LOAD_COLUMNS, load_table
-from rollingjoint.planar.published import solve_tensions_published
 from rollingjoint.statics import sensitivity
+from tests.second_opinions.published import solve_tensions_published
 
 FIVE = rj.five_link()
 FORCE = WorldForce(-1, (0.1, 0.05), 0.3)

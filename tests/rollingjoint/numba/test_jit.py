@@ -261,7 +261,6 @@ EVERYTHING = (
     + """
 import numpy as np
 import rollingjoint as rj
-from rollingjoint.planar import published
 from rollingjoint.io import report
 from rollingjoint.statics import sensitivity
 

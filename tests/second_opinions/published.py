@@ -29,7 +29,7 @@ from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.checks import as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.planar.published_equations import Configuration, PublishedChain
+from tests.second_opinions.published_equations import Configuration, PublishedChain
 
 if TYPE_CHECKING:
     from rollingjoint.chain.equilibrium import Equilibrium

@@ -1,15 +1,12 @@
 """Iterations of the published algorithms and of the compiled solver on the cases of the rolling-contact paper.
 
-Run: python examples/published_iterations.py [--out DIR]
+Run: python -m tests.second_opinions
 """
-
-import argparse
-from pathlib import Path
 
 import numpy as np
 
 import rollingjoint as rj
-from rollingjoint.planar.published import PublishedSolution, solve_lengths_published, solve_tensions_published
+from tests.second_opinions.published import PublishedSolution, solve_lengths_published, solve_tensions_published
 
 FIGURE_3 = [(3, 1), (1, 1), (1, 3), (6, 2), (2, 2), (2, 6)]
 FIGURE_4 = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5]
@@ -18,15 +15,8 @@ FIXED_STEP = 2e-3  # N²/mm²; 1e-2 fails on four of the five length pairs of fi
 LIMIT = 500
 
 
-def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out"))
-    out = parser.parse_args(argv).out
-    text = "\n".join([*tension_table(), "", *length_table()])
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "published_iterations.txt"
-    path.write_text(text + "\n", encoding="utf-8")
-    print(text, f"\nwrote {path}", sep="\n")
+def main() -> None:
+    print(*tension_table(), "", *length_table(), sep="\n")
 
 
 def tension_table() -> list[str]:

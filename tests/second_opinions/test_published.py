@@ -8,14 +8,14 @@ import pytest
 import rollingjoint as rj
 from rollingjoint.chain.se2 import dual_adjoint, dual_bracket, transform
 from rollingjoint.load import load_table
-from rollingjoint.planar.published import (
+from tests.second_opinions.published import (
     length_jacobian,
     newton_step,
     solve_lengths_published,
     solve_recursion,
     solve_tensions_published,
 )
-from rollingjoint.planar.published_equations import Configuration, PublishedChain, body_load
+from tests.second_opinions.published_equations import Configuration, PublishedChain, body_load
 
 PUSH = [rj.WorldForce(-1, (0.5, 0.0))]
 
