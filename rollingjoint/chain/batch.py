@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]
 
+_RANGE, _LEFT = (int, int), (Annotated[Integers, "left"],)  # what names the rows of a kernel of rows
 _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 
 
@@ -53,34 +54,35 @@ class PinnedRange:
 
     def __init__(self, kernels: Kernels, batch: Any, memory: Array | None = None) -> None:
         self._kernels, self._batch, self.entry, self.pins = kernels, batch, 0, 0
-        self._lanes = _lanes_for(kernels, batch)
-        if kernels.lanes is not None:
+        self._is_long = kernels.lanes is not None and _lanes_for(kernels, batch) is None
+        if kernels.lanes is None:
+            self._solve = partial(_on_rows(kernels, kernels.solve), *batch)
+        else:
             self._pin(kernels.lanes, memory)
 
     def _pin(self, lanes: Lanes, memory: Array | None) -> None:
         alone = len(self._batch.starts) == 1
         if memory is None:
-            memory = lanes.memory(self._batch) if alone and self._lanes else np.zeros(0)
+            memory = lanes.memory(self._batch) if alone and not self._is_long else np.zeros(0)
         self._pinned = Pinned(lanes.pinned_batch(self._batch, memory))
         self.pins = self._pinned.address_for(lanes.pinned_batch)
-        if self._lanes:
+        if not self._is_long:
             kernel = lanes.solve_alone if alone else lanes.solve
             self.entry = entry_address(kernel, int, int, int)
             self._solve = partial(machine_code(kernel, int, int, int), self.pins)
 
-    @cached_property
-    def _solve_rows(self) -> Callable[..., object]:
-        """The solver for all cases."""
-        return partial(_on_rows(self._kernels, self._kernels.solve), *self._batch)
-
     def __call__(self, first: int, last: int) -> None:
         """Solve rows first to last - 1."""
-        if self._lanes is None or self._solve(first, last):
+        if self._is_long or self._solve(first, last):
             self.solve_the_rest(first, last)
 
     def solve_the_rest(self, first: int, last: int) -> None:
         """Solve those of the rows first to last - 1 that `entry` has left."""
-        self._solve_rows(*_left(self._kernels, self._batch, first, last))
+        if self._kernels.lanes is None:
+            self._solve(first, last)
+        else:
+            rows = _left(self._kernels, self._batch, first, last)
+            _on_rows(self._kernels, self._kernels.solve)(*self._batch, *rows)
 
 
 def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
@@ -197,8 +199,7 @@ def _on_batch(kernels: Kernels, kernel: Any, *kinds: Any) -> Callable[..., Any]:
 
 def _on_rows(kernels: Kernels, kernel: Any, *kinds: Any) -> Callable[..., Any]:
     """The same of a kernel of rows, whose last arguments are those of `_left`."""
-    rows = (int, int) if kernels.lanes is None else (Annotated[Integers, "left"],)
-    return _on_batch(kernels, kernel, *kinds, *rows)
+    return _on_batch(kernels, kernel, *kinds, *(_RANGE if kernels.lanes is None else _LEFT))
 
 
 def _left(kernels: Kernels, batch: Any, first: int, last: int) -> tuple[Any, ...]:
