@@ -139,7 +139,7 @@ class HingeEquilibrium(Solution):
     tendon_torques: Array
     escapes: int | NDArray[np.int64]
 
-    _NUMBERS = ("escapes",)
+    _NUMBER = "escapes"
 
     @property
     def remark(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -76,12 +76,9 @@ class _Part:
         known = solution.__dict__
         _, memory, places = known["_outputs"]
         shape, first = places[self.part]
-        known[self.field] = self.of(np.ndarray(shape, float, memory, first))
+        array = np.ndarray(shape, float, memory, first)
+        known[self.field] = array if self.columns is None else array[..., self.columns]
         return known[self.field]
-
-    def of(self, array: Array) -> Array:
-        """The field in an array of its name."""
-        return array if self.columns is None else array[..., self.columns]
 
 
 def parts(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
@@ -131,7 +128,7 @@ class Solution(ABC):
     friction: FrictionStep | None = field(default=None, kw_only=True)
 
     _parts: ClassVar[dict[str, _Part]]  # by the names of their fields
-    _NUMBERS: ClassVar[tuple[str, ...]] = ()  # fields of a class that are numbers
+    _NUMBER: ClassVar[str]  # a field that is a number, which a class adds
 
     def __post_init__(self) -> None:
         """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
@@ -153,19 +150,32 @@ class Solution(ABC):
         for array in (table, *results):
             array.setflags(write=False)
         values = {"mechanism": mechanism, "loads": table, "friction": friction}
-        for name in (each.name for each in fields(cls)):
-            if name not in values:
-                part = cls._parts.get(name)
-                values[name] = getattr(results, name) if part is None else part.of(getattr(results, part.part))
+        for name, place, columns in cls._places(results._fields):
+            values[name] = results[place] if columns is None else results[place][..., columns]
         return cls.filled(values)
 
     @classmethod
+    @cache
+    def _places(cls, outputs: tuple[str, ...]) -> list[tuple[str, int, slice | None]]:
+        """Where in outputs of these names the fields are: name, number of the output, its columns."""
+        names = [each.name for each in fields(cls) if each.name not in ("mechanism", "loads", "friction")]
+        parts = [cls._parts.get(name) or _Part(name, name, None) for name in names]
+        return [(part.field, outputs.index(part.part), part.columns) for part in parts]
+
+    @classmethod
     def of_outputs(
-        cls, mechanism: Any, table: Array, outputs: Outputs, residual: float, iterations: int, status: int, *more: int
+        cls,
+        mechanism: Any,
+        table: Array,
+        outputs: Outputs,
+        residual: float,
+        iterations: int,
+        status: int,
+        number: int | None = None,
     ) -> Self:
         """One equilibrium whose arrays are made from its outputs when they are asked for.
 
-        more: the other numbers of an equilibrium, in the order of the fields.
+        number: that which the class adds.
         """
         values = {
             "mechanism": mechanism,
@@ -177,8 +187,8 @@ class Solution(ABC):
             "friction": None,
             "_outputs": outputs,
         }
-        if more:
-            values.update(zip(cls._NUMBERS, more, strict=True))
+        if number is not None:
+            values[cls._NUMBER] = number
         return cls.filled(values)
 
     @classmethod
