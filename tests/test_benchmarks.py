@@ -348,3 +348,13 @@ def test_the_driver_hands_every_unit_to_sleeping_workers():
     assert mean == "0.02" and float(wall) >= 0.1  # 200 units of 0.02 s for 50 workers take 0.08 s, the last ones longer
     assert 0 < float(busy.removesuffix(" %")) <= 100 and float(rate.replace(",", "")) > 0
     assert min(scaling.recorded_seconds()) > 0
+
+
+@pytest.mark.slow  # compiles a kernel that nothing else needs
+def test_gaps_through_vectors_are_those_that_are_written_out(monkeypatch, capsys):
+    import vectors
+
+    monkeypatch.setattr(vectors, "PAIRS", 2)
+    monkeypatch.setattr(vectors, "ROUNDS", 100)
+    vectors.main()
+    assert capsys.readouterr().out.endswith("equal to the last bit: yes\n")
