@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Print the journeys."""
     arguments = _arguments(argv)
     watch = KernelWatch()
-    counted = {name: counted_files(JOURNEYS[name].prepare(), watch) for name in arguments.only or JOURNEYS}
+    counted = {name: counted_files(JOURNEYS[name].prepare, watch) for name in arguments.only or JOURNEYS}
     if arguments.json:
         print(json.dumps({name: files._asdict() for name, files in counted.items()}, default=sorted, indent=1))
         return
@@ -74,8 +74,10 @@ def table(counted: dict[str, Counted]) -> str:
     return "\n".join(rows)
 
 
-def counted_files(call: Callable[[], object], watch: KernelWatch) -> Counted:
-    """Functions that run in a call, by their files in alphabetical order."""
+def counted_files(prepare: Callable[[], Callable[[], object]], watch: KernelWatch) -> Counted:
+    """Functions that run in the call that `prepare` makes, by their files in alphabetical order."""
+    watch.addressed.clear()
+    call = prepare()
     call()
     watch.entered.clear()
     python = python_functions(call)
