@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rollingjoint import Equilibrium, RollingChain
-from rollingjoint.chain.se2 import transform
 from rollingjoint.load import Load
 from tests.second_opinions.published_equations import Configuration, PublishedChain, body_load
+from tests.second_opinions.se2 import transform
 
 Array = NDArray[np.float64]
 

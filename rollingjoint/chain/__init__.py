@@ -12,7 +12,6 @@ Modules:
     presets: mechanisms by name.
     random_chain: random valid chains, loads and inputs.
     rolling: links that roll on each other, and the arrays that kernels read.
-    se2: planar rigid-body motions.
     se3: spatial rigid-body motions.
     solution: the base class of all equilibria.
     stacks: several mechanisms as one stack of arrays.

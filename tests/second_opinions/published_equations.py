@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.rolling import RollingChain
-from rollingjoint.chain.se2 import adjoint, dual_adjoint, dual_bracket, inverse, skew, transform, turned
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, pair_columns
 from rollingjoint.profile import Surface
+from tests.second_opinions.se2 import adjoint, dual_adjoint, dual_bracket, inverse, skew, transform, turned
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
-from rollingjoint.chain.se2 import dual_adjoint, dual_bracket, transform
 from rollingjoint.load import load_table
 from tests.second_opinions.published import (
     length_jacobian,
@@ -16,6 +15,7 @@ from tests.second_opinions.published import (
     solve_tensions_published,
 )
 from tests.second_opinions.published_equations import Configuration, PublishedChain, body_load
+from tests.second_opinions.se2 import dual_adjoint, dual_bracket, transform
 
 PUSH = [rj.WorldForce(-1, (0.5, 0.0))]
 
