@@ -19,7 +19,6 @@ Modules:
     kernels: the compiled formulas and solvers.
     load: external loads and their tables.
     mujoco: mechanisms as MuJoCo models.
-    planar: second opinions on planar chains.
     plotting: pictures with matplotlib.
     profile: contact surfaces and their curvature.
     spatial: second opinions on arms.

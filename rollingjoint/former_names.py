@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 
+import rollingjoint.chain as chains
 from rollingjoint.chain import chain, equilibrium, friction_step, hinge, presets, rolling, solution, tendon, variations
 
 sys.modules |= {
     "rollingjoint.friction_step": friction_step,
     "rollingjoint.mechanism": chain,
+    "rollingjoint.planar": chains,  # imported before what is in it
     "rollingjoint.planar.chain": rolling,
     "rollingjoint.planar.equilibrium": equilibrium,
     "rollingjoint.planar.variations": variations,

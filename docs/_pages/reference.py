@@ -11,6 +11,7 @@ from types import ModuleType
 MODULES = (
     "rollingjoint",
     "rollingjoint.statics.sensitivity",
+    "rollingjoint.transmission",
     "rollingjoint.differentiable",
     "rollingjoint.design",
     "rollingjoint.identify",

@@ -7,9 +7,9 @@ Modules:
     forward: kinematics without statics.
     joint: one rolling joint: its table, and the tendon gaps across it.
     loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and side by side.
+    rubbed_block: steps with friction in lanes.
     side_by_side: chains in lanes, eight side by side or a single one.
     solve: one equilibrium from one start, one step with friction, and where their results go.
-    steps_side_by_side: the solver of eight lanes with friction.
     turns: what friction needs: how far tendons turn at their holes, and what presses the links together.
 """
 

@@ -5,6 +5,7 @@ Modules:
     chain: poses, tendons, residual and stiffness at one configuration.
     lanes: chains in lanes, eight side by side or a single one.
     loads: what the rows of a load table do: energy, sums, stiffness, for one configuration and in lanes.
+    rubbed_block: steps with friction in lanes.
     solve: one equilibrium from one start, one step with friction, and where their results go.
     turns: what friction needs: how far tendons turn at the holes of the beads.
 """

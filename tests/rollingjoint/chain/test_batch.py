@@ -248,7 +248,7 @@ def test_responses_are_how_angles_answer_commands(count):
     laws = TendonLaw(command, np.full((count, 2), 5.0), np.zeros((count, 2)), np.full((count, 2), np.inf))
     tables, starts = np.zeros((count, 0, len(LOAD_COLUMNS))), np.repeat(chain.neutral_angles[None], count, axis=0)
     results = new_results(count, 4, 2, responses=True)
-    solve = PinnedRange(BatchArrays(*designs_of(chain, count), laws, tables, starts, results))
+    solve = PinnedRange(chain.kernels, BatchArrays(*designs_of(chain, count), laws, tables, starts, results))
     solve(0, count)
     responses = results.responses.copy()
     for j in range(2):
