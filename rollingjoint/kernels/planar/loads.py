@@ -202,8 +202,8 @@ def add_torsion_springs(chain, loads, H):
 
 
 @formula(formulas.fill_load_generators, Chain)
-def fill_load_generators(chain, loads, state, sweep):
-    """Fill diagonal, U and V of a Sweep with what loads add."""
+def fill_load_generators(chain, loads, state, prox, sweep):
+    """Fill diagonal, U and V of a Sweep with what loads and moving contacts add."""
     standing, sums, contact = chain.standing, state.sums, state.contact
     springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
@@ -211,12 +211,12 @@ def fill_load_generators(chain, loads, state, sweep):
         lever = sums[i, X_DOT_F] - cx * sums[i, FX] - cy * sums[i, FY]
         lever += sums[i, K_XX] - cx * sums[i, KX] - cy * sums[i, KY]
         sweep.U[i, 0], sweep.V[i, 0] = lever, 1.0
-        diagonal = lever
+        diagonal = lever + prox
         if springs:
             sweep.U[i, 1], sweep.U[i, 2] = cx * sums[i, K] - sums[i, KX], cy * sums[i, K] - sums[i, KY]
             sweep.V[i, 1], sweep.V[i, 2] = cx, cy
             diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
-        sweep.diagonal[i] = diagonal
+        sweep.diagonal[i] = diagonal + formulas.own_stiffness(chain, state, i)
     column = 3 if springs else 1
     for place in range(standing.shape[0] + loads.shape[0]):
         row = _row(standing, loads, place)

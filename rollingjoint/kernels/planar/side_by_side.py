@@ -17,6 +17,8 @@ from rollingjoint.kernels.planar.arrays import (
     COS,
     CX,
     CY,
+    FX,
+    FY,
     GX,
     GY,
     N_COEFFICIENTS,
@@ -36,7 +38,7 @@ from rollingjoint.kernels.planar.block import (
     fill_inputs,
     store_lane,
 )
-from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual, moving_contact
+from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
 from rollingjoint.kernels.planar.joint import locate, table_row
 from rollingjoint.kernels.planar.loads import evaluate_dead_loads, fill_dead_stiffness, n_rows
 from rollingjoint.kernels.shared import block_formulas
@@ -78,8 +80,9 @@ def evaluate_lanes(block, chain, designs):
 @formula(block_formulas.fill_row_of_loads, Block)
 def fill_row_of_loads(block, i, H):
     """Fill row i of H with what dead loads add; returns what they and the moving contact add to the diagonal."""
+    sums, contact = block.state.sums, block.state.contact
     pivot = fill_dead_stiffness(block.loads, block.state, i, H)
-    return pivot + moving_contact(None, block.state, i)
+    return pivot + contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
 
 
 formula(block_formulas.advance, Block)(advance)

@@ -22,7 +22,7 @@ def solve_invalid(chain, start, state):
     return INVALID_INPUT, 0, np.inf, 0
 
 
-@kernel(nogil=True, lapack=True, short_loops=True, title="the solver for special cases")
+@kernel(nogil=True, lapack=True, title="the solver for special cases")
 def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
     """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
     state = formulas.new_state(chain, starts.shape[1], laws.command.shape[1])

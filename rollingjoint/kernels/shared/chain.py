@@ -58,9 +58,9 @@ def fill_generators(chain, loads, state, prox, sweep):
     chain, loads, state = borrow(chain), borrow(loads), borrow(state)
     gap, elastic, tendon_joints = state.gap, state.elastic, chain.tendon_joints
     first = sweep.U.shape[1] - elastic.size
-    formulas.fill_load_generators(chain, loads, state, sweep)
+    formulas.fill_load_generators(chain, loads, state, prox, sweep)
     for i in range(state.angle.size):
-        diagonal = sweep.diagonal[i] + (formulas.own_stiffness(chain, state, i) + prox)
+        diagonal = sweep.diagonal[i]
         for j in range(elastic.size):
             rate = gap[i, j, 1] if i < tendon_joints[j] else 0.0
             sweep.U[i, first + j], sweep.V[i, first + j] = elastic[j] * rate, rate

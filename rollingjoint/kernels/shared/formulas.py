@@ -101,8 +101,8 @@ def add_between_links(chain: Any, loads: Any, H: Any) -> None:
     raise TypeError("add_between_links is compiled into kernels")
 
 
-def fill_load_generators(chain: Any, loads: Any, state: Any, sweep: Any) -> None:
-    """Fill diagonal, U and V of a Sweep with what loads add, in its first columns."""
+def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -> None:
+    """Fill diagonal, U and V of a Sweep with what loads and joints add, in its first columns; prox: on the diagonal."""
     raise TypeError("fill_load_generators is compiled into kernels")
 
 

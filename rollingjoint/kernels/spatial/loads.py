@@ -245,12 +245,12 @@ def add_nothing(chain, loads, H):
 
 
 @formula(formulas.fill_load_generators, Hinges)
-def fill_load_generators(chain, loads, state, sweep):
+def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first, and s, c × a in three of their own."""
     springs = has_springs(loads)
     for i in range(state.angle.size):
         w, axis = lever(state, i), in_space(state.axis, i, 0)
-        sweep.diagonal[i] = -dot(w, axis)
+        sweep.diagonal[i] = prox + formulas.own_stiffness(chain, state, i) - dot(w, axis)
         for a in range(3):
             sweep.U[i, a], sweep.V[i, a] = -w[a], axis[a]
         if springs:
