@@ -79,10 +79,15 @@ def evaluate_lanes(block, chain, designs):
 
 @formula(block_formulas.fill_row_of_loads, Block)
 def fill_row_of_loads(block, i, H):
-    """Fill row i of H with what dead loads add; returns what they and the moving contact add to the diagonal."""
+    """Fill row i of H with what dead loads add; returns what they add to the diagonal."""
+    return fill_dead_stiffness(block.loads, block.state, i, H)
+
+
+@formula(block_formulas.own_terms, Block)
+def own_terms(block, i):
+    """`moving_contact`, its two terms."""
     sums, contact = block.state.sums, block.state.contact
-    pivot = fill_dead_stiffness(block.loads, block.state, i, H)
-    return pivot + contact[i, 2] * sums[i, FY] - contact[i, 3] * sums[i, FX]
+    return contact[i, 2] * sums[i, FY], contact[i, 3] * sums[i, FX]
 
 
 formula(block_formulas.advance, Block)(advance)

@@ -24,8 +24,13 @@ def evaluate_lanes(block: Any, chain: Any, designs: Any) -> Any:
 
 
 def fill_row_of_loads(block: Any, i: Any, H: Any) -> Any:
-    """Fill row i of H up to the diagonal with what loads add; returns the diagonal entry without the tendons."""
+    """Fill row i of H up to the diagonal with what loads add; returns what they add to the diagonal."""
     raise TypeError("fill_row_of_loads is compiled into kernels")
+
+
+def own_terms(block: Any, i: Any) -> Any:
+    """What joint i alone adds to the diagonal of H, its spring or its moving contact: two numbers, less the second."""
+    raise TypeError("own_terms is compiled into kernels")
 
 
 def evaluate_turns(rubbed: Any, tendon_joints: Any) -> None:

@@ -112,6 +112,8 @@ def factor_stiffness(block, tendon_joints):
     smallest, largest = 0.0 * state.angle[0] + np.inf, 0.0 * state.angle[0]
     for i in range(n_joints):
         pivot = block_formulas.fill_row_of_loads(block, i, H)
+        term, less = block_formulas.own_terms(block, i)
+        pivot = pivot + term - less
         for j in range(tension.size):
             if i < tendon_joints[j]:
                 rate = gap[i, j, 1]

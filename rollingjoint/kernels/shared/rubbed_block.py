@@ -108,7 +108,9 @@ def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
     state, free = block.state, block.vectors[5]
     gap, n_joints = state.gap, free.size
     for i in range(n_joints):
-        A[i, i] = block_formulas.fill_row_of_loads(block, i, A)
+        lever = block_formulas.fill_row_of_loads(block, i, A)
+        term, less = block_formulas.own_terms(block, i)
+        A[i, i] = lever + (term - less)
         for m in range(i):
             A[m, i] = A[i, m]
     for j in range(tendon_joints.size):

@@ -92,11 +92,17 @@ def evaluate_lanes(block, chain, designs):
 
 @formula(block_formulas.fill_row_of_loads, HingeBlock)
 def fill_row_of_loads(block, i, H):
-    """Fill row i of H with what dead forces add; returns what they and the hinge's spring add to the diagonal."""
+    """Fill row i of H with what dead forces add; returns what they add to the diagonal."""
     axis, w = block.state.axis, lever(block.state, i)
     for m in range(i):
         H[i, m] = -dot(in_space(axis, m, 0), w)
-    return block.springs[i] - dot(in_space(axis, i, 0), w)
+    return -dot(in_space(axis, i, 0), w)
+
+
+@formula(block_formulas.own_terms, HingeBlock)
+def own_terms(block, i):
+    """The hinge's spring."""
+    return block.springs[i], 0.0
 
 
 formula(block_formulas.advance, HingeBlock)(advance)
