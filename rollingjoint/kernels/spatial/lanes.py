@@ -35,7 +35,7 @@ from rollingjoint.kernels.spatial.arrays import EXACT, N_DEAD, N_DEAD_SUMS, PX, 
 from rollingjoint.kernels.spatial.chain import evaluate_geometry, evaluate_hinges
 from rollingjoint.kernels.spatial.loads import dead_moment, evaluate_dead_loads, fill_dead_loads, lever
 
-MOST_HINGES = 24  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
+MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step of the solver for all cases
 
 
 class HingeBlock(NamedTuple):
