@@ -3,10 +3,12 @@
 Long chains whose loads all have a potential take the O(n) steps of long_chain.py. Where the energy decides, an unstable
 equilibrium is left downhill and counted, here and not in Newton's method. Where something has no potential, or Newton's
 method does not converge, the overdamped motion from the start follows, then loads and tendons grow from nothing; the
-slow descent comes last.
+slow descent comes last, and again from beside where it has ended.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -39,6 +41,8 @@ from rollingjoint.kernels.spatial.loads import has_springs
 STIFFNESSES = (SPRING,)  # columns of a load table
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
+_ASIDE = 1e-4  # rad
+_WAYS_ASIDE = 4
 _STEPS_PER_ESCAPE = 10  # dense steps that take as long as the eigenvectors of an escape
 
 
@@ -199,7 +203,22 @@ def solve(chain, law, loads, start, state):
         found = settle(*how, law, loads, start, state, H, sweep)
         status, more, worst = found
         count += more
+        aside = np.empty(start.size)
+        for way in range(_WAYS_ASIDE):
+            if status < UNSTABLE:
+                break
+            _step_aside(state.angle, way, aside)
+            found = settle(*how, law, loads, aside, state, H, sweep)
+            status, more, worst = found
+            count += more
     return status, count, worst, escapes
+
+
+@part
+def _step_aside(angle, way, aside):
+    """Fill a start beside the angles, another way in every hinge: hinges that are alike meet saddles together."""
+    for i in range(angle.size):
+        aside[i] = angle[i] + _ASIDE * math.sin((way + 1.0) * (i + 1.0))
 
 
 @formula(formulas.solve_step, Hinges)

@@ -388,3 +388,11 @@ def test_sensitivities_are_the_differences_of_solves(model):
     assert sensitivity.dposes_dlengths(elastic)[-1, :3] == pytest.approx(
         differences(tip_by_length, command, 1e-4), abs=1e-4
     )
+
+
+def test_arms_that_are_drawn_together_end_in_an_equilibrium():
+    rng, arm, count = np.random.default_rng(0), flexible_arm(), 6000
+    pulls = rng.uniform(0.0, 1.0, (count, 8)) * np.repeat([120.0, 160.0], 4) * rng.uniform(0.0, 1.0, (count, 1))
+    at_saddles = [219, 346, 498, 658, 723, 748, 796, 867]  # many hinges alike, at their limits or at a saddle
+    found = solve_lengths_batch(arm, (arm.neutral_lengths - pulls)[at_saddles])
+    assert np.all(found.status <= Status.AT_LIMIT)
