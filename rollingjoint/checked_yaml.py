@@ -121,9 +121,11 @@ def read_yaml(path: Path) -> object:
             size = path.stat().st_size
             raise ConfigError(f"size of {path}", size, f"at most {LARGEST_FILE:,} bytes of YAML text")
         text = content.decode().replace("\r\n", "\n")
-    except (ValueError, OSError) as error:
-        if isinstance(error, ConfigError):
-            raise
+    except ConfigError:
+        raise
+    except OSError as error:  # whose text would repeat the path, however long it is
+        raise ConfigError("file", str(path), "readable YAML text", error.strerror or "") from None
+    except ValueError as error:
         raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
     return parse_yaml(text, str(path))
 

@@ -87,8 +87,20 @@ def indices(free):
 
 
 @part
+def is_finite(H, free):
+    """Whether H has neither NaN nor infinity in the free rows and columns: LAPACK's wrappers raise on them."""
+    for i in range(free.size):
+        for m in range(free.size):
+            if free[i] and free[m] and not abs(H[i, m]) < math.inf:
+                return False
+    return True
+
+
+@part
 def smallest_real_part(H, free):
-    """Smallest real part of the eigenvalues of H over the free joints."""
+    """Smallest real part of the eigenvalues of H over the free joints; -inf where H is not finite."""
+    if not is_finite(H, free):
+        return -math.inf
     index = indices(free)
     reduced = np.empty((index.size, index.size), np.complex128)
     for i in range(index.size):
@@ -102,10 +114,10 @@ def smallest_real_part(H, free):
 
 @part
 def eigen(H, free):
-    """(indices, eigenvalues, eigenvectors) of a symmetric H over the free joints."""
-    index = indices(free)
-    reduced = np.empty((index.size, index.size))
-    for i in range(index.size):
+    """(indices, eigenvalues, eigenvectors) of a symmetric H over the free joints; of the identity if not finite."""
+    index, finite = indices(free), is_finite(H, free)
+    reduced = np.eye(index.size)
+    for i in range(index.size if finite else 0):
         for m in range(index.size):
             reduced[i, m] = H[index[i], index[m]]
     values, vectors = np.linalg.eigh(reduced)

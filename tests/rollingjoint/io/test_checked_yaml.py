@@ -119,3 +119,10 @@ def test_messages_are_one_line_and_made_no_longer_than_they_are_shown():
         assert message.isprintable() and len(message) < 220
     for value in ([1, 2.0, None], (1,), (), {"a": {"b": (1, [])}, 2: "x"}, "text", 3, "it's"):
         assert str(InvalidInput("x", value, "y")) == f"x = {value!r}: expected y."
+
+
+def test_a_name_that_is_too_long_for_a_file_is_told_in_one_short_line(tmp_path):
+    with pytest.raises(ConfigError) as told:
+        read_yaml(tmp_path / ("long" * 1000))
+    assert str(told.value).endswith("expected readable YAML text. File name too long")
+    assert len(str(told.value)) < 300

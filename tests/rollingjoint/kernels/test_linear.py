@@ -195,3 +195,16 @@ def test_the_unsymmetric_sweep_is_elimination_without_exchange(rng, free):
     substitute_lu(lu, free, r, step)
     np.testing.assert_allclose(step, spread(np.linalg.solve(dense, -r[free]), free), rtol=1e-10, atol=1e-14)
     assert factor_lu(lu, -diagonal, free, 0.0) == -1.0
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_matrices_that_are_not_finite_raise_nothing(wrong):
+    H, free, step = np.diag([2.0, 3.0, 5.0]), np.ones(3, bool), np.zeros(3)
+    H[1, 1] = wrong
+    assert smallest_real_part(H, free) == -np.inf
+    descent_step(H, free, np.array([1.0, -2.0, 4.0]), np.empty((3, 3)), step)
+    assert np.array_equal(step, [-1.0, 2.0, -4.0])
+    escape_direction(H, free, step)
+    assert np.abs(step).max() == pytest.approx(0.1)
+    free[1] = False  # what is held does not count
+    assert smallest_real_part(H, free) == pytest.approx(2.0)
