@@ -34,7 +34,7 @@ class Spares(dict[int, list[Any]]):
 class Kernels:
     """The compiled code that a class of chains has of its own: what solves its batches in SIMD lanes.
 
-    What the lanes leave goes to the solver for all cases (kernels.shared.batch), which knows the class by its arrays.
+    What the lanes leave goes to the solver for all cases (kernels.batch), which knows the class by its arrays.
 
     Attributes:
         batch_arrays: NamedTuple of equilibria to be solved, and where they go: chain, from `stack`; designs: which of

@@ -18,10 +18,15 @@ from rollingjoint.chain.tendon import BeadTendon
 from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS
-from rollingjoint.kernels.spatial.arrays import N_TURNS, BatchArrays, Hinges, PinnedHinges, new_hinge_results
-from rollingjoint.kernels.spatial.lanes import MOST_HINGES, memory_alone, solve_hinges_alone, solve_hinges_pinned
-from rollingjoint.kernels.spatial.rubbed_block import step_hinges_side_by_side
+from rollingjoint.kernels.hinge_lanes import (
+    MOST_HINGES,
+    memory_alone,
+    solve_hinges_alone,
+    solve_hinges_pinned,
+    step_hinges_side_by_side,
+)
+from rollingjoint.kernels.hinges import N_TURNS, HingeBatchArrays, Hinges, PinnedHinges, new_hinge_results
+from rollingjoint.kernels.lanes import MOST_JOINTS
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load, spatial_load_table
 
 Array = NDArray[np.float64]
@@ -104,7 +109,7 @@ class HingeChain(Chain[HingeEquilibrium]):
     load_columns: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     equilibrium: ClassVar[type[HingeEquilibrium]] = HingeEquilibrium
     kernels: ClassVar[Kernels] = Kernels(
-        batch_arrays=BatchArrays,
+        batch_arrays=HingeBatchArrays,
         new_results=new_hinge_results,
         torques="torques",
         pinned_batch=PinnedHinges,

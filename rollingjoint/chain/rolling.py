@@ -18,12 +18,18 @@ from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, BatchArrays, PinnedBatch, aligned, new_results
-from rollingjoint.kernels.planar.arrays import Chain as ChainArrays
-from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
-from rollingjoint.kernels.planar.rubbed_block import step_side_by_side
-from rollingjoint.kernels.planar.side_by_side import memory_alone, solve_alone, solve_pinned
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS
+from rollingjoint.kernels.lanes import MOST_JOINTS
+from rollingjoint.kernels.rolling import (
+    BUCKET_ENDS,
+    BatchArrays,
+    PinnedBatch,
+    aligned,
+    arc_lengths_of,
+    new_results,
+    poses_of,
+)
+from rollingjoint.kernels.rolling import Chain as ChainArrays
+from rollingjoint.kernels.rolling_lanes import memory_alone, solve_alone, solve_pinned, step_side_by_side
 from rollingjoint.load import LOAD_COLUMNS, Load, checked_springs, load_table
 from rollingjoint.profile import LIMIT_TOLERANCE, Profile, Surface
 

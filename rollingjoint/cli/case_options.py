@@ -11,7 +11,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
 from rollingjoint.statics.history import Start
 from rollingjoint.statics.least_squares import LARGEST_TENSION

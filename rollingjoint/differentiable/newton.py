@@ -17,7 +17,7 @@ from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.slip import frozen_work
 from rollingjoint.differentiable.statics import ChainState, Law
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels.arrays import (
     MAX_STEP,
     NEGLIGIBLE,
     RELATIVE_GOAL,

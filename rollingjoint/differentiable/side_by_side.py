@@ -1,6 +1,6 @@
 """Equilibria of many tabulated chains side by side on a device, in a fixed number of passes, without gradients.
 
-The method is that of kernels/shared/lanes.py, pass by pass: Newton's method on the energy where it meets no
+The method is that of kernels/lanes.py, pass by pass: Newton's method on the energy where it meets no
 difficulty. A row that leaves this path has not `arrived`; the compiled solver takes it from its start.
 Between the passes nothing is read back from the device, so that a CUDA graph can hold the whole solve.
 """
@@ -18,9 +18,7 @@ from torch import Tensor
 from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.tabulated import ChainAtAngles, DeadLoads, ElasticLaw, TabulatedChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import Chain
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS, SHORTEST
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels.arrays import (
     LARGEST_INPUT,
     MAX_STEP,
     NEGLIGIBLE,
@@ -30,6 +28,8 @@ from rollingjoint.kernels.shared.tolerances import (
     ROUNDING,
     SMALLEST_PIVOT,
 )
+from rollingjoint.kernels.lanes import MOST_JOINTS, SHORTEST
+from rollingjoint.kernels.rolling import Chain
 
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""

@@ -29,8 +29,8 @@ from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.kernels.planar.loads import LINK_COLUMNS, STIFFNESSES
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
+from rollingjoint.kernels.planar_loads import LINK_COLUMNS, STIFFNESSES
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 
 History = Equilibria | FrictionStates | FrictionState | None

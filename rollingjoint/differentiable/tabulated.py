@@ -16,9 +16,8 @@ from torch import Tensor
 
 from rollingjoint.differentiable.loads import cross, dot
 from rollingjoint.differentiable.transmission import at_limit, limited_tension
-from rollingjoint.kernels.planar.arrays import BUCKETS, N_COEFFICIENTS, Chain
-from rollingjoint.kernels.planar.joint import CLOSED_GAP
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
+from rollingjoint.kernels.rolling import BUCKETS, CLOSED_GAP, N_COEFFICIENTS, Chain
 from rollingjoint.load import LOAD_COLUMNS
 
 _COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}

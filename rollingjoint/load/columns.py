@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.loads import ACTING, LINK_COLUMNS, LOAD_COLUMNS
-from rollingjoint.kernels.spatial.arrays import SPATIAL_LOAD_COLUMNS
+from rollingjoint.kernels.hinges import SPATIAL_LOAD_COLUMNS
+from rollingjoint.kernels.planar_loads import ACTING, LINK_COLUMNS, LOAD_COLUMNS
 
 __all__ = [
     "LOAD_COLUMNS",

@@ -12,7 +12,7 @@ from rollingjoint.chain.batch import solve_one
 from rollingjoint.chain.chain import AnyChain, Chain, check_chain, read_only
 from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.batch import Batch, prescribed
 from rollingjoint.statics.history import History, Start, angles_of, checked_history

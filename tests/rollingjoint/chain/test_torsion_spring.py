@@ -9,8 +9,8 @@ from rollingjoint import RollingChain, Spring, TorsionSpring, WorldForce
 from rollingjoint.compiled import BatchArrays, PinnedRange, TendonLaw
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
 from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, mechanism_to_dict
-from rollingjoint.kernels.planar.arrays import new_results
-from rollingjoint.kernels.shared.batch import solve_lanes
+from rollingjoint.kernels.batch import solve_lanes
+from rollingjoint.kernels.rolling import new_results
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.statics import sensitivity
 from tests.second_opinions.published import solve_tensions_published

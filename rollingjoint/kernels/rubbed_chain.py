@@ -1,4 +1,4 @@
-"""A chain with friction: the formulas of its family, and on top of them what friction changes.
+"""A chain with friction: the formulas of its class, and on top of them what friction changes.
 
 Newton's method runs on it as on any chain. Residual r and Jacobian A = dr/dangle are exact but for one term: how the
 normal forces between the links change as tendons, loads and contacts turn, where there is rolling resistance. A is not
@@ -15,12 +15,12 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
-from rollingjoint.kernels.shared.bounds import begin, moved
-from rollingjoint.kernels.shared.descent import most_descent_steps
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.friction import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
+from rollingjoint.kernels.bounds import begin, moved
+from rollingjoint.kernels.descent import most_descent_steps
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.friction import (
     ARM,
     COMPLIANCE,
     CONSTANT,
@@ -40,11 +40,11 @@ from rollingjoint.kernels.shared.friction import (
     tension_rate,
     work_per_grip,
 )
-from rollingjoint.kernels.shared.linear import descent_step, downhill_step
-from rollingjoint.kernels.shared.long_chain import Sweep, new_sweep
-from rollingjoint.kernels.shared.long_lu import LongLu, lu_long_step, new_long_lu
-from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, classify, minimise
-from rollingjoint.kernels.shared.settle import long_joints, settle
+from rollingjoint.kernels.linear import descent_step, downhill_step
+from rollingjoint.kernels.long_chain import Sweep, new_sweep
+from rollingjoint.kernels.long_lu import LongLu, lu_long_step, new_long_lu
+from rollingjoint.kernels.newton import MAX_ITERATIONS, classify, minimise
+from rollingjoint.kernels.settle import long_joints, settle
 
 _FEW_ITERATIONS = 40
 _SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
@@ -61,7 +61,7 @@ class Rolling(NamedTuple):
 
 
 class Rubbed(NamedTuple):
-    """A chain of some family with friction, its history, and what is evaluated beside the State."""
+    """A chain with friction, its history, and what is evaluated beside the State."""
 
     chain: Any
     joints: Floats  # of the chain
@@ -70,7 +70,7 @@ class Rubbed(NamedTuple):
     now: Rubbing
     rolling: Rolling
     A: Floats  # (J, J) Jacobian of short chains
-    base: Sweep  # generators of the family
+    base: Sweep  # generators of the chain
     lu: LongLu
     symmetric: bool  # whether H is to be the symmetric part of A: where the loads have a potential
 
@@ -92,7 +92,7 @@ class MemorySizes(NamedTuple):
 
 @part
 def rubbed(chain, before, memory, n_long, columns, symmetric):
-    """The chain with friction; n_long: joints if it is a long one, else 0; columns: of the family's generators."""
+    """The chain with friction; n_long: joints if it is a long one, else 0; columns: of the generators of the chain."""
     law, lower, n_short = memory.law, columns, chain.joints.shape[0] - n_long
     for j in range(law.tendons.shape[0]):
         if law.tendons[j, COMPLIANCE] != 0.0 or law.tendons[j, CONSTANT] != 0.0:

@@ -12,10 +12,8 @@ from typing import Annotated, NamedTuple
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 from rollingjoint._numba.simd import any_lane, where
-from rollingjoint.kernels.shared.arrays import empty_arrays
-from rollingjoint.kernels.shared.elementary import decay
-from rollingjoint.kernels.shared.lane import resolvable
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT, empty_arrays, resolvable
+from rollingjoint.kernels.elementary import decay
 
 # Columns of FrictionLaw.tendons: μ, δ [mm], turn [rad] and force [N] that every link adds, stretch per newton between
 # the base and the end of the tendon [mm/N]

@@ -14,17 +14,12 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import UNSTABLE, TendonLaw
-from rollingjoint.kernels.shared.bounds import begin, mark_free, move
-from rollingjoint.kernels.shared.descent import most_descent_steps
-from rollingjoint.kernels.shared.formulas import evaluate, formula, stiffness
-from rollingjoint.kernels.shared.long_chain import new_sweep
-from rollingjoint.kernels.shared.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
-from rollingjoint.kernels.shared.relaxation import relax
-from rollingjoint.kernels.shared.rubbed_chain import rubbed, settle_rubbed
-from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
-from rollingjoint.kernels.spatial.arrays import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import UNSTABLE, TendonLaw
+from rollingjoint.kernels.bounds import begin, mark_free, move
+from rollingjoint.kernels.descent import most_descent_steps, relax
+from rollingjoint.kernels.formulas import evaluate, formula, stiffness
+from rollingjoint.kernels.hinges import (
     ANCHOR,
     END_COUPLE,
     FORCE,
@@ -36,7 +31,11 @@ from rollingjoint.kernels.spatial.arrays import (
     Hinges,
     new_hinge_state,
 )
-from rollingjoint.kernels.spatial.loads import has_springs
+from rollingjoint.kernels.long_chain import new_sweep
+from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
+from rollingjoint.kernels.rubbed_chain import rubbed, settle_rubbed
+from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
+from rollingjoint.kernels.spatial_loads import has_springs
 
 STIFFNESSES = (SPRING,)  # columns of a load table
 _MAX_STAGES = 200
@@ -223,7 +222,7 @@ def _step_aside(angle, way, aside):
 
 @formula(formulas.solve_step, Hinges)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
-    """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what `solve` returns."""
+    """The step with friction; fills the state and the memory (rubbed_chain); returns what `solve` returns."""
     conservative, n = _has_potential(chain, loads), start.size
     columns = _generator_columns(law, loads)
     angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)

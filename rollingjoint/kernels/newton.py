@@ -11,36 +11,25 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, INDETERMINATE, NOT_CONVERGED, UNSTABLE
-from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
-from rollingjoint.kernels.shared.formulas import (
-    direction,
-    evaluate,
-    fill_generators,
-    overshoots,
-    reconsider,
-    renew,
-    stiffness,
-)
-from rollingjoint.kernels.shared.linear import (
-    cholesky,
-    damped_step,
-    eigen,
-    largest,
-    lu_step,
-    smallest_real_part,
-)
-from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS, factor, new_sweep
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels.arrays import (
+    AT_LIMIT,
+    CONVERGED,
+    INDETERMINATE,
     MAX_STEP,
     NEGLIGIBLE,
+    NOT_CONVERGED,
     RELATIVE_GOAL,
     RESIDUAL_FLOOR,
     RESIDUAL_GOAL,
     RESIDUAL_LIMIT,
     ROUNDING,
     SMALLEST_PIVOT,
+    UNSTABLE,
 )
+from rollingjoint.kernels.bounds import mark_free, move, release_step
+from rollingjoint.kernels.formulas import direction, evaluate, fill_generators, overshoots, reconsider, renew, stiffness
+from rollingjoint.kernels.linear import cholesky, damped_step, eigen, largest, lu_step, smallest_real_part
+from rollingjoint.kernels.long_chain import DENSE_JOINTS, factor, new_sweep
 
 MAX_ITERATIONS = 200
 _FEWEST_ITERATIONS = 80

@@ -2,7 +2,7 @@
 
 H is diagonal plus semiseparable: H_im = U_i . V_m for i > m, because a load or a tendon couples two joints only through
 what lies beyond the later one. With q columns, one per tendon and a few for the loads, the factors of H = L P Lᵀ follow
-from one sweep over the joints that carries a (q, q) matrix. Each family fills U and V (formulas.fill_generators).
+from one sweep over the joints that carries a (q, q) matrix. `formulas.fill_generators` fills U and V.
 Source: docs/theory.md, section 3.
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared.linear import descent_step
+from rollingjoint.kernels.linear import descent_step
 
 DENSE_JOINTS = 15  # up to here dense: O(n) is faster from 8 links on, but eigenvectors lead out of saddles
 

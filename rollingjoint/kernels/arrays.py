@@ -1,4 +1,4 @@
-"""Arrays and codes that both families share: status codes and the tendon law."""
+"""Arrays and numbers of every kernel: status codes, the tendon law, the tolerances by which iterations stop."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats
 
 _MANY_LANES = 1024
@@ -33,3 +34,29 @@ def empty_arrays(shapes: Sequence[tuple[int, ...]], n_lanes: int) -> list[np.nda
     ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
     memory = np.empty(ends[-1])
     return [memory[end - math.prod(shape) : end].reshape(shape) for shape, end in zip(shapes, ends, strict=True)]
+
+
+LARGEST_INPUT = 1e12  # beyond it (or NaN) an input cannot be resolved
+RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
+RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
+RESIDUAL_FLOOR = 1e-12
+RELATIVE_GOAL = 1e-11  # of the force scale
+NEGLIGIBLE = 1e-8  # N·mm/rad: with no stiffness above it, nothing holds the pose
+SMALLEST_PIVOT = 1e-10  # of the largest entry: a stiffness with smaller ones is not positive definite
+MAX_STEP = 0.5  # rad in any joint
+ROUNDING = 1e-14  # of the magnitude of the energy terms
+
+
+@part(inline=True)
+def resolvable(value):
+    """False for NaN and for what is too large to be solved with."""
+    return abs(value) <= LARGEST_INPUT
+
+
+@part
+def all_resolvable(values):
+    """`resolvable` of every value."""
+    for i in range(values.size):
+        if not resolvable(values[i]):
+            return False
+    return True

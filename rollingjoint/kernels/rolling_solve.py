@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from rollingjoint.kernels.planar.arrays import Chain, new_state
-from rollingjoint.kernels.planar.chain import contact_forces
-from rollingjoint.kernels.planar.loads import N_COLUMNS, STIFFNESSES, generator_columns, has_potential
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import UNSTABLE
-from rollingjoint.kernels.shared.descent import most_descent_steps
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import new_sweep
-from rollingjoint.kernels.shared.newton import MAX_ITERATIONS
-from rollingjoint.kernels.shared.rubbed_chain import settle_rubbed
-from rollingjoint.kernels.shared.settle import MOST_ESCAPES, long_joints, settle
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import UNSTABLE
+from rollingjoint.kernels.descent import most_descent_steps
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.long_chain import new_sweep
+from rollingjoint.kernels.newton import MAX_ITERATIONS
+from rollingjoint.kernels.planar_loads import N_COLUMNS, STIFFNESSES, generator_columns, has_potential
+from rollingjoint.kernels.rolling import Chain, contact_forces, new_state
+from rollingjoint.kernels.rubbed_chain import settle_rubbed
+from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
 
 
 @formula(formulas.new_state, Chain)
@@ -59,7 +58,7 @@ def solve(chain, law, loads, start, state):
 
 @formula(formulas.solve_step, Chain)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
-    """The step with friction; fills the state and the memory (shared.rubbed_chain); returns what `solve` returns."""
+    """The step with friction; fills the state and the memory (rubbed_chain); returns what `solve` returns."""
     columns = generator_columns(chain.standing, loads) + law.low.size
     conservative = has_potential(chain.standing, loads)
     how = conservative, MOST_ESCAPES, columns

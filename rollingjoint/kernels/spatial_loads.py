@@ -1,4 +1,4 @@
-"""Loads on a spatial hinge chain: everything that kernels make of the rows of a load table.
+"""Loads on a spatial chain: everything that kernels make of the rows of a load table, and the residual.
 
 A row acts on one body point x of one link: force and moment of fixed direction, force and moment that turn with the
 link, a spring to an anchor. Symbols as in docs/theory.md, section 8: a axis, c hinge. Dead forces alone act in lanes.
@@ -9,11 +9,10 @@ from __future__ import annotations
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane
 from rollingjoint._numba.views import numbers
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.lane import resolvable
-from rollingjoint.kernels.shared.vectors import about, choose, dot, in_space, minus, plus, times
-from rollingjoint.kernels.spatial.arrays import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import resolvable
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.hinges import (
     ANCHOR,
     BODY_FORCE,
     BODY_MOMENT,
@@ -35,19 +34,12 @@ from rollingjoint.kernels.spatial.arrays import (
     Hinges,
     K,
     M,
+    evaluate_hinges,
+    placed,
+    turned,
 )
-
-
-@part(inline=True)
-def turned(pose, k, vector):
-    """A vector of link k's frame in the base frame."""
-    return dot(in_space(pose, k, 0), vector), dot(in_space(pose, k, 3), vector), dot(in_space(pose, k, 6), vector)
-
-
-@part(inline=True)
-def placed(pose, k, point):
-    """A body point of link k in the base frame."""
-    return plus(turned(pose, k, point), in_space(pose, k, PX))
+from rollingjoint.kernels.tendons import fill_residual
+from rollingjoint.kernels.vectors import about, choose, dot, in_space, minus, plus, times
 
 
 @part(inline=True)
@@ -303,3 +295,31 @@ def evaluate_dead_loads(table, state):
         energy, magnitude = energy + term, magnitude + abs(term)
     _accumulate(sums)
     return energy, magnitude
+
+
+@formula(formulas.evaluate_loads, Hinges)
+def evaluate_loads(chain, loads, state):
+    """Fill the sums of loads beyond each hinge; returns (energy, magnitude of its terms), the hinges' springs included.
+
+    Moments, follower loads and end couples have no potential and are left out of the energy.
+    """
+    energy, magnitude = evaluate_table(chain, loads, state)
+    springs = evaluate_hinges(chain.joints, chain.springs, state)
+    return energy + springs, magnitude + springs
+
+
+@formula(formulas.evaluate_residual, Hinges)
+def evaluate_residual(chain, state):
+    """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
+    scale = 0.0
+    for i in range(state.angle.size):
+        moment = dot(in_space(state.axis, i, 0), load_moment(state, i))
+        spring = chain.springs[i] * (state.angle[i] - chain.joints[i, 2])
+        size = fill_residual(chain.tendon_joints, state, i, spring, moment)
+        if chain.model == END_COUPLE:  # they are among the loads
+            state.residual[i], size = spring - moment, abs(spring) + abs(moment)
+            for j in range(state.tension.size):
+                if i < chain.tendon_joints[j]:
+                    size += max(abs(state.tension[j] * state.torque[i, j]), state.tension[j])
+        scale = max(scale, size)
+    return scale

@@ -5,8 +5,8 @@ forces; a joint that is pressed against its limit is held there. A lane that lea
 solver for all cases takes it from its start. A lane that arrives makes room for the next; its numbers do not depend on
 its neighbours.
 
-A family brings the class of its block of lanes, whose fields `state`, `law`, `limits`, `L`, `vectors` and `search` are
-those of planar.block.Block, and registers block_formulas for it. The lanes are eight of SIMD numbers or a single one of
+A class of chains brings its block of lanes, whose fields `state`, `law`, `limits`, `L`, `vectors` and `search` are
+those of rolling_lanes.Block, and registers formulas for it. The lanes are eight of SIMD numbers or a single one of
 floats: the same functions, compiled for the one type or the other, and results equal to the last bit. A single chain
 takes two thirds of the time.
 """
@@ -20,9 +20,8 @@ from rollingjoint._numba.jit import part
 from rollingjoint._numba.pins import carve_tuple, size_of
 from rollingjoint._numba.simd import WIDTH, any_lane, where
 from rollingjoint._numba.views import aligned_simd, carve, integers, numbers
-from rollingjoint.kernels.shared import block_formulas
-from rollingjoint.kernels.shared.lane import resolvable
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import (
     LARGEST_INPUT,
     MAX_STEP,
     NEGLIGIBLE,
@@ -31,6 +30,7 @@ from rollingjoint.kernels.shared.tolerances import (
     RESIDUAL_GOAL,
     ROUNDING,
     SMALLEST_PIVOT,
+    resolvable,
 )
 
 MOST_JOINTS = 15  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
@@ -111,8 +111,8 @@ def factor_stiffness(block, tendon_joints):
     n_joints = per_pivot.size
     smallest, largest = 0.0 * state.angle[0] + np.inf, 0.0 * state.angle[0]
     for i in range(n_joints):
-        pivot = block_formulas.fill_row_of_loads(block, i, H)
-        term, less = block_formulas.own_terms(block, i)
+        pivot = formulas.fill_row_of_loads(block, i, H)
+        term, less = formulas.own_terms(block, i)
         pivot = pivot + term - less
         for j in range(tension.size):
             if i < tendon_joints[j]:
@@ -201,7 +201,7 @@ def advance(block, chain, designs):
     search, angle, residual = block.search, block.state.angle, block.state.residual
     solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
-    energy, magnitude, scale = block_formulas.evaluate_lanes(block, chain, designs)
+    energy, magnitude, scale = formulas.evaluate_lanes(block, chain, designs)
     worst, held = hold_ends(block)
     zero = 0.0 * worst
     slope = zero
@@ -242,7 +242,7 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
             if phase == RUNNING:
                 continue
             if phase == ARRIVED:
-                block_formulas.store_row(block, batch, friction, lane, rows[lane])
+                formulas.store_row(block, batch, friction, lane, rows[lane])
             elif phase == LEFT:
                 status[rows[lane]] = PENDING
                 pending += 1
@@ -254,7 +254,7 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
                 following += 1
                 other = batch.designs[row] if chosen[lane] != batch.designs[row] else -1
                 chosen[lane] = batch.designs[row]
-                if block_formulas.fill_row(block, batch, friction, lane, row, other):
+                if formulas.fill_row(block, batch, friction, lane, row, other):
                     rows[lane] = row
                     running += 1
                     begin_lane(search, lane)
@@ -263,9 +263,9 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
                     pending += 1
         if running == 0:
             return pending
-        while not block_formulas.advance(block, batch.chain, chosen):
+        while not formulas.advance(block, batch.chain, chosen):
             pass
-        block_formulas.fill_outputs(block, batch)
+        formulas.fill_outputs(block, batch)
 
 
 def own_search(block):
@@ -290,5 +290,5 @@ def solve_in(space, layout, sizes, batch, friction, first, last):
     """`solve_rows` in the lanes of borrowed memory, eight of SIMD numbers or a single one of floats."""
     block, size = carve_tuple(space, 0, layout, sizes), size_of(layout, sizes)
     rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
-    search = block_formulas.search_of(block)
+    search = formulas.search_of(block)
     return solve_rows(block, search, borrow(batch), borrow(friction), rows, chosen, first, last)

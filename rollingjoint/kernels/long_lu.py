@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared.long_chain import first_shift
+from rollingjoint.kernels.long_chain import first_shift
 
 
 class LongLu(NamedTuple):

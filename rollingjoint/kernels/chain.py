@@ -1,6 +1,6 @@
-"""A chain at one configuration: energy, stiffness and its generators, written once for every family.
+"""A chain at one configuration: energy, stiffness and its generators, written once for every class of chains.
 
-A family brings its geometry, its loads and what a joint has of its own (formulas.py), and `register`s the rest.
+A class brings its geometry, its loads and what a joint has of its own (formulas.py), and `register`s the rest.
 Symbols as in docs/theory.md: r = dV/dangle (residual), H = dr/dangle (stiffness).
 """
 
@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.long_chain import symmetric_direction, unchanged, unlimited
-from rollingjoint.kernels.shared.newton import reclassified
-from rollingjoint.kernels.shared.tendons import evaluate_tendons
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.long_chain import symmetric_direction, unchanged, unlimited
+from rollingjoint.kernels.newton import reclassified
+from rollingjoint.kernels.tendons import evaluate_tendons
 
 
 @part
@@ -70,7 +70,7 @@ def fill_generators(chain, loads, state, prox, sweep):
 
 
 def register(kind: type) -> None:
-    """Have a family of chains, the NamedTuple class of its arrays, evaluated by the functions of this module."""
+    """Have a class of chains, the NamedTuple class of its arrays, evaluated by the functions of this module."""
     for generic, piece in (
         (formulas.evaluate, evaluate),
         (formulas.stiffness, stiffness),

@@ -1,6 +1,7 @@
-"""Hinge chains with exact tendons in lanes (shared/lanes.py): dead forces act.
+"""Arms with exact tendons in lanes (lanes.py, rubbed_block.py): dead forces, and friction.
 
-`solve_hinges_pinned` works on eight lanes of SIMD numbers, `solve_hinges_alone` on a single one of floats.
+`solve_hinges_pinned` and `step_hinges_side_by_side` work on eight lanes of SIMD numbers, `solve_hinges_alone` on a
+single one of floats.
 """
 
 from __future__ import annotations
@@ -14,10 +15,23 @@ from rollingjoint._numba.layout import Floats, size
 from rollingjoint._numba.pins import unpin
 from rollingjoint._numba.simd import where
 from rollingjoint._numba.views import numbers
-from rollingjoint.kernels.shared import block_formulas
-from rollingjoint.kernels.shared.arrays import AT_LIMIT, CONVERGED, TendonLaw
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.lanes import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import AT_LIMIT, CONVERGED, TendonLaw
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
+from rollingjoint.kernels.hinges import (
+    EXACT,
+    N_DEAD,
+    N_DEAD_SUMS,
+    N_TURNS,
+    PX,
+    HingeBatchArrays,
+    HingeState,
+    PinnedHinges,
+    evaluate_geometry,
+    evaluate_hinges,
+)
+from rollingjoint.kernels.lanes import (
     HELD,
     STEPS,
     WORST,
@@ -29,17 +43,17 @@ from rollingjoint.kernels.shared.lanes import (
     solve_wide,
     wide_memory,
 )
-from rollingjoint.kernels.shared.tendons import evaluate_tendons, fill_residual
-from rollingjoint.kernels.shared.vectors import dot, in_space
-from rollingjoint.kernels.spatial.arrays import EXACT, N_DEAD, N_DEAD_SUMS, PX, BatchArrays, HingeState, PinnedHinges
-from rollingjoint.kernels.spatial.chain import evaluate_geometry, evaluate_hinges
-from rollingjoint.kernels.spatial.loads import dead_moment, evaluate_dead_loads, fill_dead_loads, lever
+from rollingjoint.kernels.rubbed_block import advance_with_friction, fill_friction, inner_search, store_history
+from rollingjoint.kernels.spatial_loads import dead_moment, evaluate_dead_loads, fill_dead_loads, lever
+from rollingjoint.kernels.tendons import evaluate_tendons, fill_residual
+from rollingjoint.kernels.turns import evaluate_hinge_turns
+from rollingjoint.kernels.vectors import dot, in_space
 
 MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step of the solver for all cases
 
 
 class HingeBlock(NamedTuple):
-    """Inputs, state and scratch space of lanes; fields that are not Hinges' are those of planar.block.Block."""
+    """Inputs, state and scratch space of lanes; fields that are not Hinges' are those of rolling_lanes.Block."""
 
     state: HingeState
     law: TendonLaw
@@ -72,7 +86,7 @@ def block_sizes(n_joints, n_tendons, n_loads):
     return HingeBlockSizes(n_joints, n_joints + 1, n_tendons, n_loads, N_DEAD_SUMS, 0)
 
 
-@formula(block_formulas.evaluate_lanes, HingeBlock)
+@formula(formulas.evaluate_lanes, HingeBlock)
 def evaluate_lanes(block, chain, designs):
     """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
     state, tendon_joints = block.state, chain.tendon_joints
@@ -90,7 +104,7 @@ def evaluate_lanes(block, chain, designs):
     return energy + (load_energy + spring_energy), magnitude, scale
 
 
-@formula(block_formulas.fill_row_of_loads, HingeBlock)
+@formula(formulas.fill_row_of_loads, HingeBlock)
 def fill_row_of_loads(block, i, H):
     """Fill row i of H with what dead forces add; returns what they add to the diagonal."""
     axis, w = block.state.axis, lever(block.state, i)
@@ -99,17 +113,17 @@ def fill_row_of_loads(block, i, H):
     return -dot(in_space(axis, i, 0), w)
 
 
-@formula(block_formulas.own_terms, HingeBlock)
+@formula(formulas.own_terms, HingeBlock)
 def own_terms(block, i):
     """The hinge's spring."""
     return block.springs[i], 0.0
 
 
-formula(block_formulas.advance, HingeBlock)(advance)
-formula(block_formulas.search_of, HingeBlock)(own_search)
+formula(formulas.advance, HingeBlock)(advance)
+formula(formulas.search_of, HingeBlock)(own_search)
 
 
-@formula(block_formulas.fill_row, HingeBlock)
+@formula(formulas.fill_row, HingeBlock)
 def fill_row(block, batch, friction, lane, row, design):
     """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
     if design >= 0:
@@ -146,12 +160,12 @@ def fill_design(chain, block, lane, design):
         channels[j, lane] = chain.channels[design, j]
 
 
-@formula(block_formulas.fill_outputs, HingeBlock)
+@formula(formulas.fill_outputs, HingeBlock)
 def fill_outputs(block, batch):
     """Nothing is stored that is not evaluated."""
 
 
-@formula(block_formulas.store_row, HingeBlock)
+@formula(formulas.store_row, HingeBlock)
 def store_row(block, batch, friction, lane, row):
     """Copy a lane that has arrived into its row."""
     store_lane(block, batch.results, lane, row)
@@ -197,8 +211,74 @@ def solve_hinges_alone(pins, first, last):
     return solve_in(memory, HingeBlock, sizes, batch, None, first, last)
 
 
-def memory_alone(batch: BatchArrays) -> np.ndarray:
+def memory_alone(batch: HingeBatchArrays) -> np.ndarray:
     """The memory that solve_hinges_alone works in."""
     (_, n_joints), rows, m = batch.starts.shape, batch.loads.shape[1], len(batch.chain.tendon_joints)
     lengths = HingeBlockSizes(n_joints, n_joints + 1, m, rows, N_DEAD_SUMS, 0)._asdict()
     return np.zeros(size(HingeBlock, lengths) + 2)
+
+
+class RubbedHingeBlock(NamedTuple):
+    """A HingeBlock with friction; fields that are not Hinges' are those of rolling_lanes.RubbedBlock."""
+
+    block: HingeBlock
+    law: FrictionLaw
+    before: History
+    now: Rubbing
+    turns: Annotated[Floats, "J", "m", N_TURNS]
+    symmetric: Annotated[Floats, "J", "J"]
+    work: Annotated[Floats, 1]
+
+
+formula(formulas.advance, RubbedHingeBlock)(advance_with_friction)
+formula(formulas.search_of, RubbedHingeBlock)(inner_search)
+
+
+@formula(formulas.evaluate_turns, RubbedHingeBlock)
+def turns_of(rubbed, tendon_joints):
+    """Fill turns and their rates."""
+    evaluate_hinge_turns(rubbed.turns, tendon_joints, rubbed.block.state, rubbed.now.turn)
+
+
+@formula(formulas.fill_row, RubbedHingeBlock)
+def fill_row_with_friction(rubbed, batch, friction, lane, row, design):
+    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    if design >= 0:
+        fill_design(batch.chain, rubbed.block, lane, design)
+        _fill_turns(batch.chain, rubbed, lane, design)
+    return fill_inputs(batch, rubbed.block, lane, row) and fill_friction(friction, rubbed, lane, row)
+
+
+@part(inline=True)
+def _fill_turns(chain, rubbed, lane, design):
+    """Copy the table of turns of a lane's design."""
+    turns = numbers(rubbed.turns)
+    for i in range(turns.shape[0]):
+        for j in range(turns.shape[1]):
+            for k in range(N_TURNS):
+                turns[i, j, k, lane] = chain.turns[design, i, j, k]
+
+
+@formula(formulas.fill_outputs, RubbedHingeBlock)
+def fill_outputs_with_friction(rubbed, batch):
+    """Fill torques at the motors, of which friction lets a part pass."""
+    torque, now = rubbed.block.state.torque, rubbed.now
+    for j in range(batch.chain.tendon_joints.size):
+        for i in range(batch.chain.tendon_joints[j]):
+            torque[i, j] = now.lever[i, j] * now.passed[i, j]
+
+
+@formula(formulas.store_row, RubbedHingeBlock)
+def store_row_with_friction(rubbed, batch, friction, lane, row):
+    """Copy a lane that has arrived into its row."""
+    store_lane(rubbed.block, batch.results, lane, row)
+    store_history(rubbed, friction, lane, row)
+
+
+@kernel(nogil=True, short_loops=True, title="the arm's solver with friction")
+def step_hinges_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
+    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
+    batch = HingeBatchArrays(chain, designs, laws, loads, starts, results)
+    memory = np.zeros(wide_memory(RubbedHingeBlock, sizes))
+    return solve_wide(memory, RubbedHingeBlock, sizes, batch, friction, first, last)

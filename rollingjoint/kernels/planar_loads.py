@@ -10,7 +10,10 @@ from __future__ import annotations
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane, where
-from rollingjoint.kernels.planar.arrays import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import resolvable
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.rolling import (
     BX,
     BY,
     FX,
@@ -29,9 +32,6 @@ from rollingjoint.kernels.planar.arrays import (
     X,
     Y,
 )
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.formulas import formula
-from rollingjoint.kernels.shared.lane import resolvable
 
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay", "torsion", "rest", "other")
 LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared.arrays import INDETERMINATE, UNSTABLE
-from rollingjoint.kernels.shared.bounds import begin, moved
-from rollingjoint.kernels.shared.descent import descend
-from rollingjoint.kernels.shared.long_chain import DENSE_JOINTS
-from rollingjoint.kernels.shared.newton import minimise
-from rollingjoint.kernels.shared.relaxation import relax
+from rollingjoint.kernels.arrays import INDETERMINATE, UNSTABLE
+from rollingjoint.kernels.bounds import begin, moved
+from rollingjoint.kernels.descent import descend, relax
+from rollingjoint.kernels.long_chain import DENSE_JOINTS
+from rollingjoint.kernels.newton import minimise
 
 MOST_ESCAPES = 8  # from saddles
 _PROXIMAL_PATH = (0.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)  # weights of the way back to the start, over k g'²

@@ -6,6 +6,8 @@ a contact that has met a flat spot approaches it in small steps, while the other
 has to lower the energy and not to end uphill, under follower forces it has to stay near that motion; where it does not,
 or is too long, the shift grows and the step becomes shorter. A step that cannot be taken as a whole ends where its
 first joint meets a limit: clipping every joint by itself, as Newton's method does, may turn a descent into an ascent.
+
+`relax` follows that motion itself, for arms under loads without a potential.
 """
 
 from __future__ import annotations
@@ -14,18 +16,25 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
-from rollingjoint.kernels.shared.bounds import mark_free, move, release_step
-from rollingjoint.kernels.shared.formulas import evaluate, renew, stiffness
-from rollingjoint.kernels.shared.friction import overshoots_kink
-from rollingjoint.kernels.shared.linear import cholesky, cholesky_solve, largest, lu_step
-from rollingjoint.kernels.shared.newton import escape_direction, proximal_energy, proximal_residual
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels.arrays import (
     MAX_STEP,
     NEGLIGIBLE,
     RELATIVE_GOAL,
     RESIDUAL_FLOOR,
     RESIDUAL_GOAL,
     ROUNDING,
+    SMALLEST_PIVOT,
+)
+from rollingjoint.kernels.bounds import mark_free, move, release_step
+from rollingjoint.kernels.formulas import evaluate, renew, stiffness
+from rollingjoint.kernels.friction import overshoots_kink
+from rollingjoint.kernels.linear import cholesky, cholesky_solve, largest, lu_step
+from rollingjoint.kernels.newton import (
+    escape_direction,
+    most_iterations,
+    newton_step,
+    proximal_energy,
+    proximal_residual,
 )
 
 _MOST_STEPS = 2000
@@ -214,3 +223,31 @@ def _escape(chain, law, loads, prox, anchor, state, phi, step, before):
     move(chain, phi, step, 0.0, state.angle)
     evaluate(chain, law, loads, state)
     return False, energy, magnitude
+
+
+@part
+def relax(chain, law, loads, state, H, sweep):
+    """From the state's angles, follow the overdamped motion dphi/dt = -r with implicit steps of growing length.
+
+    Returns the steps taken. Follower forces have no potential to descend; this motion still leads from the start to a
+    stable equilibrium where there is one.
+    """
+    n = state.angle.size
+    free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
+    rate, worst = -1.0, 0.0
+    most = most_iterations(n)
+    for count in range(most):
+        evaluate(chain, law, loads, state)
+        new_worst = mark_free(chain, state, 0.0, state.residual, free)
+        if new_worst <= RESIDUAL_GOAL:
+            return count
+        stiffness(chain, loads, state, H)
+        rate = 0.1 * largest(H, free) if count == 0 else rate * min(2.0, max(0.3, new_worst / worst))
+        worst = new_worst
+        while cholesky(H, free, rate, L) <= SMALLEST_PIVOT and rate > 0.0:
+            rate *= 2.0
+        for i in range(n):
+            H[i, i] += rate
+        newton_step(chain, state, H, sweep, False, 0.0, free, state.residual, L, step)
+        move(chain, state.angle, step, 1.0, state.angle)
+    return most

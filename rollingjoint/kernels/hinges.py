@@ -1,7 +1,11 @@
-"""The arrays of spatial hinge chains; tendon laws, status codes and tolerances are those of every family."""
+"""Arms of beads on elastic hinges: their arrays, poses, gaps and tendon lengths.
+
+Symbols as in docs/theory.md, section 8: a axis, c hinge. Functions of states serve floats and lanes alike.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -9,9 +13,13 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.layout import Floats, Integers
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.formulas import formula
+from rollingjoint._numba.simd import where
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.chain import register
+from rollingjoint.kernels.elementary import sine_and_cosine
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.vectors import dot, in_space, plus, times
 
 EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
@@ -90,7 +98,7 @@ class HingeResults(NamedTuple):
     escapes: Annotated[Integers, "B"]  # unstable equilibria that were left on the way
 
 
-class BatchArrays(NamedTuple):
+class HingeBatchArrays(NamedTuple):
     """Equilibria to be solved as a batch, and where they go."""
 
     chain: Hinges  # a stack
@@ -104,7 +112,7 @@ class BatchArrays(NamedTuple):
 class PinnedHinges(NamedTuple):
     """A batch as kernels take it that are called again and again."""
 
-    batch: BatchArrays
+    batch: HingeBatchArrays
     memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
 
 
@@ -150,3 +158,96 @@ def design(chain, which):
         chain.tendon_joints,
         chain.turns[which],
     )
+
+
+@part(inline=True)
+def turned(pose, k, vector):
+    """A vector of link k's frame in the base frame."""
+    return dot(in_space(pose, k, 0), vector), dot(in_space(pose, k, 3), vector), dot(in_space(pose, k, 6), vector)
+
+
+@part(inline=True)
+def placed(pose, k, point):
+    """A body point of link k in the base frame."""
+    return plus(turned(pose, k, point), in_space(pose, k, PX))
+
+
+@formula(formulas.evaluate_geometry, Hinges)
+def geometry_of(chain, state):
+    """`evaluate_geometry` of a chain."""
+    exact = chain.model == EXACT
+    evaluate_geometry(chain.axes, chain.spacings, chain.gaps, chain.channels, exact, chain.tendon_joints, state)
+
+
+@part(inline=True)
+def evaluate_hinges(joints, springs, state):
+    """Energy of the hinges' own springs."""
+    energy = 0.0 * state.angle[0]
+    for i in range(state.angle.size):
+        turn = state.angle[i] - joints[i, 2]
+        energy = energy + 0.5 * springs[i] * (turn * turn)
+    return energy
+
+
+@part(inline=True)
+def evaluate_geometry(axes, spacings, gaps, channels, exact, tendon_joints, state):
+    """Fill poses, axes, gaps, torques and tendon lengths; the arrays are those of Hinges, or of lanes."""
+    pose, axis, angle, length = state.pose, state.axis, state.angle, state.length
+    zero = 0.0 * angle[0]
+    for j in range(length.size):
+        length[j] = channels[j]
+    for entry in range(12):
+        pose[0, entry] = zero + 1.0 if entry == 0 or entry == 4 or entry == 8 else zero
+    for i in range(angle.size):
+        sin, cos = sine_and_cosine(angle[i])
+        x, y, z = in_space(axes, i, 0)
+        axis[i, 0], axis[i, 1], axis[i, 2] = turned(pose, i, (x, y, z))
+        rest = 1.0 - cos
+        columns = (
+            (cos + rest * x * x, rest * x * y + sin * z, rest * x * z - sin * y),
+            (rest * x * y - sin * z, cos + rest * y * y, rest * y * z + sin * x),
+            (rest * x * z + sin * y, rest * y * z - sin * x, cos + rest * z * z),
+        )
+        for column in range(3):
+            turned_column = turned(pose, i, columns[column])
+            for row in range(3):
+                pose[i + 1, 3 * row + column] = turned_column[row]
+        origin = plus(in_space(pose, i, PX), times(turned(pose, i, columns[2]), spacings[i]))
+        pose[i + 1, PX], pose[i + 1, PX + 1], pose[i + 1, PX + 2] = origin
+        for j in range(length.size):
+            if i < tendon_joints[j]:
+                _evaluate_gap(gaps, exact, state, i, j, sin, cos)
+                length[j] += state.gap[i, j, 0]
+
+
+@part(inline=True)
+def _evaluate_gap(gaps, exact, state, i, j, sin, cos):
+    """Fill length, rates and torque of a gap: gap² = G - 2 (B cos + C sin), or linear in the angle."""
+    gap = state.gap
+    if exact:
+        b, c = gaps[i, j, 1], gaps[i, j, 2]
+        along = b * cos + c * sin
+        square = gaps[i, j, 0] - 2.0 * along
+        gap[i, j, 0] = math.sqrt(where(square > 0.0, square, 0.0))
+        inverse = 1.0 / gap[i, j, 0]
+        gap[i, j, 1] = (b * sin - c * cos) * inverse
+        gap[i, j, 2] = (along - gap[i, j, 1] * gap[i, j, 1]) * inverse
+    else:
+        gap[i, j, 1], gap[i, j, 2] = gaps[i, j, 4], 0.0 * state.angle[i]
+        gap[i, j, 0] = gaps[i, j, 3] + gap[i, j, 1] * state.angle[i]
+    state.torque[i, j] = gap[i, j, 1]
+
+
+@formula(formulas.torque, HingeState)
+def torque(state, i, j):
+    """g', but of end couples."""
+    return state.torque[i, j]
+
+
+@formula(formulas.own_stiffness, Hinges)
+def own_stiffness(chain, state, i):
+    """The spring of a hinge."""
+    return chain.springs[i]
+
+
+register(Hinges)

@@ -7,12 +7,11 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.pins import carve_tuple, size_of
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.batch import solve_invalid
-from rollingjoint.kernels.shared.friction import friction_of, history_of, valid_friction
-from rollingjoint.kernels.shared.lane import evaluate_at, valid
-from rollingjoint.kernels.shared.rubbed_chain import Memory, MemorySizes, begin_history, remember, rubbed_stiffness
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.batch import evaluate_at, solve_invalid, valid
+from rollingjoint.kernels.friction import friction_of, history_of, valid_friction
+from rollingjoint.kernels.rubbed_chain import Memory, MemorySizes, begin_history, remember, rubbed_stiffness
 
 
 @kernel(nogil=True, lapack=True, short_loops=True, title="the solver with friction for special cases")

@@ -1,4 +1,4 @@
-"""The solver for all cases and the stiffness that it leaves, row by row, of every family of mechanisms."""
+"""The solver for all cases and the stiffness of its solutions, row by row, of every class of chains."""
 
 from __future__ import annotations
 
@@ -6,10 +6,54 @@ import numpy as np
 
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
-from rollingjoint.kernels.shared import formulas
-from rollingjoint.kernels.shared.arrays import INVALID_INPUT, TendonLaw
-from rollingjoint.kernels.shared.lane import evaluate_unloaded, stiffness_at, valid
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import INVALID_INPUT, LARGEST_INPUT, TendonLaw, all_resolvable
+from rollingjoint.kernels.formulas import evaluate, load_columns, stiffness
+
+
+@part
+def valid(law, loads, start, stiffnesses):
+    """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon.
+
+    stiffnesses: the columns of the load table that must not be negative.
+    """
+    if not (all_resolvable(law.command) and all_resolvable(start)):
+        return False
+    for row in range(loads.shape[0]):
+        if not all_resolvable(loads[row]):
+            return False
+        for column in stiffnesses:
+            if loads[row, column] < 0.0:
+                return False
+    for j in range(law.low.size):
+        low, high = law.low[j], law.high[j]
+        if not (0.0 <= low <= LARGEST_INPUT and low <= high and law.stiffness[j] > 0.0):
+            return False
+    return True
+
+
+@part
+def evaluate_unloaded(chain, state):
+    """Fill the state at its angles without tensions and without loads."""
+    zero = np.zeros(state.length.size)
+    evaluate(chain, TendonLaw(zero, np.ones(zero.size), zero, zero), np.zeros((0, load_columns(chain))), state)
+
+
+@part
+def evaluate_at(chain, tensions, elastic, loads, angles, state):
+    """Fill the state at joint angles under tensions and their rates d tension / d length."""
+    for i in range(angles.size):
+        state.angle[i] = angles[i]
+    evaluate(chain, TendonLaw(state.length, np.ones(state.length.size), tensions, tensions), loads, state)
+    for j in range(elastic.size):
+        state.elastic[j] = elastic[j]
+
+
+@part
+def stiffness_at(chain, tensions, elastic, loads, angles, state, H):
+    """Fill H at joint angles under tensions and their rates d tension / d length; overwrites the state."""
+    evaluate_at(chain, tensions, elastic, loads, angles, state)
+    stiffness(chain, loads, state, H)
 
 
 @part

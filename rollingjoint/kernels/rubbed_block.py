@@ -5,8 +5,8 @@ the way; at the end its symmetric part must be positive definite. The line searc
 the grips of the holes as they were where it began (rubbed_chain.py). Rolling resistance and stretch in the channels are
 left to the solver for all cases.
 
-A family brings the class of its block with friction, whose fields `block`, `law`, `before`, `now`, `symmetric` and
-`work` are those of planar.rubbed_block.RubbedBlock.
+A class of chains brings its block with friction, whose fields `block`, `law`, `before`, `now`, `symmetric` and
+`work` are those of rolling_lanes.RubbedBlock.
 """
 
 from __future__ import annotations
@@ -16,8 +16,17 @@ import numpy as np
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import any_lane, where
 from rollingjoint._numba.views import numbers
-from rollingjoint.kernels.shared import block_formulas
-from rollingjoint.kernels.shared.friction import (
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import (
+    NEGLIGIBLE,
+    RELATIVE_GOAL,
+    RESIDUAL_FLOOR,
+    RESIDUAL_GOAL,
+    ROUNDING,
+    SMALLEST_PIVOT,
+    resolvable,
+)
+from rollingjoint.kernels.friction import (
     ARM,
     COMPLIANCE,
     N_COEFFICIENTS,
@@ -29,8 +38,7 @@ from rollingjoint.kernels.shared.friction import (
     overshoots_kink,
     valid_law,
 )
-from rollingjoint.kernels.shared.lane import resolvable
-from rollingjoint.kernels.shared.lanes import (
+from rollingjoint.kernels.lanes import (
     ARRIVED,
     ENERGY,
     LEFT,
@@ -42,14 +50,6 @@ from rollingjoint.kernels.shared.lanes import (
     hold_ends,
     keep,
     move,
-)
-from rollingjoint.kernels.shared.tolerances import (
-    NEGLIGIBLE,
-    RELATIVE_GOAL,
-    RESIDUAL_FLOOR,
-    RESIDUAL_GOAL,
-    ROUNDING,
-    SMALLEST_PIVOT,
 )
 
 _MAX_PASSES = 60.0
@@ -80,7 +80,7 @@ def fill_friction(friction, rubbed, lane, source):
 def _add_friction(tendon_joints, rubbed):
     """Evaluate the friction of the state, and add it to the residual."""
     state, now, coefficients = rubbed.block.state, rubbed.now, rubbed.law.tendons
-    block_formulas.evaluate_turns(rubbed, tendon_joints)
+    formulas.evaluate_turns(rubbed, tendon_joints)
     evaluate_slips(coefficients, tendon_joints, state, now)
     evaluate_holes(coefficients, rubbed.before, tendon_joints, state, now)
     for j in range(tendon_joints.size):
@@ -108,8 +108,8 @@ def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
     state, free = block.state, block.vectors[5]
     gap, n_joints = state.gap, free.size
     for i in range(n_joints):
-        lever = block_formulas.fill_row_of_loads(block, i, A)
-        term, less = block_formulas.own_terms(block, i)
+        lever = formulas.fill_row_of_loads(block, i, A)
+        term, less = formulas.own_terms(block, i)
         A[i, i] = lever + (term - less)
         for m in range(i):
             A[m, i] = A[i, m]
@@ -187,7 +187,7 @@ def advance_with_friction(rubbed, chain, designs):
     search, angle, residual = block.search, block.state.angle, block.state.residual
     solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
-    potential, magnitude, scale = block_formulas.evaluate_lanes(block, chain, designs)
+    potential, magnitude, scale = formulas.evaluate_lanes(block, chain, designs)
     _add_friction(tendon_joints, rubbed)
     term, size, present, work = evaluated_energy(coefficients, rubbed.before, tendon_joints, now)
     rubbed.work[0] = work
