@@ -40,7 +40,7 @@ class Option(NamedTuple):
     metavar: str
     help: str
     numbers: tuple[str, ...]  # on a planar chain
-    spatial: tuple[str, ...]  # on an arm; empty: arms take no such load
+    spatial: tuple[str, ...]  # on an arm
     make: Callable[[int, Any], Load]
     optional: int = 0  # how many of the last numbers may be left out
 
@@ -58,7 +58,7 @@ class Load:
 
     def spatial_rows(self, n_links: int) -> list[Row] | NDArray[np.float64]:
         """Rows of a spatial table, or such a table."""
-        raise InvalidInput("load", self, f"a load that acts on arms: {in_words(*_SPATIAL_LOADS)}")
+        raise InvalidInput("load", self, f"a load that acts on arms: {in_words(*LOADS)}")
 
 
 @dataclass(frozen=True)
@@ -121,10 +121,11 @@ class Spring(Load):
 
 @dataclass(frozen=True)
 class TorsionSpring(Load):
-    """A linear torsion spring between two links of a planar chain; between neighbours it acts about their joint.
+    """A linear torsion spring between two links; between neighbours it acts about their joint.
 
     Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
-    in the base frame. The other link is the base unless it is given; -1 is the tip.
+    in the base frame. The other link is the base unless it is given; -1 is the tip. On an arm the hinges between the
+    two links must be parallel, and their angles add up to the angle between the links.
     """
 
     link: int
@@ -139,6 +140,10 @@ class TorsionSpring(Load):
             raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
         k, rest = number("torsion spring stiffness", self.stiffness), number("rest angle", self.rest_angle)
         return [{"link": link, "torsion": k, "rest": rest, "other": other}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return self.rows(n_links)
 
 
 @dataclass(frozen=True)
@@ -185,9 +190,8 @@ class Gravity(Load):
 
 
 LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
-_SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
 SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
-"""The kinds of loads that can belong to a planar mechanism."""
+"""The kinds of loads that can belong to a mechanism."""
 
 _NO_FORCE: dict[int, Any] = {1: (0.0, 0.0), 3: (0.0, 0.0, 0.0)}  # by the numbers of a moment
 
@@ -213,7 +217,7 @@ OPTIONS = (
         metavar="K",
         help="torsion spring K [N·mm/rad], then angle at rest [rad] (default 0), other link (default 0, the base)",
         numbers=("K", "REST", "OTHER"),
-        spatial=(),
+        spatial=("K", "REST", "OTHER"),
         make=lambda link, numbers: TorsionSpring(link, *numbers),
         optional=2,
     ),

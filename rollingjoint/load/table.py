@@ -31,7 +31,7 @@ def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float6
     """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, columns).
 
     Raises:
-        InvalidInput: as load_table, and a load that acts on planar chains only.
+        InvalidInput: as load_table.
     """
     return _table(loads, _SPATIAL_PLACES, lambda load: load.spatial_rows(n_links))
 
