@@ -103,7 +103,7 @@ class HingeChain(Chain[HingeEquilibrium]):
     Raises:
         MechanismError: wrong counts, holes that meet at rest, friction with another model, rolling resistance, springs
             on links that do not exist.
-    Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
+    Source: flexible-joint paper, sec. II; docs/theory.md, sections 1 and 8.
     """
 
     title: ClassVar[str] = "an arm of beads"

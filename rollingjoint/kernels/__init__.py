@@ -12,7 +12,7 @@ Modules:
     formulas: the names of the formulas that a class of chains brings.
     friction: capstan friction with memory: tensions, slip and their rates.
     hinge_lanes: arms in lanes, without and with friction.
-    hinge_solve: one equilibrium of an arm from one start, one step with friction, and the place of their results.
+    hinge_solve: one equilibrium of an arm, one step with friction, and the place of results.
     hinges: arms: arrays, poses, gaps, tendon lengths.
     lanes: Newton's method in eight SIMD lanes side by side, or in a single one.
     linear: small dense linear algebra on the free joints.
@@ -22,7 +22,7 @@ Modules:
     planar_loads: loads in the plane: energy, sums, stiffness.
     rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
     rolling_lanes: planar chains in lanes, without and with friction.
-    rolling_solve: one equilibrium of a planar chain from one start, one step with friction, and the place of their results.
+    rolling_solve: one equilibrium of a planar chain, one step with friction, and the place of results.
     rubbed: steps with friction for all cases, histories and stiffness, row by row.
     rubbed_block: steps with friction in lanes.
     rubbed_chain: a chain with friction, and its steps.

@@ -1,6 +1,6 @@
 """Arms of beads on elastic hinges: their arrays, poses, gaps and tendon lengths.
 
-Symbols as in docs/theory.md, section 8: a axis, c hinge. Functions of states serve floats and lanes alike.
+Symbols as in docs/theory.md: a axis, c hinge. Functions of states serve floats and lanes alike.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A row acts on one body point x of one link: force and moment of fixed direction, force and moment that turn with the
 link, a spring to an anchor; its torsion spring acts on that link and another one. The standing rows of a chain, its
-springs, act beside those of a call. Symbols as in docs/theory.md, section 8: a axis, c hinge. Dead forces alone act in
+springs, act beside those of a call. Symbols as in docs/theory.md: a axis, c hinge. Dead forces alone act in
 lanes.
 """
 

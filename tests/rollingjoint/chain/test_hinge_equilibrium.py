@@ -70,7 +70,7 @@ def problem(seed, model="exact", potential=True):
 
 
 def energy(chain, tensions, loads, theta):
-    """V of docs/theory.md, section 8, from products of exponentials and tendon lengths."""
+    """V of docs/theory.md, section 2, from products of exponentials and tendon lengths."""
     springs = np.array([bead.stiffness for bead in chain.beads])
     value = 0.5 * springs @ (theta - chain.neutral_angles) ** 2 + tensions @ chain.tendon_lengths(theta)
     poses = chain.poses(theta)
