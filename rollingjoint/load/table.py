@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load.columns import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS
-from rollingjoint.load.kinds import LOADS, Load, in_words
-from rollingjoint.load.rows import Row
+from rollingjoint.load.kinds import LOADS, Load, Row, in_words
 
 _PLACES, _SPATIAL_PLACES = (
     {name: place for place, name in enumerate(columns)} for columns in (LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS)
