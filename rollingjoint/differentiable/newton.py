@@ -2,6 +2,8 @@
 
 Every row descends its energy; one that gets stuck is left to the compiled solver. Friction has no energy: every Newton
 step is judged by the work of the holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
+
+The public functions at the end are the rules that `side_by_side` goes by as well; nothing in them reads a number back.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from rollingjoint.kernels.shared.tolerances import (
 _MOST_STEPS = 60
 _SMALLEST_STEP = 1.0 / 256
 _ARMIJO = 1e-4
+_AT_END = 1e-13  # rad
 _WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
 
 
@@ -47,42 +50,30 @@ def minimise(
     current = problem.at(s)
     follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
     begin = problem, current, torch.ones_like(current.energy), follow
-    current, stuck = _descended(*begin, _MOST_STEPS) if steps is None else _stepped(*begin, steps)
+    current, stuck = _descended(*begin, _MOST_STEPS if steps is None else steps, steps is None)
     held = problem.bounds.held(current.phi, current.residual)
     arrived = (current.worst(held) <= current.goal) & ~stuck
     return current.s, held, arrived & _definite(current.H, held)
 
 
 def _descended(
-    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int
+    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int, looking: bool
 ) -> tuple[_Iterate, Tensor]:
     """The rows after at most `most` steps, and which of them are stuck, (...); alpha (...) scales the first step.
 
-    When few rows of many are left, they go on alone, which does not change their results.
+    Looking, it ends when no row is left, and when few of many are, they go on alone, which does not change their
+    results; else every row takes part in every step.
     """
     for taken in range(most):
         held = problem.bounds.held(current.phi, current.residual)
-        arrived = current.worst(held) <= current.goal
-        active = ~(arrived | stuck)
-        left = int(active.sum())
+        active = ~((current.worst(held) <= current.goal) | stuck)
+        left = int(active.sum()) if looking else active.numel()
         if left == 0:
             break
         if 2 * left <= active.numel() - _WORTH:
-            part = _descended(
-                problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
-            )
-            return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
-    return current, stuck
-
-
-def _stepped(
-    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, steps: int
-) -> tuple[_Iterate, Tensor]:
-    """`_descended` in which every row takes part in every step, so that nobody has to look which rows are left."""
-    for _ in range(steps):
-        held = problem.bounds.held(current.phi, current.residual)
-        active = ~((current.worst(held) <= current.goal) | stuck)
+            rest = problem.chosen(active), current.chosen(active), alpha[active], stuck[active]
+            part, ended = _descended(*rest, most - taken, looking)
+            return current.put(active, part), stuck.index_put((active,), ended)
         current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
     return current, stuck
 
@@ -118,17 +109,16 @@ class _Iterate(NamedTuple):
 
     def worst(self, held: Tensor) -> Tensor:
         """Largest residual of a free joint."""
-        return torch.where(held, 0.0, self.residual.abs()).amax(-1)
+        return largest_free(self.residual, held)
 
     def improves(self, before: _Iterate, held: Tensor, law: Law) -> Tensor:
-        """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
-        change = self.energy - before.energy
+        """Whether these rows are better than those before; with friction its work is part of the energy."""
+        fall = before.energy - self.energy
         if law.friction is not None and law.history is not None:
             moved = self.distal - before.distal
-            change = change + frozen_work(law.friction.presliding, before.grips, before.reached, moved)
-        slope = (before.residual * (self.phi - before.phi)).sum(-1)
-        level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
-        return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
+            fall = fall - frozen_work(law.friction.presliding, before.grips, before.reached, moved)
+        slope, noise = (before.residual * (self.phi - before.phi)).sum(-1), before.rounding + self.rounding
+        return torch.isfinite(fall) & improves(fall, slope, noise, self.worst(held), before.worst(held))
 
     def replaced(self, other: _Iterate, where: Tensor) -> _Iterate:
         """These rows, those of `other` in the places of a mask, (...)."""
@@ -156,11 +146,11 @@ class _Bounds:
 
     def held(self, phi: Tensor, moment: Tensor) -> Tensor:
         """Joints at an end that a moment pushes outwards."""
-        return (phi <= self.smallest) & (moment > 0) | (phi >= self.largest) & (moment < 0)
+        return pressed(phi, self.smallest, self.largest, moment)
 
     def clip(self, phi: Tensor) -> Tensor:
         """The angles, within the ends."""
-        return torch.minimum(torch.maximum(phi, self.smallest), self.largest)
+        return within(phi, self.smallest, self.largest)
 
     def contacts(self, phi: Tensor, current: _Iterate, step: Tensor) -> Tensor:
         """Contacts near the angles phi: two corrections, which near rest are exact; exactly an end at an end."""
@@ -180,10 +170,10 @@ class _Equations(NamedTuple):
         """The rows with their contacts at s."""
         contact = self.geometry.contact(s)
         phi = contact.angles
-        state = ChainState(self.geometry, self.law, self.loads, phi, contact)
+        state = ChainState(self.geometry.routes, self.law, self.loads, phi, contact.joints(phi))
         energy, magnitude = state.energy
         H = state.stiffness.expand(*phi.shape, phi.shape[-1])
-        goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+        goal = residual_goal(state.force_scale)
         rubbing = state.rubbing
         none = phi.new_zeros(*phi.shape[:-1], 0, 0)
         friction = (none, none, none) if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
@@ -195,22 +185,15 @@ class _Equations(NamedTuple):
         def rows(values: Tensor, axes: int = 1) -> Tensor:
             return values.expand(*mask.shape, *values.shape[values.ndim - axes :])[mask]
 
-        whole, surfaces = self.geometry, self.geometry.joints
+        surfaces, routes = self.geometry.joints, self.geometry.routes
         joints = replace(
             surfaces,
             limits=rows(surfaces.limits, 3),
             borders=rows(surfaces.borders, 3),
             pieces=rows(surfaces.pieces, 4),
         )
-        geometry = replace(
-            whole,
-            joints=joints,
-            below=rows(whole.below, 2),
-            above=rows(whole.above, 2),
-            channels=rows(whole.channels),
-            along=rows(whole.along, 2),
-        )
-        loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
+        geometry = Geometry(joints, routes.each(rows))
+        loads = Loads(rows(self.loads.table, 2), routes.crosses.shape[-1])
         bounds = _Bounds(geometry, rows(self.bounds.first))
         return _Equations(geometry, self.law.each(rows), loads, bounds)
 
@@ -221,7 +204,7 @@ def _step(current: _Iterate, bounds: _Bounds, held: Tensor, symmetric: bool) -> 
     outwards = held | bounds.held(current.phi, -step)
     if seen((outwards != held).any(), True):
         step = _newton(current.H, current.residual, outwards, symmetric)
-    return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
+    return shortened(step)
 
 
 def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tensor:
@@ -249,16 +232,56 @@ def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tenso
     return step
 
 
+def _definite(H: Tensor, held: Tensor) -> Tensor:
+    """Whether H over the free joints is positive definite beyond rounding, (...)."""
+    factor, failed = torch.linalg.cholesky_ex(freed(0.5 * (H + H.mT), held))
+    return (failed == 0) & definite(H, held, factor.diagonal(dim1=-2, dim2=-1).square()) | held.all(-1)
+
+
+def residual_goal(force_scale: Tensor) -> Tensor:
+    """Largest residual at rest, (...) [N·mm]."""
+    return (RELATIVE_GOAL * force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+
+
+def largest_free(values: Tensor, held: Tensor) -> Tensor:
+    """Largest magnitude of values (..., J) over the free joints, (...)."""
+    return torch.where(held, 0.0, values.abs()).amax(-1)
+
+
+def improves(fall: Tensor, slope: Tensor, noise: Tensor, worst: Tensor, worst_before: Tensor) -> Tensor:
+    """Whether a step is accepted, (...): by Armijo's rule; within the noise of the energy if the residual falls.
+
+    Args:
+        fall: of the energy [N·mm].
+        slope: of the energy where the step began, along the whole step [N·mm].
+        noise: rounding of the energies [N·mm].
+        worst, worst_before: largest residual of a free joint after and before it [N·mm].
+    """
+    return (fall > noise) & (fall >= -_ARMIJO * slope) | (fall >= -noise) & (worst < worst_before)
+
+
+def shortened(step: Tensor) -> Tensor:
+    """The steps (..., J) [rad], at most MAX_STEP in every joint."""
+    return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
+
+
+def pressed(angles: Tensor, smallest: Tensor, largest: Tensor, moment: Tensor) -> Tensor:
+    """Joints at an end of their surfaces that a moment pushes outwards, (..., J)."""
+    return (angles <= smallest + _AT_END) & (moment > 0.0) | (angles >= largest - _AT_END) & (moment < 0.0)
+
+
+def within(angles: Tensor, smallest: Tensor, largest: Tensor) -> Tensor:
+    """The angles, within the ends of the surfaces."""
+    return torch.minimum(torch.maximum(angles, smallest), largest)
+
+
 def freed(H: Tensor, held: Tensor) -> Tensor:
     """H with the rows and columns of held joints those of the identity."""
     either = held[..., :, None] | held[..., None, :]
     return torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
 
 
-def _definite(H: Tensor, held: Tensor) -> Tensor:
-    """Whether H over the free joints is positive definite beyond rounding, (...)."""
-    largest = torch.where(held[..., :, None] | held[..., None, :], 0.0, H.abs()).flatten(-2).amax(-1)
-    factor, failed = torch.linalg.cholesky_ex(freed(0.5 * (H + H.mT), held))
-    pivots = factor.diagonal(dim1=-2, dim2=-1).square()
-    firm = torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * largest
-    return (failed == 0) & firm & (largest >= NEGLIGIBLE) | held.all(-1)
+def definite(H: Tensor, held: Tensor, pivots: Tensor) -> Tensor:
+    """Whether H over the free joints, of these pivots (..., J), is positive definite beyond rounding, (...)."""
+    size = largest_free(H.diagonal(dim1=-2, dim2=-1), held)
+    return (torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * size) & (size >= NEGLIGIBLE)

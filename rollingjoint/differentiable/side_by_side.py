@@ -3,6 +3,10 @@
 The method is that of kernels/shared/lanes.py, pass by pass: Newton's method on the energy where it meets no
 difficulty. A row that leaves this path has not `arrived`; the compiled solver takes it from its start.
 Between the passes nothing is read back from the device, so that a CUDA graph can hold the whole solve.
+
+Formulas and rules are those of `statics` and `newton`. The loop is another one than there, because its rows have to
+take the path of the compiled lanes, and a pass may cost one evaluation: it holds a step instead of a stiffness, its
+trials lie at joint angles instead of contacts, and where the stiffness is not definite a row is left instead of helped.
 """
 
 from __future__ import annotations
@@ -15,26 +19,28 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import seen
-from rollingjoint.differentiable.tabulated import ChainAtAngles, DeadLoads, ElasticLaw, TabulatedChain
+from rollingjoint.differentiable.newton import (
+    definite,
+    freed,
+    improves,
+    largest_free,
+    pressed,
+    residual_goal,
+    shortened,
+    within,
+)
+from rollingjoint.differentiable.statics import ChainState, Law
+from rollingjoint.differentiable.tabulated import TabulatedChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.arrays import Chain
 from rollingjoint.kernels.shared.lanes import MOST_JOINTS, SHORTEST
-from rollingjoint.kernels.shared.tolerances import (
-    LARGEST_INPUT,
-    MAX_STEP,
-    NEGLIGIBLE,
-    RELATIVE_GOAL,
-    RESIDUAL_FLOOR,
-    RESIDUAL_GOAL,
-    ROUNDING,
-    SMALLEST_PIVOT,
-)
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT, ROUNDING
 
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""
 
-_AT_END = 1e-13  # rad
 _FEW = 64  # on the CPU a solve ends when one row in so many is still running: alone they are solved faster elsewhere
 
 
@@ -97,15 +103,15 @@ class SideBySide:
             loads: load tables, (B, rows, columns), columns load.LOAD_COLUMNS.
             starts: joint angles to start from, (B, J) [rad].
         """
-        law = ElasticLaw(commands, stiffnesses, *tension_limits)
-        dead = DeadLoads.of(loads, starts.shape[-1])
-        search = _Search.begun(self.tables, starts, dead.usual & _resolvable(commands) & _resolvable(starts))
+        law = Law(commands, stiffnesses, *tension_limits)
+        acting = Loads(loads, starts.shape[-1], only_dead=True)
+        search = _Search.begun(self.tables, starts, acting.dead_alone() & _resolvable(commands) & _resolvable(starts))
         for _ in range(self.passes):
-            found = self.tables.at(search.angles, law, dead)
+            found = self.tables.at(search.angles, law, acting)
             search, factor, free = search.advanced(found, self.tables.limits)
             if seen(_FEW * search.running.sum() <= len(starts), False):
                 break
-        responses = factor.solve(found.elastic[:, None, :] * found.rates * free[..., None])
+        responses = factor.solve((found.elastic[..., None] * found.rates).mT * free[..., None])
         angles = search.angles
         xy = torch.view_as_real(found.positions)
         poses = torch.cat([xy, found.link_angles[..., None]], -1)
@@ -138,37 +144,35 @@ class _Search:
     def begun(cls, tables: TabulatedChain, starts: Tensor, usual: Tensor) -> _Search:
         """From these starts; rows that are not usual are left at once. The first evaluation is always accepted."""
         low, high = tables.limits
-        angles = torch.minimum(torch.maximum(starts.nan_to_num(), low), high)
+        angles = within(starts.nan_to_num(), low, high)
         none, nothing = torch.zeros_like(usual), torch.zeros_like(angles)
         zero, one = torch.zeros_like(angles[:, 0]), torch.ones_like(angles[:, 0])
         return cls(usual, none, none, angles, angles, nothing, nothing, one * torch.inf, zero, zero, one)
 
-    def advanced(self, found: ChainAtAngles, limits: tuple[Tensor, Tensor]) -> tuple[_Search, _Factor, Tensor]:
+    def advanced(self, found: ChainState, limits: tuple[Tensor, Tensor]) -> tuple[_Search, _Factor, Tensor]:
         """The next angles of every row, from what was found at these: another step, a shorter one, or the end.
 
         Returns also the factor of the stiffness there, and which joints are free, (B, J) of 1 and 0.
         """
         low, high = limits
         r, angles = found.residual, self.angles
-        at_end = (angles <= low + _AT_END) & (r > 0.0) | (angles >= high - _AT_END) & (r < 0.0)
-        worst = torch.where(at_end, 0.0, r.abs()).amax(-1)
+        at_end = pressed(angles, low, high, r)
+        worst, (energy, magnitude) = largest_free(r, at_end), found.energy
         slope = (self.residual * (angles - self.origin)).sum(-1)
-        noise, fall = ROUNDING * (self.magnitude + found.magnitude), self.energy - found.energy
-        accepted = (fall > noise) & (fall >= -1e-4 * slope) | (fall >= -noise) & (worst < self.worst)
-        accepted = accepted & self.running
-        factor = _Factor.of(found.stiffness, at_end)
-        stable = factor.stable(at_end)
-        goal = (RELATIVE_GOAL * found.scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+        fall, noise = self.energy - energy, ROUNDING * (self.magnitude + magnitude)
+        accepted = improves(fall, slope, noise, worst, self.worst) & self.running
+        factor = _Factor.of(freed(found.stiffness, at_end))
+        stable = definite(found.stiffness, at_end, torch.stack(factor.pivots, -1))
+        goal = residual_goal(found.force_scale)
         at_rest = accepted & (worst <= goal)
         free = (~at_end).to(r.dtype)
 
         part = torch.where(accepted, 1.0, 0.5 * self.part)
         running = self.running & ~at_rest & (stable | ~accepted) & (part >= SHORTEST)
-        whole = factor.solve((-r * free)[..., None])[..., 0]
-        whole = whole * (MAX_STEP / whole.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
+        whole = shortened(factor.solve((-r * free)[..., None])[..., 0])
         taken = accepted[:, None]
         step, origin = torch.where(taken, whole, self.step), torch.where(taken, angles, self.origin)
-        trial = torch.minimum(torch.maximum(origin + part[:, None] * step, low), high)
+        trial = within(origin + part[:, None] * step, low, high)
         search = _Search(
             running,
             self.arrived | at_rest & stable,
@@ -177,8 +181,8 @@ class _Search:
             origin,
             torch.where(taken, r, self.residual),
             step,
-            torch.where(accepted, found.energy, self.energy),
-            torch.where(accepted, found.magnitude, self.magnitude),
+            torch.where(accepted, energy, self.energy),
+            torch.where(accepted, magnitude, self.magnitude),
             torch.where(accepted, worst, self.worst),
             part,
         )
@@ -186,31 +190,22 @@ class _Search:
 
 
 class _Factor(NamedTuple):
-    """L D Lᵀ of a stiffness in which rows and columns of held joints are those of the identity."""
+    """L D Lᵀ of a symmetric matrix (B, J, J)."""
 
     columns: list[Tensor]  # below the diagonal of L, (B, J - 1 - k) each
     pivots: list[Tensor]  # D, (B,) each
-    largest: Tensor  # of the diagonal over the free joints, (B,)
 
     @classmethod
-    def of(cls, H: Tensor, held: Tensor) -> _Factor:
+    def of(cls, matrix: Tensor) -> _Factor:
         """The factor, column by column: no library call that would have to report an error to the host."""
-        either = held[:, :, None] | held[:, None, :]
-        rest = torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
-        largest = torch.where(held, 0.0, H.diagonal(dim1=-2, dim2=-1).abs()).amax(-1)
-        columns, pivots = [], []
-        for _ in range(H.shape[-1]):
+        columns, pivots, rest = [], [], matrix
+        for _ in range(matrix.shape[-1]):
             pivot, below = rest[:, 0, 0], rest[:, 1:, 0]
             column = below / pivot[:, None]
             rest = rest[:, 1:, 1:] - column[:, :, None] * below[:, None, :]
             columns.append(column)
             pivots.append(pivot)
-        return cls(columns, pivots, largest)
-
-    def stable(self, held: Tensor) -> Tensor:
-        """Whether the stiffness of the free joints is positive definite beyond rounding, (B,)."""
-        smallest = torch.where(held, torch.inf, torch.stack(self.pivots, -1)).amin(-1)
-        return (smallest > SMALLEST_PIVOT * self.largest) & (self.largest >= NEGLIGIBLE)
+        return cls(columns, pivots)
 
     def solve(self, right: Tensor) -> Tensor:
         """The solutions for right sides (B, J, k)."""
