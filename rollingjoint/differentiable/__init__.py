@@ -10,7 +10,7 @@ Modules:
     geometry: where surfaces touch, how tendons run.
     loads: loads, their energy, moments and stiffness.
     looking: looks of the host at numbers on a device.
-    newton: equilibria of a batch by Newton's method in torch, and its rules.
+    newton: Newton's method on many rows; the equilibria of a batch of designs.
     side_by_side: equilibria of many chains in a fixed number of passes, without gradients: for simulation on a device.
     slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.

@@ -1,17 +1,14 @@
 """Equilibria of many tabulated chains side by side on a device, in a fixed number of passes, without gradients.
 
 The method is that of kernels/shared/lanes.py, pass by pass: Newton's method on the energy where it meets no
-difficulty. A row that leaves this path has not `arrived`; the compiled solver takes it from its start.
-Between the passes nothing is read back from the device, so that a CUDA graph can hold the whole solve.
-
-Formulas and rules are those of `statics` and `newton`. The loop is another one than there, because its rows have to
-take the path of the compiled lanes, and a pass may cost one evaluation: it holds a step instead of a stiffness, its
-trials lie at joint angles instead of contacts, and where the stiffness is not definite a row is left instead of helped.
+difficulty, by the iteration that `newton` has for all solvers. A row that leaves this path has not `arrived`; the
+compiled solver takes it from its start. Between the passes nothing is read back from the device, so that a CUDA graph
+can hold the whole solve.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -21,22 +18,13 @@ from torch import Tensor
 
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import seen
-from rollingjoint.differentiable.newton import (
-    definite,
-    freed,
-    improves,
-    largest_free,
-    pressed,
-    residual_goal,
-    shortened,
-    within,
-)
+from rollingjoint.differentiable.newton import Origin, Search, definite, freed, shortened, within
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.differentiable.tabulated import TabulatedChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.planar.arrays import Chain
 from rollingjoint.kernels.shared.lanes import MOST_JOINTS, SHORTEST
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT, ROUNDING
+from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
 
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""
@@ -104,19 +92,26 @@ class SideBySide:
             starts: joint angles to start from, (B, J) [rad].
         """
         law = Law(commands, stiffnesses, *tension_limits)
-        acting = Loads(loads, starts.shape[-1], only_dead=True)
-        search = _Search.begun(self.tables, starts, acting.dead_alone() & _resolvable(commands) & _resolvable(starts))
+        acting, problem = Loads(loads, starts.shape[-1], only_dead=True), _Tabulated(self.tables)
+        angles = within(starts.nan_to_num(), *problem.limits)
+        search = Search.begun(angles, (angles,), acting.dead_alone() & _resolvable(commands) & _resolvable(starts))
         for _ in range(self.passes):
-            found = self.tables.at(search.angles, law, acting)
-            search, factor, free = search.advanced(found, self.tables.limits)
+            found = self.tables.at(search.x, law, acting)
+            search = search.advanced(problem, found, (search.x,))
             if seen(_FEW * search.running.sum() <= len(starts), False):
                 break
-        responses = factor.solve((found.elastic[..., None] * found.rates).mT * free[..., None])
-        angles = search.angles
-        xy = torch.view_as_real(found.positions)
-        poses = torch.cat([xy, found.link_angles[..., None]], -1)
-        contacts = torch.view_as_real(found.contacts)
-        return Settled(search.arrived, search.held, angles, poses, found.tensions, found.lengths, responses, contacts)
+        responses = problem.factor.solve((found.elastic[..., None] * found.rates).mT * ~search.held[..., None])
+        poses = torch.cat([torch.view_as_real(found.positions), found.link_angles[..., None]], -1)
+        return Settled(
+            search.arrived,
+            search.held.any(-1),
+            search.x,
+            poses,
+            found.tensions,
+            found.lengths,
+            responses,
+            torch.view_as_real(found.contacts),
+        )
 
 
 def _resolvable(values: Tensor) -> Tensor:
@@ -124,69 +119,37 @@ def _resolvable(values: Tensor) -> Tensor:
     return (values.abs() <= LARGEST_INPUT).all(-1)
 
 
-@dataclass(frozen=True)
-class _Search:
-    """Where every row is in its line search: (B,) and (B, J); a row that neither runs nor has arrived is left."""
+@dataclass
+class _Tabulated:
+    """The problem of tabulated chains; x are joint angles. Where a stiffness is not definite, its row is left.
 
-    running: Tensor
-    arrived: Tensor
-    held: Tensor
-    angles: Tensor  # to be evaluated next
-    origin: Tensor  # angles and residual where the line search began, and its step
-    residual: Tensor
-    step: Tensor
-    energy: Tensor
-    magnitude: Tensor
-    worst: Tensor
-    part: Tensor  # of the step that is tried
+    Attributes:
+        factor: of the stiffness from which the latest step was taken.
+    """
 
-    @classmethod
-    def begun(cls, tables: TabulatedChain, starts: Tensor, usual: Tensor) -> _Search:
-        """From these starts; rows that are not usual are left at once. The first evaluation is always accepted."""
-        low, high = tables.limits
-        angles = within(starts.nan_to_num(), low, high)
-        none, nothing = torch.zeros_like(usual), torch.zeros_like(angles)
-        zero, one = torch.zeros_like(angles[:, 0]), torch.ones_like(angles[:, 0])
-        return cls(usual, none, none, angles, angles, nothing, nothing, one * torch.inf, zero, zero, one)
+    shortest: ClassVar[float] = SHORTEST
+    helps: ClassVar[bool] = False
+    tables: TabulatedChain
+    factor: _Factor = field(init=False)
 
-    def advanced(self, found: ChainState, limits: tuple[Tensor, Tensor]) -> tuple[_Search, _Factor, Tensor]:
-        """The next angles of every row, from what was found at these: another step, a shorter one, or the end.
+    @property
+    def limits(self) -> tuple[Tensor, Tensor]:
+        """Smallest and largest angle of every joint, (B or 1, J) each [rad]."""
+        return self.tables.limits
 
-        Returns also the factor of the stiffness there, and which joints are free, (B, J) of 1 and 0.
-        """
-        low, high = limits
-        r, angles = found.residual, self.angles
-        at_end = pressed(angles, low, high, r)
-        worst, (energy, magnitude) = largest_free(r, at_end), found.energy
-        slope = (self.residual * (angles - self.origin)).sum(-1)
-        fall, noise = self.energy - energy, ROUNDING * (self.magnitude + magnitude)
-        accepted = improves(fall, slope, noise, worst, self.worst) & self.running
-        factor = _Factor.of(freed(found.stiffness, at_end))
-        stable = definite(found.stiffness, at_end, torch.stack(factor.pivots, -1))
-        goal = residual_goal(found.force_scale)
-        at_rest = accepted & (worst <= goal)
-        free = (~at_end).to(r.dtype)
+    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """See newton.Problem."""
+        self.factor = _Factor.of(freed(found.stiffness, held))
+        step = self.factor.solve(torch.where(held, 0.0, -found.residual)[..., None])[..., 0]
+        return shortened(step), definite(found.stiffness, held, torch.stack(self.factor.pivots, -1))
 
-        part = torch.where(accepted, 1.0, 0.5 * self.part)
-        running = self.running & ~at_rest & (stable | ~accepted) & (part >= SHORTEST)
-        whole = shortened(factor.solve((-r * free)[..., None])[..., 0])
-        taken = accepted[:, None]
-        step, origin = torch.where(taken, whole, self.step), torch.where(taken, angles, self.origin)
-        trial = within(origin + part[:, None] * step, low, high)
-        search = _Search(
-            running,
-            self.arrived | at_rest & stable,
-            torch.where(accepted, at_end.any(-1), self.held),
-            torch.where(running[:, None], trial, angles),
-            origin,
-            torch.where(taken, r, self.residual),
-            step,
-            torch.where(accepted, energy, self.energy),
-            torch.where(accepted, magnitude, self.magnitude),
-            torch.where(accepted, worst, self.worst),
-            part,
-        )
-        return search, factor, free
+    def trial(self, origin: Origin, step: Tensor) -> Tensor:
+        """See newton.Problem."""
+        return within(origin[0] + step, *self.limits)
+
+    def work(self, before: Origin, after: Origin) -> float:
+        """See newton.Problem: there is no friction."""
+        return 0.0
 
 
 class _Factor(NamedTuple):
