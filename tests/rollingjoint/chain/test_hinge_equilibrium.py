@@ -96,7 +96,7 @@ def unbalanced(chain, tensions, loads, theta):
         for tendon, tension in zip(chain.tendons, tensions, strict=True):
             x, y = tendon.link_holes(chain.n_links)[-1]
             couple = tension * np.array([-y, x, 0.0])
-            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple, *[0.0] * 4])
+            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple, *[0.0] * 7])
     else:
         residual += differences(chain.tendon_lengths, theta, 1e-5).T @ tensions
     for row in np.array(rows):
