@@ -13,3 +13,7 @@ REWARDS = slice(REWARD, FAILURE + 1)
 # Of the last columns, in tasks with friction: work that it took up in the step [N·mm]; whether tendons stick in their
 # holes, (J, m); tensions of their gaps, (J, m) [N].
 WORK, STICKING = 0, 1
+
+# Of the columns that only tasks with arms have, after the commands: direction of gravity; angle between tip and target
+# frame, and its term of the reward; rotation matrices of both, row by row.
+GRAVITY, ANGLE, ORIENTATION, TIP_FRAME, TARGET_FRAME, OWN = 0, 3, 4, 5, 14, 23

@@ -4,35 +4,46 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.generators import Random
 from rj_gym.core.info import every_lane
-from rj_gym.core.kernels import AT_LIMIT
-from rj_gym.core.observation import Entry
+from rollingjoint.chain.status import Status
 
 Array = NDArray[np.float64]
+
+POSITION_BOUND = 2.0
+"""Largest coordinate of an observed position, in lengths of the mechanism."""
+
+
+class Entry(NamedTuple):
+    """One number of the observation: its name, its unit in words, and its bounds."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
 
 
 class Task(ABC):
     """What an environment of one configuration asks; no method changes anything.
 
     Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are those of
-    rj_gym/core/kernels.py.
+    rj_gym/core/columns.py.
 
     Attributes:
         config: its settings. length: of the mechanism [mm].
         action_size: numbers of an action.
         dimension: number of coordinates of the position that pictures trace; 0 where they trace none.
         last_status: the largest status with which an episode continues.
-        observes_truth: whether observations are a Dict with the privileged state of a TrackingTask.
+        observes_truth: whether observations are a Dict with the privileged state of a tracking task.
     """
 
     dimension: ClassVar[int] = 0
-    last_status: ClassVar[int] = AT_LIMIT
+    last_status: ClassVar[int] = int(Status.AT_LIMIT)
     observes_truth: bool = False
     config: Any
     length: float
