@@ -11,7 +11,7 @@ from rj_gym.tracking import (
     draws,
     env,
     episodes,
-    hardware_draws,
+    hardware,
     observation,
     options,
     planar,
@@ -26,7 +26,7 @@ from rj_gym.tracking import (
 sys.modules |= {
     "rj_gym.core.config": config,
     "rj_gym.core.draws": draws,
-    "rj_gym.core.hardware_draws": hardware_draws,
+    "rj_gym.core.hardware_draws": hardware,
     "rj_gym.core.observation": observation,
     "rj_gym.core.options": options,
     "rj_gym.core.registry": registry,

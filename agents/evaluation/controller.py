@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.tracking.hardware import AGE
+from rj_gym.tracking.arrays import AGE
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch

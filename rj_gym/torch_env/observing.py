@@ -1,4 +1,4 @@
-"""Observations as tensors: the formulas of measuring.py and hardware.py of rj_gym/tracking."""
+"""Observations as tensors: the formulas of rj_gym/tracking/measuring.py."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from rj_gym.core.columns import ERROR, STEP, TARGET, TIP
 from rj_gym.core.task import POSITION_BOUND
 from rj_gym.torch_env.lanes import Lanes
 from rj_gym.torch_env.sensing import link_entries, load_entries, seen_poses, tendons
-from rj_gym.tracking.hardware import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION
-from rj_gym.tracking.kernels import Rules
+from rj_gym.tracking.arrays import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION, Rules
 from rj_gym.tracking.planar import PlanarTask
 
 

@@ -1,4 +1,4 @@
-"""What is measured in torch, for all lanes: the formulas of hardware.py and measuring.py of rj_gym/tracking."""
+"""What is measured in torch, for all lanes: the formulas of rj_gym/tracking/measuring.py."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from torch import Tensor
 
 from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TENSIONS, TIP
 from rj_gym.torch_env.lanes import Lanes, at_step
-from rj_gym.tracking.hardware import MOTOR, TAKEN
-from rj_gym.tracking.kernels import Rules
+from rj_gym.tracking.arrays import MOTOR, TAKEN, Rules
 from rollingjoint.differentiable.transmission import sheath_direction, sheath_ratio
 
 

@@ -1,4 +1,4 @@
-"""The formulas of a step in torch, for all lanes: those of kernels.py and formulas.py of rj_gym/tracking."""
+"""The formulas of a step in torch, for all lanes: those of rj_gym/tracking/kernels.py."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from rj_gym.core.columns import (
 from rj_gym.torch_env.actuation import moved_motors, settled_motors
 from rj_gym.torch_env.lanes import Lanes, at_step
 from rj_gym.torch_env.sensing import tendons
-from rj_gym.tracking.hardware import ASKED
-from rj_gym.tracking.kernels import PREDICTABLE, Rules
+from rj_gym.tracking.arrays import ASKED, Rules
+from rj_gym.tracking.kernels import PREDICTABLE
 from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
 from rollingjoint.differentiable.transmission import unstretched_length
@@ -45,7 +45,7 @@ class Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Solved:
-    """What comes out of the solve of a step; names, shapes and units of rj_gym/tracking/kernels.py."""
+    """What comes out of the solve of a step; names, shapes and units of rj_gym/tracking/arrays.py."""
 
     joint_angles: Tensor
     responses: Tensor

@@ -5,14 +5,13 @@ Chains in the plane and arms in space are one task: what they share is here once
 
 Modules:
     arm: what only the task of arms in space has.
+    arrays: the arrays that a step works on.
     config: settings of all tasks.
     draws: what is drawn for every episode.
     env: the scalar environments, with the decision processes in their docstrings.
     episodes: running episodes side by side, the episode buffer.
-    formulas: formulas of a step, compiled.
-    hardware: motors and sensors, compiled.
-    hardware_draws: what is drawn of them, and their arrays.
-    kernels: a step, compiled, and the arrays that it works on.
+    hardware: what is drawn of motors and sensors, and their arrays.
+    kernels: a step, compiled: step, finish, observe.
     measuring: what is measured and observed, compiled.
     observation: entries of observations and of the privileged state.
     options: options of reset.

@@ -27,7 +27,7 @@ from rj_gym.tracking.draws import (
     symmetric,
     target_shape,
 )
-from rj_gym.tracking.hardware_draws import hardware_shapes
+from rj_gym.tracking.hardware import hardware_shapes
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions
 from rj_gym.tracking.render import ArmCanvas, ArmScene
 from rj_gym.tracking.task import TrackingTask

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rj_gym.core.generators import Uniforms
 from rj_gym.tracking.config import FrictionConfig, LoadSettings, TaskConfig
-from rj_gym.tracking.hardware_draws import HardwareDraws, draw_hardware
+from rj_gym.tracking.hardware import HardwareDraws, draw_hardware
 from rj_gym.tracking.options import TrackingOptions
 from rollingjoint.chain.stacks import Variations
 

@@ -11,10 +11,10 @@ from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.columns import LINK, REWARDS, STEP, TENSIONS, TIP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
+from rj_gym.tracking.arrays import Course, Inputs, RunningEpisodes, Solved, TaskArrays
 from rj_gym.tracking.draws import over_time
-from rj_gym.tracking.formulas import REFUSED, all_finite
-from rj_gym.tracking.hardware_draws import enter_hardware, new_hardware
-from rj_gym.tracking.kernels import Course, Inputs, RunningEpisodes, Solved, StepKernels, TaskArrays
+from rj_gym.tracking.hardware import enter_hardware, new_hardware
+from rj_gym.tracking.kernels import REFUSED, StepKernels, all_finite
 from rj_gym.tracking.solver import LaneSolver, distinct
 from rj_gym.tracking.tangent import Tangent, tangent_of
 from rj_gym.tracking.task import TrackingTask

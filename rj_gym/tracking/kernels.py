@@ -1,121 +1,63 @@
-"""A step of the tracking tasks, compiled: loads, predicted starts and ends of steps of a range of lanes.
+"""A step of the tracking tasks, compiled: motors, loads, predicted starts and ends of steps of a range of lanes.
 
 A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
-last - 1, and lanes do not see each other. Chains in the plane and arms in space differ in the shapes of arrays, in
-`Rules.dimension`, and in what is measured of them (measuring.py).
+last - 1, and lanes do not see each other. Chains in the plane and arms in space differ in the shapes of arrays
+(arrays.py), in `Rules.dimension`, and in what is measured of them (measuring.py). A motor's position q and the tendon's
+command p (readings, after TENSIONS) are different things: the agent moves and reads q. What lies between them is
+rollingjoint/transmission.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from rj_gym.core.columns import ANGLE, ERROR, FORCE, STEP, TARGET, TARGET_FRAME, TENSIONS, TIP, TIP_FRAME
+from rj_gym.core.columns import (
+    ANGLE,
+    EFFORT,
+    ERROR,
+    FAILURE,
+    FORCE,
+    ORIENTATION,
+    REWARD,
+    SMOOTHNESS,
+    STATUS,
+    STEP,
+    STICKING,
+    TARGET,
+    TARGET_FRAME,
+    TENSIONS,
+    TIP,
+    TIP_FRAME,
+    TRACKING,
+    WORK,
+)
 from rj_gym.core.episodes import Observation
-from rj_gym.tracking.formulas import REFUSED, finite, pull_tendons, reward_terms, rotation_vector, settle_tendons
-from rj_gym.tracking.hardware import Hardware, HardwareRules
-from rj_gym.tracking.measuring import measure, observe_lanes
+from rj_gym.tracking.arrays import ASKED, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR, TaskArrays
+from rj_gym.tracking.measuring import measure, observe_lanes, rotation_vector
+from rollingjoint.chain.status import Status
 from rollingjoint.compiled import (
     PENDING,
-    Floats,
-    Integers,
     Pinned,
     PinnedBatch,
     PinnedHinges,
-    Singles,
+    borrow,
     call_range,
     kernel,
     machine_code,
+    motor_yield,
     part,
+    play_step,
     singles_at,
     unpin,
+    unstretched_length,
 )
 
+AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
+
+REFUSED = -1  # what a step returns instead of a number of lanes
 PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
-
-
-class Rules(NamedTuple):
-    """Numbers that all lanes share; scales are those of the settings."""
-
-    dimension: int  # coordinates of a position, 2 or 3
-    action_scale: float  # mm
-    length: float  # of the mechanism, mm
-    command_scale: float  # mm
-    error_scale: float  # mm
-    angle_scale: float  # rad
-    highest_tension: float  # N
-    force_scale: float  # N
-    effort: float
-    smoothness: float
-    failure_penalty: float
-    precision: float
-    orientation: bool  # whether targets have a frame
-    observe_tensions: bool
-    observe_target: bool  # and the errors
-    observe_load: bool
-    neutral_lengths: Annotated[Floats, "m"]  # mm
-    low: Annotated[Singles, "entries"]  # of the observation
-    high: Annotated[Singles, "entries"]
-    first_seen: int  # of the moving links, those before it are not observed
-    force_column: int  # of a load table, the first of the force
-    hardware: HardwareRules
-
-
-class Course(NamedTuple):
-    """What is fixed when an episode begins; series have one entry where nothing changes over time."""
-
-    targets: Annotated[Floats, "B", "1 or T + 1 targets", "d or d + 9"]  # mm; rotation matrices with `orientation`
-    forces: Annotated[Floats, "B", "1 or T + 1 forces", "d"]  # N
-    stiffnesses: Annotated[Floats, "B", "m"]  # N/mm
-    actuator_offsets: Annotated[Floats, "B", "m"]  # mm
-    noise: Annotated[Floats, "B", "0, 1 or T + 1", "measured links", "errors"]  # mm, rad
-
-
-class RunningEpisodes(NamedTuple):
-    """Where running episodes are. A pose has 3 numbers in the plane (mm, mm, rad), 4 x 4 in space (row by row, mm)."""
-
-    angles: Annotated[Floats, "B", "J"]  # joint angles of the last usable equilibrium, rad
-    responses: Annotated[Floats, "B or 0 responses", "J", "m"]  # its d angle / d command, rad/mm
-    poses: Annotated[Floats, "B", "n", "pose numbers"]  # its poses
-    actions: Annotated[Floats, "B", 2, "m"]  # the last action and the one before, within [-1, 1]
-    readings: Annotated[Floats, "B", "columns"]  # see rj_gym/core/columns.py
-    tip_rates: Annotated[Floats, "0 or B", 2, "m"]  # d tip / d command, where it is asked for
-
-
-class Inputs(NamedTuple):
-    """What goes into a step and into its solve."""
-
-    actions: Annotated[Floats, "B", "m"]  # not yet clipped
-    starts: Annotated[Floats, "B", "J"]  # joint angles from which the solver starts, rad
-    commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
-    loads: Annotated[Floats, "B", "rows", "load columns"]  # the force that changes in the last row
-
-
-class Solved(NamedTuple):
-    """The parts of the solver's results that the task reads."""
-
-    joint_angles: Annotated[Floats, "B", "J"]
-    poses: Annotated[Floats, "B", "n", "pose numbers"]
-    tensions: Annotated[Floats, "B", "m"]
-    lengths: Annotated[Floats, "B", "m"]
-    responses: Annotated[Floats, "B or 0 responses", "J", "m"]
-    contacts: Annotated[Floats, "B or 0", "J", 4]
-    status: Annotated[Integers, "B"]
-
-
-class TaskArrays(NamedTuple):
-    """Everything that the kernels below work on."""
-
-    rules: Rules
-    course: Course
-    state: RunningEpisodes
-    hardware: Hardware
-    inputs: Inputs
-    solved: Solved
-    solver: int  # address of the solver's machine code (rollingjoint.compiled.call_range); 0: every lane is left to
-    problem: int  # `finish`; and of what it works on
 
 
 class StepKernels:
@@ -152,7 +94,7 @@ def step(pins, observation, first, last):
     that. REFUSED, and nothing done, where an action is not finite.
     """
     rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
-    if not finite(inputs.actions, first, last):
+    if not _finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
     left = _solve(rules, solver, problem, first, last)
@@ -186,17 +128,103 @@ def _machine_code():
     return tuple(machine_code(kernel, *kinds) for kernel, kinds in each)
 
 
+@kernel(short_loops=True, title="the environments")
+def all_finite(values):
+    """Whether no value (B, m) is NaN or infinite."""
+    return _finite(borrow(values), 0, len(values))
+
+
+@kernel(nogil=True, short_loops=True, title="the environments")
+def keep_history(friction, crossed, status, readings, first, last):
+    """End steps with friction: where one stands, the next goes on from it; elsewhere the history stays as it was.
+
+    crossed: (B, m) number of joints that a tendon crosses.
+    """
+    friction, crossed, status, readings = borrow(friction), borrow(crossed), borrow(status), borrow(readings)
+    before, after = friction.before, friction.after
+    n_joints, m = before.states.shape[1], before.states.shape[2]
+    at = readings.shape[1] - (STICKING + 2 * n_joints * m)
+    for lane in range(first, last):
+        readings[lane, at + WORK] = 0.0
+        if status[lane] > AT_LIMIT:
+            continue
+        readings[lane, at + WORK] = friction.work[lane]
+        place = at + STICKING
+        for i in range(n_joints):
+            before.angles[lane, i], before.rolling[lane, i] = after.angles[lane, i], after.rolling[lane, i]
+            for j in range(m):
+                z = after.states[lane, i, j]
+                before.states[lane, i, j] = z
+                before.slips[lane, i, j], before.grips[lane, i, j] = after.slips[lane, i, j], after.grips[lane, i, j]
+                readings[lane, place] = 1.0 if i < crossed[lane, j] and abs(z) < 1.0 else 0.0
+                readings[lane, place + n_joints * m] = friction.tension[lane, i, j]
+                place += 1
+
+
+def friction_columns(n_joints: int, n_tendons: int) -> int:
+    """How many columns of readings say what friction did."""
+    return STICKING + 2 * n_joints * n_tendons
+
+
+@part(inline=True)
+def _finite(values, first, last):
+    """Whether no value of these lanes is NaN or infinite."""
+    fine = True
+    for lane in range(first, last):
+        for j in range(values.shape[1]):
+            fine &= math.isfinite(values[lane, j])
+    return fine
+
+
 @part(inline=True)
 def _prepare(rules, course, state, hardware, inputs, first, last):
     """Begin a step: tendons are pulled, the load moves on; fill commands, starts and loads."""
     forces, readings, loads = course.forces, state.readings, inputs.loads
     times, row = forces.shape[1], loads.shape[1] - 1
     for lane in range(first, last):
-        pull_tendons(rules, course, state, hardware, inputs, lane)
+        _pull_tendons(rules, course, state, hardware, inputs, lane)
         _predict(state, inputs, course, lane)
         now = min(int(readings[lane, STEP]), times - 1)
         for axis in range(rules.dimension):
             loads[lane, row, rules.force_column + axis] = readings[lane, FORCE + axis] = forces[lane, now, axis]
+
+
+@part(inline=True)
+def _pull_tendons(rules, course, state, hardware, inputs, lane):
+    """Count the step, and turn its action into commands: at 1 it pulls a tendon in by action_scale [mm]."""
+    offsets, readings, taken = course.actuator_offsets, state.readings, state.actions
+    actions, commands = inputs.actions, inputs.commands
+    m = actions.shape[1]
+    readings[lane, STEP] += 1.0
+    for j in range(m):
+        taken[lane, 1, j] = taken[lane, 0, j]
+        taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
+    if rules.hardware.active:
+        _move_motors(rules, hardware, state, offsets, commands, lane)
+        return
+    for j in range(m):
+        believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
+        commands[lane, j] = believed + offsets[lane, j]
+
+
+@part(inline=True)
+def _move_motors(rules, hardware, state, offsets, commands, lane):
+    """Move motors by the actions that are due, and tendons with them: fill commands [mm]."""
+    readings, motors, half, past = state.readings, hardware.motors, hardware.half_play, hardware.past
+    m, times, now = commands.shape[1], hardware.past.shape[1], int(state.readings[lane, STEP])
+    limit = rules.hardware.rate_limit
+    for j in range(m):
+        p = readings[lane, TENSIONS + m + j]
+        if now > 0:
+            past[lane, (now - 1) % times, j] = state.actions[lane, 0, j]
+            due = past[lane, (now - 1 - rules.hardware.action_delay + times) % times, j]
+            goal = motors[lane, GOAL, j] - rules.action_scale * due
+            q = motors[lane, MOTOR, j]
+            q += min(max(goal - q, -limit), limit)
+            motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j] = q, goal
+            p = play_step(p, q, half[lane, j])
+        motors[lane, ASKED, j] = p
+        commands[lane, j] = p + offsets[lane, j]
 
 
 @part(inline=True)
@@ -239,7 +267,7 @@ def _finish(rules, course, state, hardware, solved, observation, first, last):
     vectors = singles_at(observation, (state.readings.shape[0], rules.low.size))
     _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(rules, course, state, first, last)
-    reward_terms(rules, state, first, last)
+    _reward(rules, state, first, last)
     if rules.hardware.active:
         measure(rules, course, state, hardware, first, last)
     observe_lanes(rules, course, state, hardware, vectors, first, last)
@@ -251,8 +279,9 @@ def _settle(rules, course, state, hardware, solved, first, last):
     angles, responses, poses = state.angles, state.responses, state.poses
     new_angles, new_poses = solved.joint_angles, solved.poses
     n_joints, m = angles.shape[1], responses.shape[2]
+    numbers = 3 if rules.dimension == 2 else 12  # the last row of a pose in space is constant
     for lane in range(first, last):
-        if not settle_tendons(rules, course, state, hardware, solved, lane):
+        if not _settle_tendons(rules, course, state, hardware, solved, lane):
             continue
         if state.tip_rates.shape[0] > 0:
             _keep_tip_rates(state, solved, lane)
@@ -263,8 +292,43 @@ def _settle(rules, course, state, hardware, solved, first, last):
                 for j in range(m):
                     responses[lane, i, j] = solved.responses[lane, i, j]
         for k in range(n_joints + 1):
-            for number in range(poses.shape[2]):
+            for number in range(numbers):
                 poses[lane, k, number] = new_poses[lane, k, number]
+
+
+@part(inline=True)
+def _settle_tendons(rules, course, state, hardware, solved, lane):
+    """Take over status, tensions and commands of a lane; returns whether its equilibrium is a usable one.
+
+    Where a tension is at a limit the motor holds or gives way and its command follows, l_cmd = l - tension / k, so
+    that commands never wind up; elsewhere that is the command itself.
+    """
+    readings, tensions, lengths = state.readings, solved.tensions, solved.lengths
+    stiffnesses, offsets = course.stiffnesses, course.actuator_offsets
+    m = tensions.shape[1]
+    readings[lane, STATUS] = solved.status[lane]
+    usable = solved.status[lane] <= AT_LIMIT
+    if usable:
+        for j in range(m):
+            unstretched = unstretched_length(lengths[lane, j], tensions[lane, j], stiffnesses[lane, j])
+            readings[lane, TENSIONS + j] = tensions[lane, j]
+            readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
+        if rules.hardware.active:
+            _settle_motors(hardware, readings, lane)
+    return usable
+
+
+@part(inline=True)
+def _settle_motors(hardware, readings, lane):
+    """End the motors' step. At a tension limit, where the command follows the tendon, its motor moves along."""
+    motors, m, begins = hardware.motors, hardware.motors.shape[2], readings[lane, STEP] == 0.0
+    for j in range(m):
+        p = readings[lane, TENSIONS + m + j]
+        shift = p - motors[lane, ASKED, j]
+        q, goal = motor_yield(motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j], shift)
+        if begins:
+            q = goal = p + hardware.starts[lane, j]
+        motors[lane, MOTOR, j], motors[lane, GOAL, j] = q, goal
 
 
 @part(inline=True)
@@ -316,3 +380,28 @@ def _keep_tip_rates(state, solved, lane):
         for i in range(tip):
             rates[lane, 0, j] -= (poses[lane, tip, 1] - contacts[lane, i, 1]) * responses[lane, i, j]
             rates[lane, 1, j] += (poses[lane, tip, 0] - contacts[lane, i, 0]) * responses[lane, i, j]
+
+
+@part(inline=True)
+def _reward(rules, state, first, last):
+    """The terms of the reward, and their sum."""
+    readings, actions = state.readings, state.actions
+    m = actions.shape[2]
+    own = TENSIONS + 2 * m
+    for lane in range(first, last):
+        effort = change = 0.0
+        for j in range(m):
+            effort += (readings[lane, TENSIONS + j] / rules.highest_tension) ** 2
+            change += (actions[lane, 0, j] - actions[lane, 1, j]) ** 2
+        tracking = -readings[lane, ERROR] / rules.error_scale
+        if rules.precision > 0.0:
+            tracking -= rules.precision * readings[lane, ERROR] / (readings[lane, ERROR] + 1.0)
+        effort *= -rules.effort / m
+        change *= -rules.smoothness / m
+        failure = 0.0 if readings[lane, STATUS] <= AT_LIMIT else -rules.failure_penalty
+        readings[lane, TRACKING], readings[lane, EFFORT] = tracking, effort
+        readings[lane, SMOOTHNESS], readings[lane, FAILURE] = change, failure
+        readings[lane, REWARD] = tracking + effort + change + failure
+        if rules.orientation:
+            readings[lane, own + ORIENTATION] = -readings[lane, own + ANGLE] / rules.angle_scale
+            readings[lane, REWARD] += readings[lane, own + ORIENTATION]

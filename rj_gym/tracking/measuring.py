@@ -11,20 +11,8 @@ import math
 import numpy as np
 
 from rj_gym.core.columns import FORCE, GRAVITY, LINK, STEP, TARGET, TARGET_FRAME, TENSIONS, TIP
-from rj_gym.tracking.formulas import rotation_vector, turn_frame
-from rj_gym.tracking.hardware import (
-    TAKEN,
-    date_picture,
-    measure_tendons,
-    observe_instruments,
-    picture_slot,
-    remember,
-    sensed,
-    show_picture,
-    tendon_truth,
-    within_bounds,
-)
-from rollingjoint.compiled import part
+from rj_gym.tracking.arrays import AGE, LAG_TENSION, MOTOR, NEW, POSITION, TAKEN, TENSION
+from rollingjoint.compiled import part, sheath_direction, sheath_ratio
 
 BLOCK = 16  # lanes whose angles are turned together
 ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
@@ -35,32 +23,85 @@ def measure(rules, course, state, hardware, first, last):
     """What is measured at the end of a step, and the privileged state."""
     readings = state.readings
     for lane in range(first, last):
-        measure_tendons(rules, hardware, readings, lane)
+        _measure_tendons(rules, hardware, readings, lane)
         if rules.hardware.late:
-            date_picture(rules, hardware, readings, lane)
+            _date_picture(rules, hardware, readings, lane)
             _keep_picture(rules, state, hardware, lane)
         if hardware.errors.shape[1] > 0:
             if rules.dimension == 2:
                 _measure_link_error(rules, course, state, hardware, lane)
             else:
                 _measure_tip_error(rules, course, state, hardware, lane)
-        remember(hardware, readings, lane)
+        _remember(hardware, readings, lane)
         if rules.hardware.privileged_low.size > 0:
             if rules.dimension == 2:
                 _tell_chain(rules, course, state, hardware, lane)
             else:
                 _tell_arm(rules, course, state, hardware, lane)
-            within_bounds(rules, readings, lane)
+            _within_bounds(rules, readings, lane)
+
+
+@part(inline=True)
+def _measure_tendons(rules, hardware, readings, lane):
+    """Fill measured motor positions and tensions."""
+    motors, measured, now = hardware.motors, hardware.measured, int(readings[lane, STEP])
+    m, positions, tensions = motors.shape[2], hardware.encoder_noise, hardware.tension_noise
+    for j in range(m):
+        p, q, tension = readings[lane, TENSIONS + m + j], motors[lane, MOTOR, j], readings[lane, TENSIONS + j]
+        if hardware.sheath[lane, j] > 0.0:
+            direction = sheath_direction(p, q, hardware.half_play[lane, j])
+            tension *= sheath_ratio(hardware.sheath[lane, j], direction)
+        if positions.shape[1] > 0:
+            q += positions[lane, min(now, positions.shape[1] - 1), j]
+        if tensions.shape[1] > 0:
+            tension = max(tension + tensions[lane, min(now, tensions.shape[1] - 1), j], 0.0)
+        measured[lane, POSITION, j] = _rounded(q, rules.hardware.encoder_resolution)
+        measured[lane, TENSION, j] = _rounded(tension, rules.hardware.tension_resolution)
+
+
+@part(inline=True)
+def _rounded(value, resolution):
+    return value if resolution <= 0.0 else resolution * math.floor(value / resolution + 0.5)
+
+
+@part(inline=True)
+def _date_picture(rules, hardware, readings, lane):
+    """Which step the observed picture is from, and whether it came just now."""
+    picture, now = hardware.picture, int(readings[lane, STEP])
+    if now == 0:
+        picture[lane, TAKEN], picture[lane, NEW] = 0, 1
+        return
+    picture[lane, NEW] = 0
+    if (now + hardware.phase[lane]) % rules.hardware.period == 0:
+        taken = max(now - rules.hardware.picture_delay, 0)
+        picture[lane, NEW] = 1 if taken > picture[lane, TAKEN] else 0
+        picture[lane, TAKEN] = taken
 
 
 @part(inline=True)
 def _keep_picture(rules, state, hardware, lane):
     """Keep the true poses for pictures that come later, and show the one that comes now."""
-    poses, pictures, slot = state.poses, hardware.pictures, picture_slot(hardware, state.readings, lane)
+    poses, pictures, slot = state.poses, hardware.pictures, _picture_slot(hardware, state.readings, lane)
     numbers, link = poses.shape[2], 1 if rules.dimension == 2 else poses.shape[1] - 1
     for i in range(pictures.shape[2]):
         pictures[lane, slot, i] = poses[lane, link + i // numbers, i % numbers]
-    show_picture(hardware, lane)
+    _show_picture(hardware, lane)
+
+
+@part(inline=True)
+def _picture_slot(hardware, readings, lane):
+    """Where in the ring a task keeps the true pose of this step."""
+    return int(readings[lane, STEP]) % (hardware.pictures.shape[1] - 1)
+
+
+@part(inline=True)
+def _show_picture(hardware, lane):
+    """Take the picture that comes now out of the ring, as the one that is seen."""
+    pictures, shown = hardware.pictures, hardware.pictures.shape[1] - 1
+    if hardware.picture[lane, NEW] == 1:
+        taken = hardware.picture[lane, TAKEN] % shown
+        for i in range(pictures.shape[2]):
+            pictures[lane, shown, i] = pictures[lane, taken, i]
 
 
 @part(inline=True)
@@ -116,6 +157,21 @@ def _see_tip(rules, course, state, hardware, lane, at, R):
 
 
 @part(inline=True)
+def _remember(hardware, readings, lane):
+    """Put this step's readings into the ring; at the start of an episode, everywhere in it."""
+    past, measured, errors, now = hardware.past, hardware.measured, hardware.errors, int(readings[lane, STEP])
+    times, m = past.shape[1], measured.shape[2]
+    first, last = (0, times) if now == 0 else (now % times, now % times + 1)
+    for slot in range(first, last):
+        for j in range(m):
+            past[lane, slot, j] = 0.0
+            past[lane, slot, m + j] = measured[lane, POSITION, j]
+            past[lane, slot, 2 * m + j] = measured[lane, TENSION, j]
+        for axis in range(errors.shape[1]):
+            past[lane, slot, 3 * m + axis] = errors[lane, axis]
+
+
+@part(inline=True)
 def _tell_chain(rules, course, state, hardware, lane):
     """The privileged state of a chain; the order is that of PlanarTask.privileged_entries."""
     readings, poses, at = state.readings, state.poses, rules.hardware.privileged_at
@@ -131,7 +187,7 @@ def _tell_chain(rules, course, state, hardware, lane):
     at += 4
     for k in range(moving):
         readings[lane, at + k] = 1.0 if readings[lane, LINK] == k + 1 else 0.0
-    at = tendon_truth(rules, hardware, course, readings, lane, at + moving)
+    at = _tendon_truth(rules, hardware, course, readings, lane, at + moving)
     for axis in range(2):
         for j in range(m):
             readings[lane, at + axis * m + j] = state.tip_rates[lane, axis, j]
@@ -153,7 +209,7 @@ def _tell_arm(rules, course, state, hardware, lane):
     place += 16
     for i in range(state.angles.shape[1]):
         readings[lane, place + i] = state.angles[lane, i]
-    tendon_truth(rules, hardware, course, readings, lane, place + state.angles.shape[1])
+    _tendon_truth(rules, hardware, course, readings, lane, place + state.angles.shape[1])
 
 
 @part(inline=True)
@@ -163,6 +219,32 @@ def _payload(readings, lane, own):
     for axis in range(3):
         payload += readings[lane, own + GRAVITY + axis] * readings[lane, FORCE + axis]
     return payload
+
+
+@part(inline=True)
+def _tendon_truth(rules, hardware, course, readings, lane, at):
+    """Fill the privileged numbers of every tracking task from this column on; returns the column after them."""
+    m, h = hardware.motors.shape[2], rules.hardware
+    for j in range(m):
+        readings[lane, at + j] = readings[lane, TENSIONS + m + j] - hardware.motors[lane, MOTOR, j]
+        readings[lane, at + m + j] = hardware.half_play[lane, j]
+        readings[lane, at + 2 * m + j] = hardware.sheath[lane, j]
+        readings[lane, at + 3 * m + j] = readings[lane, TENSIONS + j] / rules.highest_tension
+        readings[lane, at + 4 * m + j] = course.actuator_offsets[lane, j]
+        readings[lane, at + 5 * m + j] = course.stiffnesses[lane, j] / h.stiffnesses[j]
+        if h.friction:
+            readings[lane, at + 6 * m + j] = hardware.friction[lane, j]
+    at += 7 * m if h.friction else 6 * m
+    readings[lane, at] = readings[lane, STEP] / h.steps
+    return at + 1
+
+
+@part(inline=True)
+def _within_bounds(rules, readings, lane):
+    """Clip the privileged numbers to their bounds."""
+    at, low, high = rules.hardware.privileged_at, rules.hardware.privileged_low, rules.hardware.privileged_high
+    for k in range(low.size):
+        readings[lane, at + k] = min(max(readings[lane, at + k], np.float64(low[k])), np.float64(high[k]))
 
 
 @part(inline=True)
@@ -230,9 +312,34 @@ def _observe_arms(rules, course, state, hardware, observation, first, last):
 def _end_observation(rules, hardware, readings, observation, lane, entry):
     """The picture's age and past readings from this entry on, and all entries within their bounds."""
     if rules.hardware.active:
-        observe_instruments(rules, hardware, readings, observation, lane, entry)
+        _observe_instruments(rules, hardware, readings, observation, lane, entry)
     for place in range(rules.low.size):
         observation[lane, place] = min(max(observation[lane, place], rules.low[place]), rules.high[place])
+
+
+@part(inline=True)
+def _observe_instruments(rules, hardware, readings, observation, lane, entry):
+    """Fill the age of the picture and past readings from this entry on."""
+    if rules.hardware.late:
+        observation[lane, entry] = (readings[lane, STEP] - hardware.picture[lane, TAKEN]) / AGE
+        observation[lane, entry + 1] = hardware.picture[lane, NEW]
+        entry += 2
+    _observe_past(rules, hardware, readings, observation, lane, entry)
+
+
+@part(inline=True)
+def _observe_past(rules, hardware, readings, observation, lane, entry):
+    """Fill past readings, lag by lag, from this entry on: actions; positions, tensions and errors then minus now."""
+    past, lags, m, now = hardware.past, rules.hardware.lags, hardware.motors.shape[2], int(readings[lane, STEP])
+    times, width, per_action = past.shape[1], past.shape[2], 1 / rules.action_scale
+    for i in range(lags.size):
+        then, slot = (now - lags[i] + times) % times, now % times
+        for j in range(m):
+            observation[lane, entry + j] = past[lane, then, j]
+        for k in range(m, width):
+            scale = per_action if k < 2 * m else (1 / LAG_TENSION if k < 3 * m else 1 / rules.error_scale)
+            observation[lane, entry + k] = (past[lane, then, k] - past[lane, slot, k]) * scale
+        entry += width
 
 
 @part(inline=True)
@@ -241,11 +348,20 @@ def _observe_tendons(rules, readings, hardware, observation, lane, entry):
     neutral_lengths, m = rules.neutral_lengths, rules.neutral_lengths.size
     per_command, per_tension = 1 / rules.command_scale, 1 / rules.highest_tension
     for j in range(m):
-        command, tension = sensed(rules, hardware, readings, lane, j)
+        command, tension = _sensed(rules, hardware, readings, lane, j)
         observation[lane, entry + j] = (command - neutral_lengths[j]) * per_command
         if rules.observe_tensions:
             observation[lane, entry + m + j] = tension * per_tension
     return entry + (2 * m if rules.observe_tensions else m)
+
+
+@part(inline=True)
+def _sensed(rules, hardware, readings, lane, j):
+    """Position [mm] and tension [N] of a tendon as they are observed: measured, or where all is plain the true ones."""
+    m = rules.neutral_lengths.size
+    if rules.hardware.active:
+        return hardware.measured[lane, POSITION, j], hardware.measured[lane, TENSION, j]
+    return readings[lane, TENSIONS + m + j], readings[lane, TENSIONS + j]
 
 
 @part(inline=True)
@@ -324,3 +440,42 @@ def _write_columns(R, observation, lane, entry):
         for row in range(3):
             observation[lane, entry + 3 * column + row] = R[row, column]
     return entry + 6
+
+
+@part
+def rotation_vector(E):
+    """Rotation vector of a rotation matrix (3, 3) [rad] and its length, at most pi: (x, y, z, angle).
+
+    Exact to rounding near 0 and pi, too. Source: as rollingjoint.chain.se3.rotation_vector.
+    """
+    sx, sy, sz = E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]
+    sine, cosine = 0.5 * math.sqrt(sx * sx + sy * sy + sz * sz), 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if cosine >= -0.5:
+        scale = 0.5 * (angle / sine if sine > 1e-8 else 1.0)
+        return scale * sx, scale * sy, scale * sz, angle
+    k = 0
+    for i in range(1, 3):
+        if E[i, i] > E[k, k]:
+            k = i
+    x, y, z = 0.5 * (E[0, k] + E[k, 0]), 0.5 * (E[1, k] + E[k, 1]), 0.5 * (E[2, k] + E[k, 2])
+    x, y, z = x - (cosine if k == 0 else 0.0), y - (cosine if k == 1 else 0.0), z - (cosine if k == 2 else 0.0)
+    scale = angle / math.sqrt(x * x + y * y + z * z)
+    if x * sx + y * sy + z * sz < 0.0:
+        scale = -scale
+    return scale * x, scale * y, scale * z, angle
+
+
+@part
+def turn_frame(R, wx, wy, wz):
+    """Turn a rotation matrix (3, 3) by a rotation vector of the base frame [rad], in place."""
+    square = wx * wx + wy * wy + wz * wz
+    angle = math.sqrt(square)
+    a = math.sin(angle) / angle if angle > 1e-4 else 1.0 - square / 6.0
+    b = (1.0 - math.cos(angle)) / square if angle > 1e-4 else 0.5 - square / 24.0
+    for column in range(3):
+        x, y, z = R[0, column], R[1, column], R[2, column]
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        R[0, column] = x + a * ux + b * (wy * uz - wz * uy)
+        R[1, column] = y + a * uy + b * (wz * ux - wx * uz)
+        R[2, column] = z + a * uz + b * (wx * uy - wy * ux)

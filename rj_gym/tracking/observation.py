@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from rj_gym.core.task import POSITION_BOUND, Entry
+from rj_gym.tracking.arrays import AGE, LAG_TENSION
 from rj_gym.tracking.config import FlexibleArmConfig, TaskConfig
-from rj_gym.tracking.hardware import AGE, LAG_TENSION
 from rj_gym.tracking.sensing import LARGEST_PLAY, LARGEST_SHEATH
 from rollingjoint.friction import LARGEST_MU
 

@@ -27,7 +27,7 @@ from rj_gym.tracking.draws import (
     symmetric,
     target_shape,
 )
-from rj_gym.tracking.hardware_draws import hardware_shapes
+from rj_gym.tracking.hardware import hardware_shapes
 from rj_gym.tracking.observation import first_seen, measured_entries
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions
 from rj_gym.tracking.render import PlanarCanvas, PlanarScene

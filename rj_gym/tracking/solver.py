@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.tracking.config import FrictionConfig
 from rj_gym.tracking.draws import of_lanes
-from rj_gym.tracking.formulas import keep_history
+from rj_gym.tracking.kernels import keep_history
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.stacks import Variations, stack
 from rollingjoint.compiled import (

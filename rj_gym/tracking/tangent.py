@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.columns import TENSIONS, TIP
-from rj_gym.tracking.formulas import AT_LIMIT
-from rj_gym.tracking.hardware import MOTOR, Hardware
+from rj_gym.tracking.arrays import MOTOR, Hardware
+from rj_gym.tracking.kernels import AT_LIMIT
 from rj_gym.tracking.solver import LaneSolver
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.batch import free_joints, stiffnesses

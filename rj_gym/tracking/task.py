@@ -30,11 +30,11 @@ from rj_gym.core.generators import Block, Random
 from rj_gym.core.info import STATUS_NAMES, only_lane
 from rj_gym.core.task import POSITION_BOUND, Entry, Task
 from rj_gym.tracking import observation
+from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.draws import TrackingDraws
-from rj_gym.tracking.formulas import friction_columns
-from rj_gym.tracking.hardware_draws import hardware_rules
-from rj_gym.tracking.kernels import Rules
+from rj_gym.tracking.hardware import hardware_rules
+from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import TrackingOptions, checked_options
 from rollingjoint.checks import as_floats
 from rollingjoint.compiled import CONSTANT, MU
@@ -72,6 +72,7 @@ class TrackingTask(Task):
         self.action_size = self.mechanism.n_tendons
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
         self._columns = TENSIONS + 2 * self.action_size  # of readings that every tracking task has
+        self._plain = self._columns + self.own_columns  # of readings without the truth and friction
         self._places = self._vectors()
         self._parts = itemgetter(*self._places.values())
         self.has_friction = bool(config.has_friction(self.mechanism))
@@ -149,8 +150,7 @@ class TrackingTask(Task):
 
     def privileged(self, readings: Array) -> NDArray[np.float32]:
         """The privileged state, (..., K), from readings (..., columns)."""
-        first = self._columns + self.own_columns
-        return readings[..., first : first + self._truths].astype(np.float32)
+        return readings[..., self._plain : self._plain + self._truths].astype(np.float32)
 
     @abstractmethod
     def load_tables(self, episodes: Any, step: int) -> Array:
@@ -237,7 +237,7 @@ class TrackingTask(Task):
                 "failure": numbers[FAILURE],
             },
         }
-        if len(numbers) == self._columns + self.own_columns:
+        if len(numbers) == self._plain:
             return info
         row = readings[None]
         return info | only_lane(self.truth_info(row) | self.friction_info(row))
@@ -253,7 +253,7 @@ class TrackingTask(Task):
     @property
     def columns(self) -> int:
         """How many columns readings have."""
-        return self._columns + self.own_columns + self._truths + self.friction_columns
+        return self._plain + self._truths + self.friction_columns
 
     @property
     def friction_columns(self) -> int:
@@ -303,7 +303,7 @@ class TrackingTask(Task):
             high=high.astype(np.float32),
             first_seen=observation.first_seen(config, self.mechanism),
             force_column=self.LOAD_COLUMNS.index("fx"),
-            hardware=hardware_rules(config, self.mechanism, self.privileged_bounds(), self._columns + self.own_columns),
+            hardware=hardware_rules(config, self.mechanism, self.privileged_bounds(), self._plain),
         )
 
     def _vectors(self) -> dict[str, slice]:

@@ -12,7 +12,7 @@ from rj_gym.registry import task_of
 from rj_gym.tracking.arm import ArmTask, goal_angles
 from rj_gym.tracking.draws import over_time
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
-from rj_gym.tracking.formulas import rotation_vector, turn_frame
+from rj_gym.tracking.measuring import rotation_vector, turn_frame
 from rollingjoint import Gravity, Status, WorldForce
 from rollingjoint.chain import se3
 from rollingjoint.chain.presets import flexible_arm, small_arm

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import rj_gym
 from rj_gym import FrictionConfig, RollingJointEnv, RollingJointVectorEnv, TrackingConfig
-from rj_gym.tracking.formulas import friction_columns
+from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.render import TrackingScene
 from rollingjoint import CapstanFriction, Status, solve_lengths, solve_tensions
 from rollingjoint.chain.presets import five_link
