@@ -7,7 +7,7 @@ whose tip is not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch 
 for.
 
 Modules:
-    core: what every task shares.
+    core: shared by all tasks.
     design: the design task.
     former_names: where pickles of earlier versions find their classes.
     registry: the table of registered environments, their settings and tasks.

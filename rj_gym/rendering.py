@@ -102,7 +102,7 @@ class Canvas:
         self._base(base)
 
     def finished(self) -> pygame.Surface:
-        """What has been drawn, at the picture's size."""
+        """The drawing, at the picture's size."""
         return self._pygame.transform.smoothscale(self._surface, SIZE)
 
     def _pixels(self, points: ArrayLike) -> Array:
@@ -190,7 +190,7 @@ class Canvas:
     def tension_bar(
         self, j: int, tension: float, limits: tuple[float, float], pitch: int = 32, width: int = 120
     ) -> None:
-        """The tension of tendon j as a bar of that width beside its number; bars are `pitch` pixels apart."""
+        """The tension of tendon j as a bar of that width next to its number; bars are `pitch` pixels apart."""
         left, top, height = SIZE[0] - 130 - width, 26 + pitch * j, 14
         filled = width * min(max(tension / limits[1], 0.0), 1.0)
         color = tension_color(tension, limits)

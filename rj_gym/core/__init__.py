@@ -1,7 +1,7 @@
-"""What every task shares: the environments around it, its interface, settings and random numbers.
+"""Shared by all tasks: the environments around them, their interface, settings and random numbers.
 
 Modules:
-    arguments: checks of what callers give to environments, of saved states, and of who calls them.
+    arguments: checks of arguments, of saved states, and of callers.
     columns: columns of readings.
     env: the scalar environment of every task, plain and with goals.
     episodes: the interface of an episode buffer, which keeps running episodes side by side.

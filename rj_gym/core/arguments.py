@@ -150,7 +150,7 @@ class EnvironmentInUse(RollingJointError, RuntimeError):
 
 
 class Usable(Protocol):
-    """What has methods that are used alone."""
+    """An object with methods that are used alone."""
 
     _calls: dict[str, Any]  # the running call, if there is one; empty at first
 
@@ -161,7 +161,7 @@ Self = TypeVar("Self", bound=Usable)
 def used_alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
     """The method, which raises EnvironmentInUse while another such method of the same object is running.
 
-    A mark and no lock: nobody waits. `setdefault` marks in one step, whichever threads come together.
+    A mark and no lock: no caller waits. `setdefault` marks in one step, whichever threads come together.
     """
 
     @functools.wraps(method)

@@ -69,7 +69,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
         Args:
             seed: of the environment's random numbers.
-            options: what to hold fixed; see the task's checked_options.
+            options: values to fix; see the task's checked_options.
         Raises:
             InvalidInput: a seed or options that cannot be used; nothing has changed then.
         """

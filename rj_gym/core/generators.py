@@ -66,7 +66,7 @@ def _source(rng: np.random.Generator | None) -> tuple[int, int]:
     return ctypes.cast(interface.next_double, ctypes.c_void_p).value or 0, interface.state_address
 
 
-class Block(NamedTuple):
+class UniformBlock(NamedTuple):
     """Where one quantity's uniform numbers stand in the row of an episode, and their shape."""
 
     start: int
@@ -82,7 +82,7 @@ class Uniforms:
         rngs: one generator per episode; each is asked once.
     """
 
-    def __init__(self, blocks: dict[str, Block], rngs: Random) -> None:
+    def __init__(self, blocks: dict[str, UniformBlock], rngs: Random) -> None:
         self._blocks = blocks
         self._rows: Array = np.empty((len(rngs), next(reversed(blocks.values())).stop))
         if isinstance(rngs, Generators):
@@ -100,10 +100,10 @@ class Uniforms:
         return len(self._rows)
 
 
-def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Block]:
+def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, UniformBlock]:
     """Blocks of these shapes, one after the other."""
     stops = list(itertools.accumulate(map(math.prod, shapes.values())))
-    return dict(zip(shapes, map(Block, [0, *stops], stops, shapes.values()), strict=False))
+    return dict(zip(shapes, map(UniformBlock, [0, *stops], stops, shapes.values()), strict=False))
 
 
 def generator_states(generators: Generators) -> list[dict[str, Any] | None]:
@@ -139,7 +139,7 @@ def set_generator_states(generators: Generators, states: Sequence[Mapping[str, A
             rng.bit_generator.state = state
 
 
-@kernel(short_loops=True, title="what all environments share")
+@kernel(short_loops=True, title="the environments")
 def fill_uniforms(sources: Any, rows: Any) -> None:
     """Fill rows (B, K) with numbers in [0, 1) from bit generators: (B, 2), next_double and the state it works on."""
     for row in range(len(rows)):

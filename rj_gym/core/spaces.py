@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def observation_space(task: Any, goal: bool) -> spaces.Space[Any]:
-    """Space of one lane's observation; privileged states and goals are those of a tracking task."""
+    """Space of one lane's observation; privileged states and goals belong to tracking tasks."""
     vector = _box(*task.observation_bounds(goal))
     if task.observes_truth:
         return spaces.Dict(observation=vector, privileged=_box(*task.privileged_bounds()))

@@ -29,9 +29,9 @@ class Entry(NamedTuple):
 
 
 class Task(ABC):
-    """What an environment of one configuration asks; no method changes anything.
+    """The task of an environment of one configuration; no method changes it.
 
-    Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are those of
+    Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are in
     rj_gym/core/columns.py.
 
     Attributes:
@@ -51,7 +51,7 @@ class Task(ABC):
 
     @abstractmethod
     def entries(self, goal: bool = False) -> list[Entry]:
-        """The entries of the observation vector; `goal` leaves out what a goal says."""
+        """The entries of the observation vector; `goal` leaves out target and errors."""
 
     @abstractmethod
     def sample(self, rngs: Random, fixed: Any = None) -> Any:
@@ -59,11 +59,11 @@ class Task(ABC):
 
     @abstractmethod
     def checked_options(self, options: Mapping[str, Any] | None) -> Any:
-        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        """Values that the options of a reset fix; raises InvalidInput for options that cannot be used."""
 
     @abstractmethod
     def state_info(self, readings: Array) -> dict[str, Any]:
-        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
 
     @abstractmethod
     def reward_info(self, readings: Array) -> dict[str, Array]:

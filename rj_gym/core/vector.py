@@ -39,7 +39,7 @@ Vectors = NDArray[np.float32]
 
 
 class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """Base of the native vector environments; a class names the scalar environment whose lanes it has.
+    """Base of the native vector environments; a class names the scalar environment of its lanes.
 
     It computes on several threads itself; used from several threads at once, the later call raises EnvironmentInUse.
 
@@ -214,7 +214,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     @used_alone
     def scene(self, lane: int = 0) -> Any:
-        """What a picture of this lane would show, in arrays that no later step changes.
+        """The scene of this lane's picture, in arrays that no later step changes.
 
         Of tracking tasks it is a TrackingScene. Its trail is kept in mode "rgb_array" only.
 
@@ -248,13 +248,13 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return replaced
 
     def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
-        """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
+        """New episodes in these lanes: info["sampled"], spread over all lanes, and the vectors of these lanes."""
         rngs = self._generators if len(rows) == self.num_envs else self._generators.of(rows)
         sampled, vectors = self._buffer.restart(rows, rngs, fixed)
         return spread_info(sampled, rows, self.num_envs), vectors
 
     def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
-        """One step, in which ended lanes restart: all vectors, and what was drawn, None where no lane restarted."""
+        """One step, in which ended lanes restart: all vectors, and info["sampled"], None where no lane restarted."""
         if len(fresh) == self.num_envs:
             sampled, vectors = self._begin(fresh)
             return vectors, sampled

@@ -1,4 +1,4 @@
-"""What only the task of arms in space has: what is drawn for it, its loads, target frames and its pictures."""
+"""The task of arms in space: random episodes, gravity and payload, target frames, pictures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core.columns import ANGLE, FORCE, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME
-from rj_gym.core.generators import Block, Random, Uniforms, blocks_of
+from rj_gym.core.generators import Random, UniformBlock, Uniforms, blocks_of
 from rj_gym.rendering import Screen
 from rj_gym.tracking.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
 from rj_gym.tracking.draws import (
@@ -51,7 +51,7 @@ class ArmTask(TrackingTask):
 
     @property
     def pictured(self) -> list[str]:
-        """The entries of the tip's position, none where it is not seen; those of its frame have no derivatives."""
+        """The entries of the tip's position, none where it is not seen; entries of its frame have no derivatives."""
         return [f"tip {axis}" for axis in "xyz"] if self.config.sensing.pose != "none" else []
 
     def pictured_values(self, poses: Array) -> Array:
@@ -59,7 +59,7 @@ class ArmTask(TrackingTask):
         return poses[:, -1, : len(self.pictured), 3].copy()
 
     def tips(self, poses: Array) -> Array:
-        """What a target specifies, of the tips of poses (B, n, 4, 4), (B, 3 or 12) [mm, 1]."""
+        """Positions and, with orientation, frames of the tips of poses (B, n, 4, 4), (B, 3 or 12) [mm, 1]."""
         position, rotation = poses[:, -1, :3, 3], poses[:, -1, :3, :3].reshape(len(poses), 9)
         return np.concatenate([position, rotation], axis=1) if self.config.orientation else position
 
@@ -101,12 +101,12 @@ class ArmTask(TrackingTask):
         return (6,), 12
 
     def begin_readings(self, readings: Array, draws: ArmDraws) -> None:
-        """Enter what readings (B, columns) say of the draws throughout an episode."""
+        """Fill the columns of readings (B, columns) that stay the same in an episode: the link, gravity."""
         super().begin_readings(readings, draws)
         self._own(readings)[:, GRAVITY : GRAVITY + 3] = draws.gravity
 
     def own_sampled(self, draws: ArmDraws, targets: Array) -> dict[str, Any]:
-        """What only this task says in info["sampled"]."""
+        """Entries of info["sampled"] that only arms have, fresh arrays (B, ...)."""
         times, count = self.config.episode_steps + 1, len(draws)
         sampled = {
             "payloads": over_time(draws.payloads[..., None], times)[..., 0],
@@ -119,7 +119,7 @@ class ArmTask(TrackingTask):
         return sampled
 
     def scene(self, trail: Array, readings: Array, shared: dict[str, Any]) -> ArmScene:
-        """What a picture of a lane shows; `shared`: the fields of a TrackingScene."""
+        """The scene of a lane's picture; `shared`: the fields of a TrackingScene."""
         own = self._own(readings)
         return ArmScene(
             **shared,
@@ -164,7 +164,7 @@ class ArmTask(TrackingTask):
         return near & (self._own(readings)[..., ANGLE] <= self.config.reward.goal_tolerance_rad)
 
     def state_info(self, readings: Array) -> dict[str, Any]:
-        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
         own = self._own(readings)
         angle = {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else {}
         return super().state_info(readings) | {"gravity": own[:, GRAVITY : GRAVITY + 3]} | angle
@@ -193,7 +193,7 @@ class ArmTask(TrackingTask):
         """The columns that only this task has."""
         return readings[..., self._columns : self._columns + OWN]
 
-    def _uniform_blocks(self) -> dict[str, Block]:
+    def _uniform_blocks(self) -> dict[str, UniformBlock]:
         return uniform_blocks(self.config, self.mechanism)
 
 
@@ -215,10 +215,10 @@ def _whole(columns: Array) -> Array:
 
 @dataclass(kw_only=True)
 class ArmDraws(TrackingDraws):
-    """What was drawn for B episodes of the arm's task: see TrackingDraws, and the fields below.
+    """Random numbers of B episodes of the arm's task: see TrackingDraws, and the fields below.
 
-    Targets are tip positions, with `orientation` followed by the rotation matrix row by row; noise is that of the tip:
-    position and rotation vector.
+    Targets are tip positions, with `orientation` followed by the rotation matrix row by row; noise is the error of the
+    measured tip: position and rotation vector.
 
     Args:
         gravity: direction of gravity in the base frame, unit vectors (B, 3).
@@ -247,7 +247,7 @@ class ArmDraws(TrackingDraws):
         return np.concatenate([self.start_tensions, self.gravity], axis=1)
 
 
-def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str, Block]:
+def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str, UniformBlock]:
     """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
     times, n_joints, m = config.episode_steps + 1, mechanism.n_joints, mechanism.n_tendons
     shapes = {"target": target_shape(config, m), "gravity": (2,)}
@@ -261,13 +261,13 @@ def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str
 def sample_episodes(
     config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: TrackingOptions
 ) -> ArmDraws:
-    """B episodes of the task, with what `fixed` holds in place of what was drawn.
+    """B episodes of the task, with fixed values in place of drawn ones.
 
     Args:
         config: the settings.
         nominal: the arm before randomisation.
         uniforms: of the same configuration and mechanism.
-        fixed: what is not drawn.
+        fixed: values that are not drawn.
     """
     randomization = config.randomization
     mechanisms, designs = _mechanisms(randomization, nominal, uniforms, fixed)

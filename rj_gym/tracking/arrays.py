@@ -37,7 +37,7 @@ class HardwareRules(NamedTuple):
 
 
 class Hardware(NamedTuple):
-    """Motors and sensors of lanes; none where they are not active. Up to `phase`: what is fixed in an episode."""
+    """Motors and sensors of lanes; none where they are not active. Up to `phase`: constant in an episode."""
 
     half_play: Annotated[Floats, "lanes", "m"]  # mm
     sheath: Annotated[Floats, "lanes", "m"]
@@ -55,7 +55,7 @@ class Hardware(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers that all lanes share; scales are those of the settings."""
+    """Numbers that all lanes share; scales as in the settings."""
 
     dimension: int  # coordinates of a position, 2 or 3
     action_scale: float  # mm
@@ -82,7 +82,7 @@ class Rules(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What is fixed when an episode begins; series have one entry where nothing changes over time."""
+    """Constants and series of an episode; series have one entry where they are constant."""
 
     targets: Annotated[Floats, "B", "1 or T + 1 targets", "d or d + 9"]  # mm; rotation matrices with `orientation`
     forces: Annotated[Floats, "B", "1 or T + 1 forces", "d"]  # N
@@ -102,8 +102,8 @@ class RunningEpisodes(NamedTuple):
     tip_rates: Annotated[Floats, "0 or B", 2, "m"]  # d tip / d command, where it is asked for
 
 
-class Inputs(NamedTuple):
-    """What goes into a step and into its solve."""
+class StepInputs(NamedTuple):
+    """Inputs of a step and of its solve."""
 
     actions: Annotated[Floats, "B", "m"]  # not yet clipped
     starts: Annotated[Floats, "B", "J"]  # joint angles from which the solver starts, rad
@@ -111,7 +111,7 @@ class Inputs(NamedTuple):
     loads: Annotated[Floats, "B", "rows", "load columns"]  # the force that changes in the last row
 
 
-class Solved(NamedTuple):
+class StepResults(NamedTuple):
     """The parts of the solver's results that the task reads."""
 
     joint_angles: Annotated[Floats, "B", "J"]
@@ -130,7 +130,7 @@ class TaskArrays(NamedTuple):
     course: Course
     state: RunningEpisodes
     hardware: Hardware
-    inputs: Inputs
-    solved: Solved
-    solver: int  # address of the solver's machine code (rollingjoint.compiled.call_range); 0: every lane is left to
-    problem: int  # `finish`; and of what it works on
+    inputs: StepInputs
+    solved: StepResults
+    solver: int  # address of the solver's machine code, for compiled.call_range; 0: all lanes are left to Python
+    problem: int  # address of the solver's arrays

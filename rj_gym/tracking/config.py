@@ -1,4 +1,4 @@
-"""Settings of the tracking tasks: those of every mechanism, of chains in the plane, and of arms in space."""
+"""Settings of the tracking tasks: for every mechanism, for chains in the plane, and for arms in space."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class RewardConfig(Settings):
 
     Args:
         error_scale_mm: tip error that costs 1 per step [mm].
-        precision: what the last millimetre costs: tracking loses precision · error / (error + 1 mm) as well.
+        precision: cost of the last millimetre: tracking loses precision · error / (error + 1 mm) as well.
         effort: weight of mean((tension / largest tension)²).
         smoothness: weight of mean((action - previous action)²).
         failure_penalty: subtracted once when the solver finds no usable pose and the episode ends.
@@ -155,7 +155,7 @@ class TaskConfig(Settings):
         observe_load: whether the observation contains the external force and the link where it acts.
         load, target, reward, randomization: nested settings, each also a dictionary.
         friction: a FrictionConfig or a dictionary; None leaves the mechanism its own friction, if it has any.
-        sensing, actuation: nested settings, too: what is measured, and how motors move tendons.
+        sensing, actuation: nested settings, too, of sensors and motors.
         observe_history: past readings in the observation: those 1 to k steps ago for a number k, or a list of lags.
         privileged: where the true state can be read, hidden parts included: "off", "info" (as info["privileged"]), or
             "observation" (a Dict with it under "privileged", for critics).
@@ -354,7 +354,7 @@ class ArmTargetConfig(TargetConfig):
 
 @dataclass(frozen=True)
 class ArmRewardConfig(RewardConfig):
-    """Scales and weights of the reward terms: those of RewardConfig, and with `orientation` two more.
+    """Scales and weights of the reward terms: as RewardConfig, and with `orientation` two more.
 
     Args:
         angle_scale_rad: angle between tip and target frame that costs 1 per step [rad].

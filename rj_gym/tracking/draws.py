@@ -1,4 +1,4 @@
-"""What is drawn for every episode of a tracking task, from uniform numbers."""
+"""Random targets, loads, tensions and errors of every episode of a tracking task, from uniform numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ D = TypeVar("D", bound="TrackingDraws")
 
 @dataclass(kw_only=True)
 class TrackingDraws:
-    """What was drawn for B episodes of any tracking task; T is the number of steps, time 0 the start.
+    """Random numbers of B episodes of any tracking task; T is the number of steps, time 0 the start.
 
     A series has one entry where it does not change over time.
 
@@ -33,9 +33,9 @@ class TrackingDraws:
         target_tensions: (B, 1 or T + 1, m) [N].
         start_tensions: tensions before the load acts, (B, m) [N].
         stiffnesses: of the tendons, (B, m) [N/mm].
-        actuator_offsets: what the motors add to every length command, (B, m) [mm].
+        actuator_offsets: added by the motors to every length command, (B, m) [mm].
         noise: measurement errors, (B, T + 1, ...) [mm, rad], or None.
-        friction_mu: coefficients of friction of the tendons, (B, m), or None: those of the mechanisms.
+        friction_mu: coefficients of friction of the tendons, (B, m), or None: as the mechanisms have them.
         hardware: of motors and sensors, or None where everything is plain.
     """
 
@@ -71,7 +71,7 @@ def shared_draws(
 
     Args:
         config, mechanisms, designs, uniforms: as elsewhere.
-        scale: the scales of a pose's numbers, from those of its positions [mm] and angles [rad].
+        scale: the scales of a pose's numbers, from the scales of its positions [mm] and angles [rad].
         parts: shape of the poses that are measured, (n - 1,) for every link; () for one.
     """
     randomization = config.randomization
@@ -139,7 +139,7 @@ def friction_mu(config: FrictionConfig, uniforms: Uniforms) -> Array:
 
 
 def load_shapes(config: LoadSettings, times: int, drawn: Sequence[str], walk: tuple[int, ...]) -> dict[str, Any]:
-    """Shapes of the uniform numbers from which loads come: what is drawn, or the coordinates of a random walk."""
+    """Shapes of the uniform numbers from which loads come: independent draws, or the coordinates of a random walk."""
     if config.process == "ou":
         return {"walk": (times, *walk, 2)}
     step = config.process == "step"
@@ -168,7 +168,7 @@ def hold(drawn: D, fixed: TrackingOptions) -> D:
 
 
 def target_tensions(config: TaskConfig, uniforms: Array) -> Array:
-    """Tensions whose unloaded equilibria have their tips at the targets, (B, 1 or T + 1, m) [N].
+    """Tensions of the equilibria with their tips at the targets, (B, 1 or T + 1, m) [N].
 
     A path moves from one of its waypoints (B, W, m) to the next with a smoothstep in log tension, so it stays in the
     drawn range and is at rest at each of them.
@@ -217,7 +217,7 @@ def symmetric(bound: float | Array, uniforms: Array) -> Array:
 
 
 def log_uniform(uniforms: Array, limits: tuple[float, float]) -> Array:
-    """Numbers within the limits whose logarithms are uniform."""
+    """Numbers within the limits, with uniform logarithms."""
     low, high = limits
     return low * (high / low) ** uniforms
 
@@ -228,5 +228,5 @@ def normal(uniforms: Array) -> Array:
 
 
 def over_time(series: Array, times: int) -> Array:
-    """A fresh series (..., times, d) from one that has one entry where nothing changes, (..., 1 or times, d)."""
+    """A fresh series (..., times, d) from one with one entry where it is constant, (..., 1 or times, d)."""
     return series.repeat(times, axis=-2) if series.shape[-2] == 1 else series.copy()

@@ -11,7 +11,7 @@ from rj_gym.core.arguments import check_whole, checked_array, checked_parts
 from rj_gym.core.columns import LINK, REWARDS, STEP, TENSIONS, TIP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.tracking.arrays import Course, Inputs, RunningEpisodes, Solved, TaskArrays
+from rj_gym.tracking.arrays import Course, RunningEpisodes, StepInputs, StepResults, TaskArrays
 from rj_gym.tracking.draws import over_time
 from rj_gym.tracking.hardware import enter_hardware, new_hardware
 from rj_gym.tracking.kernels import REFUSED, StepKernels, all_finite
@@ -34,7 +34,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     """Room for B episodes of a tracking task, as many of them in use as the last `begin` was asked for.
 
     Attributes:
-        course: what is fixed when an episode begins. state: where running episodes are. hardware: motors and sensors.
+        course: targets, forces and errors of the episodes. state: poses, actions and readings.
+        hardware: motors and sensors.
         solver: mechanisms, loads and equilibria of the lanes.
     """
 
@@ -108,7 +109,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._kernels.finish(address, first, last)
 
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
-        """New episodes in these lanes; where others go on, they begin in a buffer beside this one."""
+        """New episodes in these lanes; where others go on, they begin in a second buffer."""
         if len(rows) == self.capacity:
             draws, observations = self.begin(rngs, fixed)
             return self.sampled_info(draws), observations
@@ -147,7 +148,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return draws, observations
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
-        """What was drawn for the episodes that just began in the first lanes: fresh arrays (B, ...)."""
+        """info["sampled"] of the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         times, count, friction = self.task.config.episode_steps + 1, len(draws), self.solver.friction
         names = [mechanism.name for mechanism in distinct(draws.mechanisms)]
         each = names * count if len(names) == 1 else [names[design] for design in draws.designs]
@@ -165,7 +166,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         }
 
     def _enter(self, draws: Any) -> None:
-        """Put what was drawn into the first lanes."""
+        """Put random numbers into the first lanes."""
         count, solver, course = len(draws), self.solver, self.course
         if solver.mechanisms != draws.mechanisms or len(solver.mechanisms) > 1:
             self._use(draws.mechanisms, draws.designs)
@@ -201,7 +202,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return aims
 
     def _tips_at(self, tensions: Array, forces: Array | float = 0.0) -> tuple[Array, NDArray[np.int64]]:
-        """What targets specify of the first lanes' tips under tensions and forces, and the statuses of the solves."""
+        """Tips of the first lanes under tensions and forces, as targets specify them, and statuses."""
         self.solver.solve_at(tensions, forces)
         results, count = self.solver.results, len(tensions)
         return self.task.tips(results.poses[:count]), results.status[:count]
@@ -240,7 +241,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
 
     def _take_variations(self, rows: Rows, other: TrackingEpisodeBuffer) -> bool:
-        """Continue mechanisms of another buffer where every lane of both has a variation of its own."""
+        """Continue mechanisms of another buffer where every lane of both has its own variation."""
         mine, theirs = self.solver.mechanisms, other.solver.mechanisms
         if not isinstance(mine, Variations) or not isinstance(theirs, Variations):
             return False
@@ -318,7 +319,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return self.task.varied_mechanisms(state, self.capacity)
 
     def scene(self, trail: Array, lane: int = 0) -> Any:
-        """What a picture of one lane shows; trail (steps, d) [mm] is where its tip has been."""
+        """The scene of one lane's picture; trail (steps, d) [mm] is where its tip has been."""
         readings, task, m = self.readings[lane], self.task, self.task.action_size
         rubbing = task.friction_info(self.readings[lane : lane + 1])
         shared = {
@@ -383,7 +384,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         *links, numbers = self.task.measured_shapes()[0]
         course = self.course._replace(noise=noise.reshape(*noise.shape[:2], *(links or [1]), numbers))
         responses, contacts = _asked_for(results)
-        solved = Solved(
+        solved = StepResults(
             results.joint_angles,
             results.poses.reshape(self.capacity, n_links, -1),
             results.tensions,
@@ -393,7 +394,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             results.status,
         )
         flat = state._replace(poses=state.poses.reshape(self.capacity, n_links, -1))  # a view
-        inputs = Inputs(self._actions, solver.starts, solver.laws.command, solver.loads)
+        inputs = StepInputs(self._actions, solver.starts, solver.laws.command, solver.loads)
         self._kernels = StepKernels(TaskArrays(self._rules, course, flat, self.hardware, inputs, solved, *solver.entry))
         self._seen = self._room(1)[0]
         self._at: int = self._seen.ctypes.data
@@ -414,5 +415,5 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 def _asked_for(results: Any) -> tuple[Array, Array]:
     """How equilibria answer commands, and contacts, of results that have them; else none."""
     n_joints, m = results.joint_angles.shape[1], results.tensions.shape[1]
-    nothing = np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))
-    return getattr(results, "responses", nothing[0]), getattr(results, "contacts", nothing[1])
+    responses, contacts = np.zeros((0, n_joints, m)), np.zeros((0, n_joints, 4))
+    return getattr(results, "responses", responses), getattr(results, "contacts", contacts)

@@ -1,4 +1,4 @@
-"""What is drawn of motors and sensors for every episode, and the arrays that it goes into."""
+"""Random numbers of motors and sensors for every episode, and their arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class HardwareDraws:
-    """What was drawn for B episodes; None where there is nothing of the kind.
+    """Random numbers of B episodes; None where the settings leave a quantity out.
 
     Args:
         play: widths, (B, m) [mm]. motor_starts: motor minus tendon at the start, (B, m) [mm].
@@ -43,7 +43,7 @@ class HardwareDraws:
         return replace(self, play=play, motor_starts=shares * play, sheath_friction=sheath)
 
     def sampled_info(self) -> dict[str, Any]:
-        """What info["sampled"] says of it, (B, ...) each."""
+        """Entries of info["sampled"], (B, ...) each."""
         named = {
             "play_mm": self.play,
             "motor_starts": self.motor_starts,
@@ -54,7 +54,7 @@ class HardwareDraws:
 
 
 def hardware_shapes(config: TaskConfig, n_tendons: int, pose_numbers: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of the uniform numbers of an episode: none where nothing of sensing and actuation is set."""
+    """Shapes of the uniform numbers of an episode: none where sensing and actuation are plain."""
     sensing, actuation, m = config.sensing, config.actuation, n_tendons
     series = (config.episode_steps + 1, m, 2)
     wanted = {
@@ -70,7 +70,7 @@ def hardware_shapes(config: TaskConfig, n_tendons: int, pose_numbers: int) -> di
 
 
 def draw_hardware(config: TaskConfig, uniforms: Uniforms, normal: Callable[[Array], Array]) -> HardwareDraws | None:
-    """What the uniform numbers make of it; None where everything is plain.
+    """HardwareDraws from uniform numbers; None where sensing and actuation are plain.
 
     normal: standard normal numbers from pairs of uniform ones.
     """
@@ -132,7 +132,7 @@ def new_hardware(config: TaskConfig, capacity: int, n_tendons: int, pose_numbers
 
 
 def enter_hardware(hardware: Hardware, draws: HardwareDraws, commands: Array) -> None:
-    """Put what was drawn into the first lanes, where tendons have these commands, (B, m) [mm]."""
+    """Put random numbers into the first lanes, where tendons have these commands, (B, m) [mm]."""
     count = len(commands)
     hardware.half_play[:count] = 0.0 if draws.play is None else 0.5 * draws.play
     hardware.sheath[:count] = 0.0 if draws.sheath_friction is None else draws.sheath_friction

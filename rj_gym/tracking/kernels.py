@@ -2,9 +2,9 @@
 
 A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
 last - 1, and lanes do not see each other. Chains in the plane and arms in space differ in the shapes of arrays
-(arrays.py), in `Rules.dimension`, and in what is measured of them (measuring.py). A motor's position q and the tendon's
-command p (readings, after TENSIONS) are different things: the agent moves and reads q. What lies between them is
-rollingjoint/transmission.
+(arrays.py), in `Rules.dimension`, and in their measurements (measuring.py). A motor's position q and the tendon's
+command p (readings, after TENSIONS) are different things: the agent moves and reads q. The formulas of play and
+friction between them are in rollingjoint/transmission.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from rollingjoint.compiled import (
 
 AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 
-REFUSED = -1  # what a step returns instead of a number of lanes
+REFUSED = -1  # returned by a step instead of a number of lanes
 PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
 
 
@@ -70,7 +70,9 @@ class StepKernels:
     def __init__(self, arrays: TaskArrays) -> None:
         self._pinned = Pinned(arrays)
         self._pins = self._pinned.address_for(TaskArrays)
-        self._step, self._finish, self._observe = _machine_code()
+        self._step = machine_code(step, int, int, int, int)
+        self._finish = machine_code(finish, int, int, int, int)
+        self._observe = machine_code(observe, int, int)
 
     def step(self, address: int, first: int, last: int) -> int:
         """One step of lanes; how many of them are left to the solver for all cases, or REFUSED: see `step`."""
@@ -91,14 +93,14 @@ def step(pins, observation, first, last):
     """One step of lanes, into the observations (B, entries) at an address, float32.
 
     Returns how many lanes the solver has left to PinnedRange.solve_the_rest; if any, `finish` remains to be done after
-    that. REFUSED, and nothing done, where an action is not finite.
+    that. REFUSED, and no change, where an action is not finite.
     """
     rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
     if not _finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
     left = _solve(rules, solver, problem, first, last)
-    if left < 0:  # no memory: the solver for all cases has what it needs, or raises
+    if left < 0:  # no memory: the solver for all cases has enough, or raises
         left = last - first
         for lane in range(first, last):
             solved.status[lane] = PENDING
@@ -120,50 +122,6 @@ def observe(pins, observation):
     rules, course, state, hardware, _, _, _, _ = unpin(pins, TaskArrays)
     vectors = singles_at(observation, (state.readings.shape[0], rules.low.size))
     observe_lanes(rules, course, state, hardware, vectors, 0, vectors.shape[0])
-
-
-def _machine_code():
-    """The machine code of step, finish and observe."""
-    each = (step, (int, int, int, int)), (finish, (int, int, int, int)), (observe, (int, int))
-    return tuple(machine_code(kernel, *kinds) for kernel, kinds in each)
-
-
-@kernel(short_loops=True, title="the environments")
-def all_finite(values):
-    """Whether no value (B, m) is NaN or infinite."""
-    return _finite(borrow(values), 0, len(values))
-
-
-@kernel(nogil=True, short_loops=True, title="the environments")
-def keep_history(friction, crossed, status, readings, first, last):
-    """End steps with friction: where one stands, the next goes on from it; elsewhere the history stays as it was.
-
-    crossed: (B, m) number of joints that a tendon crosses.
-    """
-    friction, crossed, status, readings = borrow(friction), borrow(crossed), borrow(status), borrow(readings)
-    before, after = friction.before, friction.after
-    n_joints, m = before.states.shape[1], before.states.shape[2]
-    at = readings.shape[1] - (STICKING + 2 * n_joints * m)
-    for lane in range(first, last):
-        readings[lane, at + WORK] = 0.0
-        if status[lane] > AT_LIMIT:
-            continue
-        readings[lane, at + WORK] = friction.work[lane]
-        place = at + STICKING
-        for i in range(n_joints):
-            before.angles[lane, i], before.rolling[lane, i] = after.angles[lane, i], after.rolling[lane, i]
-            for j in range(m):
-                z = after.states[lane, i, j]
-                before.states[lane, i, j] = z
-                before.slips[lane, i, j], before.grips[lane, i, j] = after.slips[lane, i, j], after.grips[lane, i, j]
-                readings[lane, place] = 1.0 if i < crossed[lane, j] and abs(z) < 1.0 else 0.0
-                readings[lane, place + n_joints * m] = friction.tension[lane, i, j]
-                place += 1
-
-
-def friction_columns(n_joints: int, n_tendons: int) -> int:
-    """How many columns of readings say what friction did."""
-    return STICKING + 2 * n_joints * n_tendons
 
 
 @part(inline=True)
@@ -267,7 +225,7 @@ def _finish(rules, course, state, hardware, solved, observation, first, last):
     vectors = singles_at(observation, (state.readings.shape[0], rules.low.size))
     _settle(rules, course, state, hardware, solved, first, last)
     _measure_error(rules, course, state, first, last)
-    _reward(rules, state, first, last)
+    reward_terms(rules, state, first, last)
     if rules.hardware.active:
         measure(rules, course, state, hardware, first, last)
     observe_lanes(rules, course, state, hardware, vectors, first, last)
@@ -372,7 +330,7 @@ def _row_product(readings, lane, first, second):
 
 @part(inline=True)
 def _keep_tip_rates(state, solved, lane):
-    """How the tip moves with the commands: every joint turns what lies beyond it about its contact."""
+    """How the tip moves with the commands: every joint turns the links beyond it about its contact."""
     rates, poses, contacts, responses = state.tip_rates, solved.poses, solved.contacts, solved.responses
     tip, m = poses.shape[1] - 1, rates.shape[2]
     for j in range(m):
@@ -383,7 +341,7 @@ def _keep_tip_rates(state, solved, lane):
 
 
 @part(inline=True)
-def _reward(rules, state, first, last):
+def reward_terms(rules, state, first, last):
     """The terms of the reward, and their sum."""
     readings, actions = state.readings, state.actions
     m = actions.shape[2]
@@ -405,3 +363,41 @@ def _reward(rules, state, first, last):
         if rules.orientation:
             readings[lane, own + ORIENTATION] = -readings[lane, own + ANGLE] / rules.angle_scale
             readings[lane, REWARD] += readings[lane, own + ORIENTATION]
+
+
+@kernel(short_loops=True, title="the environments")
+def all_finite(values):
+    """Whether no value (B, m) is NaN or infinite."""
+    return _finite(borrow(values), 0, len(values))
+
+
+@kernel(nogil=True, short_loops=True, title="the environments")
+def keep_history(friction, crossed, status, readings, first, last):
+    """End steps with friction: where one stands, the next goes on from it; elsewhere the history stays as it was.
+
+    crossed: (B, m) number of joints that a tendon crosses.
+    """
+    friction, crossed, status, readings = borrow(friction), borrow(crossed), borrow(status), borrow(readings)
+    before, after = friction.before, friction.after
+    n_joints, m = before.states.shape[1], before.states.shape[2]
+    at = readings.shape[1] - (STICKING + 2 * n_joints * m)
+    for lane in range(first, last):
+        readings[lane, at + WORK] = 0.0
+        if status[lane] > AT_LIMIT:
+            continue
+        readings[lane, at + WORK] = friction.work[lane]
+        place = at + STICKING
+        for i in range(n_joints):
+            before.angles[lane, i], before.rolling[lane, i] = after.angles[lane, i], after.rolling[lane, i]
+            for j in range(m):
+                z = after.states[lane, i, j]
+                before.states[lane, i, j] = z
+                before.slips[lane, i, j], before.grips[lane, i, j] = after.slips[lane, i, j], after.grips[lane, i, j]
+                readings[lane, place] = 1.0 if i < crossed[lane, j] and abs(z) < 1.0 else 0.0
+                readings[lane, place + n_joints * m] = friction.tension[lane, i, j]
+                place += 1
+
+
+def friction_columns(n_joints: int, n_tendons: int) -> int:
+    """Number of columns of readings about friction."""
+    return STICKING + 2 * n_joints * n_tendons

@@ -1,4 +1,4 @@
-"""What is measured and goes into observations, and the privileged state, compiled.
+"""Measurements, observations and the privileged state, compiled.
 
 Arguments are those of kernels.py; functions over lanes work on first to last - 1. Of a chain in the plane every moving
 link can be measured, of an arm in space the tip alone.
@@ -20,7 +20,7 @@ ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 @part(inline=True)
 def measure(rules, course, state, hardware, first, last):
-    """What is measured at the end of a step, and the privileged state."""
+    """Fill the measurements at the end of a step, and the privileged state."""
     readings = state.readings
     for lane in range(first, last):
         _measure_tendons(rules, hardware, readings, lane)
@@ -173,7 +173,7 @@ def _remember(hardware, readings, lane):
 
 @part(inline=True)
 def _tell_chain(rules, course, state, hardware, lane):
-    """The privileged state of a chain; the order is that of PlanarTask.privileged_entries."""
+    """The privileged state of a chain, in the order of observation.privileged_entries."""
     readings, poses, at = state.readings, state.poses, rules.hardware.privileged_at
     moving, m = poses.shape[1] - 1, state.actions.shape[2]
     for k in range(moving):
@@ -195,7 +195,7 @@ def _tell_chain(rules, course, state, hardware, lane):
 
 @part(inline=True)
 def _tell_arm(rules, course, state, hardware, lane):
-    """The privileged state of an arm; the order is that of ArmTask.privileged_entries."""
+    """The privileged state of an arm, in the order of observation.privileged_entries."""
     readings, poses, place = state.readings, state.poses, rules.hardware.privileged_at
     tip, own = poses.shape[1] - 1, TENSIONS + 2 * state.actions.shape[2]
     for axis in range(3):
@@ -214,7 +214,7 @@ def _tell_arm(rules, course, state, hardware, lane):
 
 @part(inline=True)
 def _payload(readings, lane, own):
-    """What hangs from the tip [N]."""
+    """The payload at the tip [N]."""
     payload = 0.0
     for axis in range(3):
         payload += readings[lane, own + GRAVITY + axis] * readings[lane, FORCE + axis]
@@ -249,7 +249,7 @@ def _within_bounds(rules, readings, lane):
 
 @part(inline=True)
 def observe_lanes(rules, course, state, hardware, observation, first, last):
-    """Observations (B, entries) within their bounds; the order is that of the task's entries."""
+    """Observations (B, entries) within their bounds; in the order of the task's entries."""
     if rules.dimension == 2:
         _observe_links(rules, course, state, hardware, observation, first, last)
         for lane in range(first, last):
@@ -260,7 +260,7 @@ def observe_lanes(rules, course, state, hardware, observation, first, last):
 
 @part(inline=True)
 def _observe_chain(rules, course, state, hardware, observation, lane):
-    """The entries of a chain after those of its links."""
+    """The entries of a chain after its links' poses."""
     readings, links = state.readings, state.poses.shape[1] - 1
     per_length, per_error, per_force = 1 / rules.length, 1 / rules.error_scale, 1 / rules.force_scale
     seen = links - rules.first_seen

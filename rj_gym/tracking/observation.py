@@ -52,7 +52,7 @@ def measured_entries(config: TaskConfig, mechanism: Any) -> list[Entry]:
 
 
 def privileged_entries(config: TaskConfig, mechanism: Any) -> list[Entry]:
-    """The entries of the privileged state, in order: true values of what can be hidden."""
+    """The entries of the privileged state, in order: the true values, hidden ones too."""
     tendons, truth = range(mechanism.n_tendons), tendon_truth_entries(config, mechanism)
     hidden = [*position_error_entries(config), *load_entries(config, mechanism)]
     if config.DIMENSION == 2:

@@ -57,7 +57,7 @@ NOTHING_FIXED = TrackingOptions()
 
 
 def checked_options(options: Mapping[str, Any] | None, config: TaskConfig, nominal: Any) -> TrackingOptions:
-    """What the options hold fixed.
+    """Values that the options fix.
 
     Args:
         options: any of "target": (d,) or (T + 1, d) [mm], with `orientation` poses (4, 4) or (T + 1, 4, 4); "load":
@@ -145,7 +145,7 @@ def _friction_mu(value: object, config: TaskConfig, nominal: Any) -> Array:
 
 
 def _motors(options: Mapping[str, Any], config: TaskConfig, n_tendons: int) -> dict[str, Any]:
-    """What options hold fixed of motors, fields of TrackingOptions; InvalidInput where there is nothing of the kind."""
+    """Values of motors that options fix, fields of TrackingOptions; InvalidInput where the settings leave them out."""
     fixed: dict[str, Any] = {}
     for key, name, largest in _RANGES:
         if key in options:

@@ -1,4 +1,4 @@
-"""What only the task of chains in the plane has: what is drawn for it, its loads and its pictures."""
+"""The task of chains in the plane: random episodes, the force on a link, pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import FORCE, LINK
-from rj_gym.core.generators import Block, Random, Uniforms, blocks_of
+from rj_gym.core.generators import Random, UniformBlock, Uniforms, blocks_of
 from rj_gym.rendering import Screen
 from rj_gym.tracking.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.tracking.draws import (
@@ -107,24 +107,24 @@ class PlanarTask(TrackingTask):
         return ChainVariations(nominal, **parts)
 
     def own_sampled(self, draws: PlanarDraws, targets: Array) -> dict[str, Any]:
-        """What only this task says in info["sampled"]."""
+        """Entries of info["sampled"] that only chains have."""
         return {"surface_offsets": draws.surface_offsets}
 
     def scene(self, trail: Array, readings: Array, shared: dict[str, Any]) -> PlanarScene:
-        """What a picture of a lane shows; `shared`: the fields of a TrackingScene."""
+        """The scene of a lane's picture; `shared`: the fields of a TrackingScene."""
         return PlanarScene(**shared, trail=trail, force=readings[FORCE : FORCE + 2], link=int(readings[LINK]))
 
     def renderer(self) -> Screen[PlanarScene]:
         """A renderer of the scenes."""
         return Screen(PlanarCanvas(self.length))
 
-    def _uniform_blocks(self) -> dict[str, Block]:
+    def _uniform_blocks(self) -> dict[str, UniformBlock]:
         return uniform_blocks(self.config, self.mechanism)
 
 
 @dataclass(kw_only=True)
 class PlanarDraws(TrackingDraws):
-    """What was drawn for B episodes of the planar task: see TrackingDraws, and the fields below.
+    """Random numbers of B episodes of the planar task: see TrackingDraws, and the fields below.
 
     Args:
         links: link that the load pulls, (B,).
@@ -137,7 +137,7 @@ class PlanarDraws(TrackingDraws):
     surface_offsets: Array
 
 
-def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, Block]:
+def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, UniformBlock]:
     """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
     times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
     shapes = {"target": target_shape(config, m), "link": (1,)}
@@ -151,13 +151,13 @@ def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str,
 def sample_episodes(
     config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: TrackingOptions
 ) -> PlanarDraws:
-    """B episodes of the task, with what `fixed` holds in place of what was drawn.
+    """B episodes of the task, with fixed values in place of drawn ones.
 
     Args:
         config: the settings.
         nominal: the mechanism before randomisation.
         uniforms: of the same configuration and mechanism.
-        fixed: what is not drawn.
+        fixed: values that are not drawn.
     """
     randomization = config.randomization
     mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)

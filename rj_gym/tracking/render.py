@@ -46,7 +46,7 @@ _TO_LIGHT = np.array([-0.45, 0.62, 0.64])  # right, up, towards the viewer
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingScene:
-    """What a picture of a tracking task shows; d is the number of coordinates of a position.
+    """The contents of a picture of a tracking task; d is the number of coordinates of a position.
 
     Args:
         mechanism: the mechanism. poses: of its links [mm, rad].
@@ -54,7 +54,7 @@ class TrackingScene:
         targets: of the tip over the episode, (T + 1, d) [mm].
         tip: where it is, (d,) [mm]. trail: where it has been, (K, d) [mm].
         step: steps taken.
-        gap_tensions: (n - 1, m) [N], None where there is no friction: there the tensions are those of every gap.
+        gap_tensions: (n - 1, m) [N], None where there is no friction: there the tensions are the same in every gap.
     """
 
     mechanism: Any
@@ -111,7 +111,7 @@ class TrackingCanvas(Canvas):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarScene(TrackingScene):
-    """What a picture shows: see TrackingScene, with poses (n, 3), and the external force (2,) [N] on a link."""
+    """The contents of a picture: see TrackingScene, with poses (n, 3), and the external force (2,) [N] on a link."""
 
     force: Array
     link: int
@@ -155,7 +155,7 @@ class PlanarCanvas(TrackingCanvas):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmScene(TrackingScene):
-    """What a picture shows: see TrackingScene, with poses (n, 4, 4), and the fields below.
+    """The contents of a picture: see TrackingScene, with poses (n, 4, 4), and the fields below.
 
     Args:
         target_frame: where the tip's frame should be now, (3, 3), or None.
@@ -239,7 +239,7 @@ class ArmCanvas(TrackingCanvas):
         self.line([*top, top[0]], 0.4, EDGE)
 
     def _arm(self, scene: ArmScene) -> None:
-        """Backbone, beads and tendons, what is far away first."""
+        """Backbone, beads and tendons, the farthest first."""
         pieces = list(self._beads(scene))
         for j, line in enumerate(scene.mechanism.tendon_polyline(scene.poses)):
             for part, tension in scene.tendon_parts(j, line, from_hole=False):
@@ -249,7 +249,7 @@ class ArmCanvas(TrackingCanvas):
                 self.fill_pixels(outline, color)
 
     def _beads(self, scene: ArmScene) -> Iterator[_Piece]:
-        """Tubes in the light, from hole to hole, and what is seen of the backbone between them."""
+        """Tubes in the light, from hole to hole, and the visible backbone between them."""
         beads, R, origins = scene.mechanism.beads, scene.poses[1:, :3, :3], scene.poses[1:, :3, 3]
         gaps, spacings = np.array([(bead.gap, bead.spacing) for bead in beads]).T
         turns = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
@@ -292,7 +292,7 @@ class ArmCanvas(TrackingCanvas):
                 self.line(self._seen([place, place + size * axis]), width, color)
 
     def _forces(self, scene: ArmScene) -> None:
-        """Gravity beside the plate, the payload at the tip."""
+        """Gravity next to the plate, the payload at the tip."""
         begin = np.array([0.0, 0.0, 0.24 * self._length]) - 0.42 * self._length * self._view[0]
         self.arrow(self._seen(begin), self._seen(begin + 0.16 * self._length * scene.gravity), _GRAVITY)
         if size := float(np.linalg.norm(scene.payload)):
@@ -306,5 +306,5 @@ class ArmCanvas(TrackingCanvas):
 
 
 def _lit(cosine: float) -> Color:
-    """The colour of a surface whose normal has this cosine to the light."""
+    """The colour of a surface, from the cosine between its normal and the light."""
     return blend(_DARK, _BRIGHT, max(cosine, 0.0))

@@ -1,4 +1,4 @@
-"""Settings of what is measured and of how motors move tendons; all off by default."""
+"""Settings of sensors and motors; all off by default."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rollingjoint.checks import as_choice, as_integer, as_number, as_range
 from rollingjoint.errors import ConfigError
 
 POSES = ("all", "tip", "none")
-"""What of the pose can be observed."""
+"""Parts of the pose that can be observed."""
 
 PRIVILEGED = ("off", "info", "observation")
 """Where the true state can be read."""
@@ -26,10 +26,10 @@ LONGEST_LAG = 200  # steps
 
 @dataclass(frozen=True)
 class SensingConfig(Settings):
-    """What is measured. Noise of poses is in RandomizationConfig; biases and noise are hidden.
+    """Sensors. Noise of poses is in RandomizationConfig; biases and noise are hidden.
 
     Args:
-        pose: what of the pose is observed: "all", "tip" (of the last link alone) or "none".
+        pose: the part of the pose that is observed: "all", "tip" (of the last link alone) or "none".
         period: a picture of the pose comes at every period-th step, counted from a random one.
         delay: age of a picture when it comes [steps]. Every episode begins with a picture of its start.
         position_bias_mm: all measured positions are off by a constant uniform(-bias, bias) per coordinate [mm].

@@ -40,14 +40,14 @@ _READINGS = Annotated[Floats, "B", "columns"]
 
 
 class LaneSolver:
-    """Solves lanes of a tracking task, whose arrays stay where they are; other mechanisms bind the solvers anew.
+    """Solves lanes of a tracking task in arrays that stay where they are; other mechanisms bind the solvers anew.
 
     Attributes:
         mechanisms: the mechanisms that occur. designs: which of them each lane has, (B,).
         laws: commands, stiffnesses and tension limits of the tendons.
         loads: load tables, (B, rows, columns); the force that acts only while episodes run is in the last row.
         starts: joint angles to start from, (B, J) [rad]. results: the equilibria.
-        friction: what friction remembers, None without it.
+        friction: coefficients and histories, None without friction.
         alone: the solver without friction. rows: the design of each lane in the stack of mechanisms, (B,).
 
     Args:
@@ -79,7 +79,7 @@ class LaneSolver:
 
     @property
     def entry(self) -> tuple[int, int]:
-        """Address of the solver's machine code and of what it works on, for kernels; 0 with friction."""
+        """Addresses of the solver's machine code and of its arrays, for kernels; 0 with friction."""
         return (self.alone.entry, self.alone.pins) if self._steps is None else (0, 0)
 
     @property
@@ -95,7 +95,7 @@ class LaneSolver:
         self._bind()
 
     def solve_the_rest(self, first: int, last: int) -> None:
-        """Solve what kernels have left of lanes; with friction their steps, which become the history of the next."""
+        """Solve the lanes that kernels have left; with friction their steps, which become the history of the next."""
         (self._steps or self.alone).solve_the_rest(first, last)
 
     def solve_at(self, tensions: Array, forces: Array | float = 0.0) -> None:
@@ -124,7 +124,7 @@ class LaneSolver:
         run_in_threads(self._steps or self.alone, len(starts), starts.shape[1])
 
     def begin_histories(self, draws: Any, angles: Array) -> None:
-        """Histories of the first lanes: at poses without friction nothing has slipped; angles (1 or count, J) [rad]."""
+        """Histories of the first lanes, at angles (1 or count, J) [rad] without friction: no tendon has slipped."""
         assert self._steps is not None
         self.laws.low[: len(draws)], self.starts[: len(draws)] = draws.start_tensions, angles
         self._steps.begin(0, len(draws))
@@ -142,7 +142,7 @@ class LaneSolver:
             law.tendons[:count, :, MU] = draws.friction_mu
 
     def batches(self) -> list[Any]:
-        """What is solved: one batch, or one per mechanism where their tendons end on different links."""
+        """The batch that is solved, or one per mechanism where their tendons end on different links."""
         arrays = self.laws, self.loads, self.starts, self.results
         try:
             return [self._kernels.batch_arrays(stack(self.mechanisms), self.rows, *arrays)]
@@ -192,7 +192,7 @@ class FrictionSteps:
         self._step, self._keep, self.begin = step, keep, begin
 
     def __call__(self, first: int, last: int) -> None:
-        """The steps of lanes first to last - 1, of which nothing is remembered."""
+        """The steps of lanes first to last - 1, without an effect on their histories."""
         self._step(first, last)
 
     def solve_the_rest(self, first: int, last: int) -> None:
@@ -218,7 +218,7 @@ class LaneByLane:
 
 
 def distinct(mechanisms: Sequence[Any]) -> Sequence[Any]:
-    """The mechanisms; of variations, which share what is asked of them, the nominal one."""
+    """The mechanisms; of variations, which share friction, names and last links, the nominal one."""
     return (mechanisms.nominal,) if isinstance(mechanisms, Variations) else mechanisms
 
 

@@ -1,4 +1,4 @@
-"""How the last step of a tracking task answers its motors: what a learner needs to differentiate an episode."""
+"""How the last step of a tracking task answers its motors: derivatives for learners that differentiate an episode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rollingjoint.transmission import at_limit
 Array = NDArray[np.float64]
 
 REACH = 1e-4  # mm: of the forward differences
-FREE_OF_LIMITS = 100.0  # times the largest tension: what motors would hold if they never gave way
+FREE_OF_LIMITS = 100.0  # times the largest tension: of motors that never give way
 
 
 class Tangent(NamedTuple):
@@ -26,14 +26,14 @@ class Tangent(NamedTuple):
 
     A tendon's command p follows the position q of its motor through play: |p - q| <= half_play. The motor measures
     T exp(sheath u), u = (p - q) / half_play. `held` tendons are at a tension limit and stay there: motors and
-    commands move with their lengths, and nothing answers them.
+    commands move with their lengths, and have no effect.
     """
 
     motors: Array  # q, (B, m) mm
     commands: Array  # p, (B, m) mm
     tensions: Array  # T, (B, m) N
     tips: Array  # (B, d) mm
-    poses: Array  # what `TrackingTask.pictured` names, (B, k), mm and 1
+    poses: Array  # of the entries `TrackingTask.pictured`, (B, k), mm and 1
     half_play: Array  # (B, m) mm
     sheath: Array  # (B, m)
     held: NDArray[np.bool_]  # (B, m)
@@ -44,14 +44,14 @@ class Tangent(NamedTuple):
 
 
 def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Hardware, offsets: Array) -> Tangent:
-    """The Tangent of all lanes; solves them anew from where they are, and changes nothing that steps go on from.
+    """The Tangent of all lanes; solves them anew from where they are, without an effect on later steps.
 
     With friction, of steps that would follow: holes that stick go on sticking, the others sliding.
 
     Args:
         task, solver: of the lanes.
         state: where they are, a RunningEpisodes. hardware: their motors.
-        offsets: what motors add to commands, (B, m) [mm].
+        offsets: added by motors to commands, (B, m) [mm].
     """
     m, d, readings = task.action_size, task.dimension, state.readings.copy()
     low, high = task.config.tension_range
@@ -61,15 +61,15 @@ def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Har
     solver.laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)
     rates = _rates(task, solver, state.angles, commands + offsets)
     solver.laws.low[:], solver.laws.high[:] = low, high
-    active, nothing = len(hardware.motors) > 0, np.zeros_like(tensions)
+    active, zeros = len(hardware.motors) > 0, np.zeros_like(tensions)
     return Tangent(
         motors=hardware.motors[:, MOTOR].copy() if active else commands,
         commands=commands,
         tensions=tensions,
         tips=readings[:, TIP : TIP + d],
         poses=task.pictured_values(state.poses),
-        half_play=hardware.half_play.copy() if active else nothing,
-        sheath=hardware.sheath.copy() if active else nothing,
+        half_play=hardware.half_play.copy() if active else zeros,
+        sheath=hardware.sheath.copy() if active else zeros,
         held=limited,
         tip_rates=rates[:, :d],
         pose_rates=rates[:, d + 2 * m :],

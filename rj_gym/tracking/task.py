@@ -26,7 +26,7 @@ from rj_gym.core.columns import (
     TRACKING,
     WORK,
 )
-from rj_gym.core.generators import Block, Random
+from rj_gym.core.generators import Random, UniformBlock
 from rj_gym.core.info import STATUS_NAMES, only_lane
 from rj_gym.core.task import POSITION_BOUND, Entry, Task
 from rj_gym.tracking import observation
@@ -83,7 +83,7 @@ class TrackingTask(Task):
         self._blocks = self._uniform_blocks()
 
     def entries(self, goal: bool = False) -> list[Entry]:
-        """The entries of the observation vector; `goal` leaves out what a goal says."""
+        """The entries of the observation vector; `goal` leaves out target and errors."""
         return observation.observation_entries(self.config, self.mechanism, goal)
 
     def privileged_entries(self) -> list[Entry]:
@@ -97,14 +97,14 @@ class TrackingTask(Task):
 
     @abstractmethod
     def pictured_values(self, poses: Array) -> Array:
-        """What `pictured` names, of poses of lanes, (B, k) [mm, 1]."""
+        """Values of the entries `pictured`, for poses of lanes, (B, k) [mm, 1]."""
 
     @abstractmethod
     def tips(self, poses: Array) -> Array:
-        """What a target specifies, of the tips of poses of lanes, (B, target_numbers) [mm, 1]."""
+        """Positions and, with orientation, frames of the tips of poses of lanes, (B, target_numbers) [mm, 1]."""
 
     def checked_options(self, options: Mapping[str, Any] | None) -> TrackingOptions:
-        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        """Values that the options of a reset fix; raises InvalidInput for options that cannot be used."""
         return checked_options(options, self.config, self.mechanism)
 
     @abstractmethod
@@ -125,7 +125,7 @@ class TrackingTask(Task):
 
     @abstractmethod
     def scene(self, trail: Array, readings: Array, shared: dict[str, Any]) -> Any:
-        """What a picture of a lane shows; `shared`: the fields of a TrackingScene."""
+        """The scene of a lane's picture; `shared`: the fields of a TrackingScene."""
 
     @abstractmethod
     def renderer(self) -> Any:
@@ -136,11 +136,11 @@ class TrackingTask(Task):
         raise InvalidInput("state: mechanisms", state, "mechanisms of the size of this environment's")
 
     def own_sampled(self, draws: Any, targets: Array) -> dict[str, Any]:
-        """What only this task says in info["sampled"], fresh arrays (B, ...); targets: (B, 1 or T + 1, numbers)."""
+        """Entries of info["sampled"] of this task alone, fresh arrays (B, ...); targets: (B, 1 or T + 1, numbers)."""
         return {}
 
     def begin_readings(self, readings: Array, draws: Any) -> None:
-        """Enter what readings (B, columns) say of the draws throughout an episode."""
+        """Fill the columns of readings (B, columns) that stay the same in an episode."""
         readings[:, LINK] = draws.links
 
     def privileged_bounds(self) -> tuple[Array, Array]:
@@ -206,7 +206,7 @@ class TrackingTask(Task):
         return {name: readings[:, column] for name, column in _TERMS.items()}
 
     def state_info(self, readings: Array) -> dict[str, Any]:
-        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
         vectors = {name: readings[:, place] for name, place in self._places.items()}
         base = {
             "error_mm": readings[:, ERROR],
@@ -257,15 +257,15 @@ class TrackingTask(Task):
 
     @property
     def friction_columns(self) -> int:
-        """How many columns of readings say what friction did."""
+        """Number of columns of readings about friction."""
         return friction_columns(self.mechanism.n_joints, self.action_size) if self.has_friction else 0
 
     def truth_info(self, readings: Array) -> dict[str, Any]:
-        """What info says of the privileged state, arrays (B, ...): nothing where it does not."""
+        """The privileged state for info, arrays (B, ...); empty where the settings do not ask for it."""
         return {"privileged": self.privileged(readings)} if self.config.privileged == "info" else {}
 
     def friction_info(self, readings: Array) -> dict[str, Any]:
-        """What info says of friction, arrays (B, ...): nothing where there is none."""
+        """Entries of info about friction, arrays (B, ...); empty without friction."""
         if not self.has_friction:
             return {}
         n_joints, m = self.mechanism.n_joints, self.action_size
@@ -314,7 +314,7 @@ class TrackingTask(Task):
         return vectors | {"tensions": slice(TENSIONS, middle), "command": slice(middle, end)}
 
     @abstractmethod
-    def _uniform_blocks(self) -> dict[str, Block]:
+    def _uniform_blocks(self) -> dict[str, UniformBlock]:
         """The blocks of uniform numbers that one episode needs."""
 
 

@@ -1,4 +1,4 @@
-"""Settings of worlds in which the tip is not seen, or late: other defaults of a task's settings, and nothing else."""
+"""Settings of worlds in which the tip is not seen, or late: a task's settings with other defaults."""
 
 # ruff: noqa: RUF009 (settings are frozen, so that all may share a default)
 
@@ -26,12 +26,12 @@ _MOTORS = RandomizationConfig(stiffness_spread=0.2, actuator_offset_mm=0.5)
 _MISMATCH = _MOTORS.updated({"link_tolerance_mm": 0.1, "link_tolerance_rad": 0.01})
 _WANDERING = LoadConfig(process="ou")
 _NOT_SEEN = SensingConfig(pose="none", tension_noise=0.1)
-_LAST_STEP = 1  # past readings: the last action, and what it did to motors and tensions
+_LAST_STEP = 1  # past readings: the last action, and the changes of motors and tensions in it
 
 
 @dataclass(frozen=True)
 class InstrumentConfig(TrackingConfig):
-    """An instrument whose tip nobody sees, with play and friction in its sheath: see TrackingConfig."""
+    """An instrument with an unseen tip, with play and friction in its sheath: see TrackingConfig."""
 
     load: LoadConfig = LoadConfig(link="tip")
     reward: RewardConfig = _REWARD
@@ -77,7 +77,7 @@ class LatePoseConfig(TrackingConfig):
 
 @dataclass(frozen=True)
 class ArmInstrumentConfig(FlexibleArmConfig):
-    """An arm whose tip nobody sees, with play, friction in its sheath and in its holes: see FlexibleArmConfig."""
+    """An arm with an unseen tip, with play, friction in its sheath and in its holes: see FlexibleArmConfig."""
 
     target: ArmTargetConfig = ArmTargetConfig(loaded=True)
     reward: ArmRewardConfig = ArmRewardConfig(effort=0.0, smoothness=0.002, precision=0.5)
