@@ -6,6 +6,7 @@ import pickle
 import pytest
 
 import rj_gym
+from rollingjoint.errors import InvalidInput
 
 FORMER = {
     "rj_gym.planar.config": ["TrackingConfig", "LoadConfig", "RandomizationConfig"],
@@ -34,3 +35,8 @@ def test_former_classes_of_tasks_and_tangents_are_found():
     for module, name in (("planar.task", "PlanarTask"), ("arm.task", "ArmTask"), ("core.tangent", "Tangent")):
         assert pickle.loads(f"crj_gym.{module}\n{name}\n.".encode()).__name__ == name
     assert pickle.loads(b"crj_gym.core.tracking_task\nTrackingTask\n.").__name__ == "TrackingTask"
+
+
+def test_a_pickle_of_a_whole_environment_of_an_earlier_version_says_how_to_go_on():
+    with pytest.raises(InvalidInput, match=r"pickle of an environment.*anew"):
+        pickle.loads(b"crj_gym.planar.episodes\nPlanarEpisodeBuffer\n)\x81.")
