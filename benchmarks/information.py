@@ -28,7 +28,7 @@ from agents.baselines.opponents import opponents
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.load import load_table

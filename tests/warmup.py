@@ -10,7 +10,7 @@ def baselines() -> None:
     from agents.baselines.opponents import opponents
     from agents.evaluation.controller import Seen
     from agents.runs.environment import EnvConfig
-    from rj_gym.core.registry import task_of
+    from rj_gym.registry import task_of
 
     for env_id in ("rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0"):
         for controller in opponents(env_id).values():
@@ -22,4 +22,4 @@ def baselines() -> None:
                 controller.act(Seen(seen.astype(np.float32), task))
 
 
-GROUPS = (Group("the baselines", baselines, after="the planar environments", family="planar"),)
+GROUPS = (Group("the baselines", baselines, after="the environments", family="planar"),)

@@ -34,7 +34,7 @@ from agents.baselines.load_estimate import LoadEstimate
 from agents.baselines.open_loop import OpenLoop
 from agents.baselines.predictive import Predictive
 from agents.evaluation.controller import Controller
-from rj_gym.core.config import TaskConfig
+from rj_gym.tracking.config import TaskConfig
 
 __all__ = ["DoNothing", "JacobianFeedback", "LoadEstimate", "OpenLoop", "Predictive", "baselines", "without_baselines"]
 

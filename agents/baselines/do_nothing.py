@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 
 class DoNothing:

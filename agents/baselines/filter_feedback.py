@@ -14,7 +14,7 @@ from agents.baselines.filters.settings import FilterSettings
 from agents.baselines.kernels import cross_play, damped_increments
 from agents.evaluation.controller import Array, Seen
 from rj_gym.core.settings import Settings
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_choice, as_number
 
 PATTERNS = ("apart", "together")

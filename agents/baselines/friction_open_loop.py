@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from agents.baselines.open_loop import OpenLoop
 from agents.evaluation.controller import Array, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.solution import Solution
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction

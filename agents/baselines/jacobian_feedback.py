@@ -9,7 +9,7 @@ from agents.baselines.feedback_settings import KEEP, FeedbackSettings, tensions_
 from agents.baselines.measured import measured_by
 from agents.baselines.responses import bounded_step, length_responses
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.solution import Solution
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from agents.baselines.measured_arm import MeasuredArm
 from agents.baselines.measured_chain import MeasuredChain
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution

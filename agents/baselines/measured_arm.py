@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.baselines.responses import choose
 from agents.evaluation.controller import HANGING, Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.equilibrium import HingeEquilibrium
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table

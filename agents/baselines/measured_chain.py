@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.load import LOAD_COLUMNS

@@ -7,7 +7,7 @@ import numpy as np
 from agents.baselines.measured import measured_by, unstretched
 from agents.baselines.model_inverse import nearest_tensions
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_positive
 from rollingjoint.statics.solve import solve_tensions_batch
 

@@ -13,7 +13,7 @@ from agents.baselines.kernels import cross_play
 from agents.baselines.measured_arm import hanging_loads, loads_along
 from agents.baselines.measured_chain import measured_equilibrium
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.observation import load_scale
+from rj_gym.tracking.observation import load_scale
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution

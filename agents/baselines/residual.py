@@ -17,7 +17,7 @@ from agents.baselines.opponents import WORLDS, opponents
 from agents.evaluation.controller import Array, Controller, Seen
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError, RollingJointError
 

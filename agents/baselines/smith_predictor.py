@@ -10,7 +10,7 @@ from agents.baselines.jacobian_feedback import JacobianFeedback
 from agents.baselines.measured import unstretched
 from agents.baselines.measured_chain import measured_equilibrium
 from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.solve import solve_lengths_batch

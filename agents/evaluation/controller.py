@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.hardware import AGE
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.arrays import AGE
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
 from rollingjoint.transmission import limited_tension

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.controller import Seen
 from agents.runs.config import PRIVILEGED
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.controller import Array, Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
 ERROR = "error_mm"

@@ -15,7 +15,7 @@ from agents.evaluation.rollout import LAST_STEPS, Episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.executors.protocol import Executor
 from agents.runs.environment import EnvConfig
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint.checks import as_integer
 from rollingjoint.tables import markdown_table, text_table
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.controller import Array, Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 LAST_STEPS = 10

@@ -19,7 +19,7 @@ from agents.policies.parameters import load_parameters
 from agents.policies.pickled import load_pickled
 from agents.runs.checks import integer, number
 from agents.runs.folder import PolicyFiles, RunFolder
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checked_yaml import mapping, text
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
 from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 

@@ -11,7 +11,7 @@ from agents.baselines.residual import controllers_in
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import VALIDATION
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 

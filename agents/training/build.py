@@ -20,7 +20,7 @@ from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPoli
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.residual import AdvisedVecEnv
 from agents.training.teaching import ControllerTeacher
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 

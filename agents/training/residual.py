@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from agents.baselines.residual import Guide, together, with_advice
 from agents.evaluation.controller import Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 Rows = NDArray[np.int64]
 Vectors = NDArray[np.float32]

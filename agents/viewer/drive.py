@@ -13,7 +13,7 @@ from agents.evaluation.controller import Array, Controller, Seen
 from agents.evaluation.rollout import LAST_STEPS
 from agents.results.roster import env_for
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.rendering.tracking import TrackingScene
+from rj_gym.tracking.render import TrackingScene
 from rollingjoint.errors import InvalidInput
 
 

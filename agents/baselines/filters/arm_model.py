@@ -13,7 +13,7 @@ from agents.baselines.filters.levers import ArmLoads, arm_levers, turn_gravity
 from agents.baselines.filters.model import Model, Part, process_part
 from agents.baselines.measured_arm import hanging_loads, loads_along
 from agents.evaluation.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.sensitivity import joint_response
 from rollingjoint.statics.solve import solve_tensions_batch

@@ -10,7 +10,7 @@ from agents.baselines.filters.filters import Filters, Linearised
 from agents.baselines.filters.hypotheses import Hypotheses
 from agents.baselines.filters.settings import FilterSettings
 from agents.evaluation.controller import Seen
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 
 class Bank:

@@ -12,7 +12,7 @@ from agents.baselines.filters.kernels import Levers
 from agents.baselines.filters.levers import chain_levers
 from agents.baselines.filters.model import Model, Part, process_part
 from agents.evaluation.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.statics.solve import solve_tensions_batch

@@ -15,7 +15,7 @@ from agents.baselines.filters.models import model_of
 from agents.baselines.filters.prior import Prior, start_measurement
 from agents.baselines.filters.settings import FilterSettings
 from agents.evaluation.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 
 @dataclass(frozen=True)

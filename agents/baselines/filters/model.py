@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.baselines.filters import kernels
 from agents.baselines.filters.kernels import Levers, Linear, Places, Play, Solved
 from agents.evaluation.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.stacks import designs_of

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.baselines.filters.arm_model import ArmModel
 from agents.baselines.filters.chain_model import ChainModel
 from agents.baselines.filters.model import Model
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 

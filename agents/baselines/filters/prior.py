@@ -11,7 +11,7 @@ from agents.baselines.filters.hypotheses import Hypotheses, assumed_ranges
 from agents.baselines.filters.model import Model, Part
 from agents.baselines.filters.settings import FilterSettings
 from agents.evaluation.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 _SPREADS = 3.0  # standard deviations: how far an estimate of a tendon's stiffness may go
 _UNBOUNDED = (-math.inf, math.inf)

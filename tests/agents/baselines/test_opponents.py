@@ -24,8 +24,8 @@ from agents.baselines.smith_predictor import SmithPredictor
 from agents.evaluation.controller import Seen
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
-from rj_gym.core.registry import task_of
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.errors import ConfigError, InvalidInput

@@ -5,9 +5,8 @@ from dataclasses import dataclass, fields, make_dataclass
 import pytest
 
 import rj_gym
-from rj_gym.core.config import RewardConfig
 from rj_gym.core.settings import Settings
-from rj_gym.planar.config import LoadConfig, TrackingConfig
+from rj_gym.tracking.config import LoadConfig, RewardConfig, TrackingConfig
 from rollingjoint import InvalidInput, five_link
 from rollingjoint.friction import CapstanFriction
 
