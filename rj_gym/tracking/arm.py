@@ -23,6 +23,7 @@ from rj_gym.tracking.draws import (
     normal,
     of_lanes,
     over_time,
+    own_series,
     shared_draws,
     symmetric,
     target_shape,
@@ -255,7 +256,7 @@ def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "hinge": (n_joints,), "weight": (n_joints,)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, 6, 2)
-    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 6))
+    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 6) | config.terms.uniforms)
 
 
 def sample_episodes(
@@ -271,10 +272,11 @@ def sample_episodes(
     """
     randomization = config.randomization
     mechanisms, designs = _mechanisms(randomization, nominal, uniforms, fixed)
+    weights = own_series(config, "loads", uniforms, float(nominal.length), ())
     drawn = ArmDraws(
         **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
         gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
-        payloads=payloads(config.load, uniforms),
+        payloads=payloads(config.load, uniforms) if weights is None else weights,
         hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
         weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
     )

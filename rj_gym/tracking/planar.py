@@ -23,6 +23,7 @@ from rj_gym.tracking.draws import (
     load_shapes,
     loads_over_time,
     normal,
+    own_series,
     shared_draws,
     symmetric,
     target_shape,
@@ -145,7 +146,7 @@ def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str,
     shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
     if config.randomization.sensor_noise:
         shapes["noise"] = (times, moving, 3, 2)
-    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 3))
+    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 3) | config.terms.uniforms)
 
 
 def sample_episodes(
@@ -161,10 +162,11 @@ def sample_episodes(
     """
     randomization = config.randomization
     mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
+    forces = own_series(config, "loads", uniforms, float(nominal.length), (2,))
     drawn = PlanarDraws(
         **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
         links=load_links(config.load, nominal.n_links, uniforms["link"]),
-        forces=load_forces(config.load, uniforms),
+        forces=load_forces(config.load, uniforms) if forces is None else forces,
         surface_offsets=offsets,
     )
     return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
