@@ -1,4 +1,4 @@
-"""Adapt controllers to robots that nobody modelled: python -m agents.adapt --controller "probing bank" --robots 3.
+"""Adapt controllers to robots that nobody modelled: rj adapt --controller "probing bank" --robots 3.
 
 A robot spends some episodes on the bench and is identified; every controller is adapted to it in simulation, and scored
 in the robot's episodes before and after: docs/robots.md.
@@ -26,7 +26,7 @@ VERSION = 1  # of the results file
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 adapted and scored, 2 an error, 130 stopped by Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m agents.adapt", description="Adapt controllers to robots.")
+    parser = argparse.ArgumentParser(prog="rj adapt", description="Adapt controllers to robots.")
     parser.add_argument("--controller", action="append", required=True, metavar="NAME", help=NAMED)
     parser.add_argument("--robots", type=int, default=10, help="how many, 1 to 50 (default %(default)s)")
     parser.add_argument("--robot", type=int, action="append", metavar="K", help="only this one; repeatable")
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policies", type=Path, metavar="FOLDER", help="for policies that were adapted")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.adapt", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj adapt", argv)), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

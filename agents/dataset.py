@@ -1,4 +1,4 @@
-"""Write episodes of any controller as a Minari dataset: python -m agents.dataset CONTROLLER --steps N --out WHERE.
+"""Write episodes of any controller as a Minari dataset: rj dataset CONTROLLER --steps N --out WHERE.
 
 CONTROLLER is a shipped policy, a policy file, a run folder, a baseline or tuned opponent by name, FILE.py:NAME or
 MODULE:NAME. docs/interchange.md shows how to read the dataset.
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> Any:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.dataset", description="Write episodes as a Minari dataset.")
+    parser = argparse.ArgumentParser(prog="rj dataset", description="Write episodes as a Minari dataset.")
     parser.add_argument("controller", help=NAMED)
     parser.add_argument("--env", help="id of the environment (default: that of the policy, or the plain one)")
     parser.add_argument(
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--info", action="append", default=[], metavar="NAME", help="info to keep beside error_mm")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.dataset", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj dataset", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""Score a controller of your own on the seeds of a benchmark: python -m agents.enter FILE.py:NAME --env ID.
+"""Score a controller of your own on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
 
 NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
 or one that makes a function from observations to actions. Its episodes go into a results file, which agents.results
@@ -30,7 +30,7 @@ PUBLISHED = Path("docs/results.json.gz")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 scored, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.enter", description="Score a controller of your own.")
+    parser = argparse.ArgumentParser(prog="rj enter", description="Score a controller of your own.")
     parser.add_argument("controller", metavar="FILE.py:NAME", help="or MODULE:NAME: what makes the controller")
     parser.add_argument("--env", default="rj_gym/RollingJoint-v0", help="id of the environment (default %(default)s)")
     parser.add_argument(
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="results file to write, or to add to")
     add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.enter", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj enter", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

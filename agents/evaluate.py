@@ -1,4 +1,4 @@
-"""Evaluate a trained controller: python -m agents.evaluate RUN."""
+"""Evaluate a trained controller: rj evaluate RUN."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OWN = "one more controller to compare, as described in agents.evaluation.control
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 evaluated, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.evaluate", description="Evaluate a trained controller.")
+    parser = argparse.ArgumentParser(prog="rj evaluate", description="Evaluate a trained controller.")
     parser.add_argument("run", type=Path, help="the run folder")
     parser.add_argument("--episodes", type=int, default=200, help="number of episodes (default 200)")
     parser.add_argument("--seed", type=int, default=10_000, help="seed of the first episode (default 10000)")
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_consent(parser)
     add_options(parser, "blocks of episodes", jobs=1)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj evaluate", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""Search hyper-parameters: python -m agents.tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
+"""Search hyper-parameters: rj tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
 
 A study is a folder. The same command continues it; several processes may work on it at once.
 
@@ -25,7 +25,7 @@ from agents.runs.consent import add_consent, consent_of
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 searched, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m agents.tune", description="Search hyper-parameters.")
+    parser = argparse.ArgumentParser(prog="rj tune", description="Search hyper-parameters.")
     parser.add_argument(
         "--config", type=Path, help="YAML file, for example one of configs/tune/; not needed to continue a study"
     )
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_options(parser, "trials", jobs=1)
     add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj tune", argv)), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""Look at episodes and designs in a browser, and steer mechanisms there: python -m agents.view."""
+"""Look at episodes and designs in a browser, and steer mechanisms there: rj view."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXPOSED = "allow addresses that other machines can reach"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 130 stopped by Ctrl-C, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.view", description="Mechanisms in a browser.")
+    parser = argparse.ArgumentParser(prog="rj view", description="Mechanisms in a browser.")
     parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')

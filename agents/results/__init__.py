@@ -1,4 +1,4 @@
-"""The results page, from run folders or from results files: python -m agents.results DIR.
+"""The results page, from run folders or from results files: rj results DIR.
 
 Modules:
     runs: the finished runs below a folder, grouped.

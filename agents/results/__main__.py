@@ -1,4 +1,4 @@
-"""Rebuild the results page from run folders, or from results files: python -m agents.results runs/results.
+"""Rebuild the results page from run folders, or from results files: rj results runs/results.
 
 It scores the policies of all finished runs, with --shipped also those that are shipped for other tasks, the baselines
 and the floor in the same episodes, and writes OUT/results.json.gz with every episode's error, OUT/results.md, and its
@@ -46,7 +46,7 @@ SIZES = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.results", description="Rebuild the results page.")
+    parser = argparse.ArgumentParser(prog="rj results", description="Rebuild the results page.")
     parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as agents.campaign leaves it")
     parser.add_argument("--from", dest="files", type=Path, nargs="+", help="results files to merge, instead of runs")
     for name, (default, meaning) in SIZES.items():
@@ -171,7 +171,8 @@ def _write_page(results: Results, out: Path) -> None:
 def _commands(arguments: argparse.Namespace) -> list[str]:
     """The commands that rebuild the page: those of the campaigns, where they are known, and this one."""
     typed = [path.read_text("utf-8").strip() for path in sorted(arguments.runs.rglob("command.txt"))]
-    return [*(text for text in typed if text.startswith("python -m agents.campaign ")), _typed(arguments)]
+    campaigns = [text for text in typed if text.startswith(("rj campaign ", "python -m agents.campaign "))]
+    return [*campaigns, _typed(arguments)]
 
 
 def _typed(arguments: argparse.Namespace) -> str:
@@ -182,7 +183,7 @@ def _typed(arguments: argparse.Namespace) -> str:
         words += [] if value == default or arguments.files else [f"--{name}", str(value)]
     words += ["--shipped"] if arguments.shipped and not arguments.files else []
     words += [] if arguments.out == OUT else ["--out", str(arguments.out)]
-    return shlex.join(typed_command("agents.results", words))
+    return shlex.join(typed_command("rj results", words))
 
 
 def _trained_with(benchmarks: Sequence[Benchmark]) -> list[str]:

@@ -49,7 +49,7 @@ class Run:
         if not config.env.is_tracking:
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
         if not folder.is_finished:
-            hint = f"To go on: python -m agents.train --resume {path}"
+            hint = f"To go on: rj train --resume {path}"
             raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
             load_trained(folder, CHECKPOINT)

@@ -1,4 +1,4 @@
-"""Score controllers on robots that nobody modelled: python -m agents.robots.
+"""Score controllers on robots that nobody modelled: rj robots.
 
 Without --controller all that ship for rj_gym/Instrument-v0 are scored. docs/robots.md says what the robots are.
 """
@@ -18,7 +18,7 @@ NAMED = "an opponent or shipped policy by name, a policy file, a run folder, FIL
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 scored or listed, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.robots", description="Score controllers on robots.")
+    parser = argparse.ArgumentParser(prog="rj robots", description="Score controllers on robots.")
     parser.add_argument("--controller", action="append", default=[], metavar="NAME", help=NAMED)
     parser.add_argument("--robots", type=int, default=50, help="how many, 1 to 50 (default %(default)s)")
     parser.add_argument("--episodes", type=int, default=4, help="of every robot (default %(default)s)")

@@ -18,10 +18,13 @@ from rollingjoint.tables import print_any_character
 FAILED = 2
 
 
-def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
+def exit_code(command: Callable[[], int], given: Consent | None = None, extra: str = "") -> int:
     """The exit code of `command`, called with this consent; Ctrl-C is one line and code 130.
 
     Errors that a user can fix become one line and code 2.
+
+    Args:
+        extra: named where a package is missing that it and other extras bring.
     """
 
     def allowed() -> int:
@@ -35,7 +38,7 @@ def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
         print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
     except ModuleNotFoundError as error:
-        if not isinstance(missing := named(error), RollingJointError):
+        if not isinstance(missing := named(error, extra), RollingJointError):
             raise
         print("error:", missing, file=sys.stderr)
         return FAILED
@@ -76,6 +79,6 @@ def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], again
     return 0
 
 
-def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:
-    """The command line that starts `module` with these arguments (None: those of this process)."""
-    return ["python", "-m", module, *(sys.argv[1:] if argv is None else argv)]
+def typed_command(command: str, argv: Sequence[str] | None) -> list[str]:
+    """Words of the command line: `command`, such as "rj train", and its arguments (None: those of this process)."""
+    return [*command.split(), *(sys.argv[1:] if argv is None else argv)]

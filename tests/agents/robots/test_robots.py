@@ -151,9 +151,9 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", TEXT, flags=re.M | re.S)).splitlines()
     assert commands
     for command in commands:
-        python, option, module, *arguments = shlex.split(command)
-        assert (python, option) == ("python", "-m")
-        assert {"agents.robots": __main__, "agents.adapt": adapt}[module].main(arguments) == 0
+        rj, name, *arguments = shlex.split(command)
+        assert rj == "rj"
+        assert {"robots": __main__, "adapt": adapt}[name].main(arguments) == 0
     assert "probing bank" in capsys.readouterr().out
 
 

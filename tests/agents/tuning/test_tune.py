@@ -195,7 +195,7 @@ def test_a_signal_ends_the_study_and_queues_its_trial_again(config, tmp_path, mo
         patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
         patch.setattr(Evaluator, "_on_training_end", lambda self: None)
         assert run("--config", config, "--study", folder) == 128 + signal.SIGTERM
-    assert "to go on: python -m agents.tune" in capsys.readouterr().out
+    assert "to go on: rj tune" in capsys.readouterr().out
     assert run("--study", folder, "--trials", 1) == 0
     killed, again = trials(folder)
     assert (killed.params, again.state) == (again.params, TrialState.COMPLETE)
