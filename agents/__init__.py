@@ -22,6 +22,7 @@ Modules:
     adapt: rj adapt --controller NAME: controllers adapted to robots that nobody modelled.
     adaptation: what a robot is after a few minutes on the bench, and controllers that know it.
     robots: rj robots: controllers on robots that nobody modelled.
+    studies: measurements of our own controllers that a command repeats; nothing imports them.
     view: rj view: episodes and designs in a browser.
     viewer: its rooms.
 

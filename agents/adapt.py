@@ -44,8 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.adaptation.robot import robot
     from agents.adaptation.trial import Plan, adaptable, leads, trial_table, tried
-    from agents.robots.robot import robot
 
     plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
     numbers = _numbers(arguments)
@@ -62,7 +62,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _numbers(arguments: argparse.Namespace) -> Sequence[int]:
     """Numbers of the robots."""
-    from agents.robots.robot import DEVELOPMENT, TEST_BED
+    from agents.adaptation.robot import DEVELOPMENT, TEST_BED
 
     known = DEVELOPMENT if arguments.development else TEST_BED
     for number in arguments.robot or ():

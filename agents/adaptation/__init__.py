@@ -1,6 +1,9 @@
 """A few minutes with one robot that nobody modelled: what it is, and controllers that were adapted to it.
 
 Modules:
+    robot: robots by number: what each of them is.
+    contenders: controllers by name, file, run or policy.
+    driving: one score per controller, with an interval over robots.
     bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.
     twin: what is believed of a robot, as numbers that a search changes.
     identify: the twin that explains what was recorded.

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
+from agents.adaptation.robot import SEED, Robot
 from agents.evaluation.controller import Array, Seen
-from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
-from agents.robots.robot import SEED, Robot
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
 from rollingjoint.checks import as_integer

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
+from agents.adaptation.driving import MOST_EPISODES
+from agents.adaptation.robot import Robot
 from agents.adaptation.twin import Space
 from agents.evaluation.controller import Array
-from agents.robots.driving import MOST_EPISODES
-from agents.robots.robot import Robot
 
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
 EVALUATIONS = 15  # at most, each with its derivatives

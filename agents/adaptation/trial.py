@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 
 from agents.adaptation.bench import record
+from agents.adaptation.contenders import Contender, contender
+from agents.adaptation.driving import WORLD, score_on_robots
 from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
+from agents.adaptation.robot import Robot
 from agents.adaptation.tuning import tuned
 from agents.baselines.opponents import opponents_of
 from agents.evaluation.controller import Array
@@ -21,9 +24,6 @@ from agents.policies.shipped import ShippedPolicy
 from agents.results.roster import is_privileged
 from agents.results.statistics import Bootstrap, Interval
 from agents.results.wording import mm, with_interval
-from agents.robots.contenders import Contender, contender
-from agents.robots.driving import WORLD, score_on_robots
-from agents.robots.robot import Robot
 from agents.runs.command_line import progress_bar
 from agents.runs.folder import RunFolder
 from rollingjoint.checks import as_integer
@@ -91,7 +91,7 @@ class Trial:
 
 
 def adaptable(name: str) -> Contender:
-    """The controller of that name, as agents.robots finds it; policies of run folders in the form that is shipped.
+    """The controller of that name, as `contender` finds it; policies of run folders in the form that is shipped.
 
     Raises:
         ConfigError, PolicyError, RunFolderError: no such controller, or one that cannot be adapted.

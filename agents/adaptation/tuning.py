@@ -7,12 +7,12 @@ from itertools import islice
 
 import numpy as np
 
+from agents.adaptation.driving import WORLD
 from agents.adaptation.identify import Identified
 from agents.adaptation.informed import Informed
 from agents.adaptation.world import likely, simulated_errors
 from agents.baselines.opponents import opponents_of, tuned_settings
 from agents.baselines.search_space import Settings, settings_near, with_settings
-from agents.robots.driving import WORLD
 
 ROBOTS, EPISODES = 2, 16  # that every try drives in simulation
 _PARENTS = 3  # of the best, near which others are tried

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.adaptation.identify import Identified
+from agents.adaptation.robot import Robot
 from agents.evaluation.controller import Array, Controller
 from agents.evaluation.rollout import run_with_options
-from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
-from agents.robots.robot import Robot
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import BENCH
 from rj_gym.planar.vector import InstrumentVectorEnv

@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from agents.adaptation.robot import Robot, robots
 from agents.evaluation.controller import Array, Controller
 from agents.evaluation.rollout import run_episodes, run_with_options
 from agents.results.roster import env_for
 from agents.results.statistics import Bootstrap, Interval
-from agents.results.wording import mm, with_interval
-from agents.robots.robot import Robot, robots
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import ROBOTS
 from rollingjoint.checks import as_integer
-from rollingjoint.tables import text_table
 
 WORLD = "rj_gym/Instrument-v0"
 MOST_EPISODES = 1_000  # of a robot
@@ -88,18 +86,6 @@ def seeds_of(one: Robot, episodes: int) -> range:
     """Seeds of a robot's episodes: their targets, loads and noise, and where in the play its tendons begin."""
     first = ROBOTS.start + MOST_EPISODES * one.number
     return range(first, first + episodes)
-
-
-def score_table(scores: Mapping[str, RobotScore]) -> str:
-    """One row per controller, for a terminal, the best first: mean over robots, best, median and worst robot."""
-    rows = []
-    for name, score in sorted(scores.items(), key=lambda item: item[1].mean.value):
-        spread = [mm(value) for value in np.percentile(score.of_robots, (0, 50, 100))]
-        known = [] if score.known_mean is None else [with_interval(score.known_mean, mm)]
-        rows.append([name, with_interval(score.mean, mm), *spread, *known])
-    known = ["Instrument-v0 [mm]"] if any(score.known is not None for score in scores.values()) else []
-    head = ["controller", "mean [mm]", "best robot", "median", "worst", *known]
-    return text_table(head, rows, ruled=True)
 
 
 def _errors(env: EnvConfig, controller: Controller, driven: Sequence[Robot], episodes: int) -> Array:

@@ -6,12 +6,17 @@ Without --controller all that ship for rj_gym/Instrument-v0 are scored. docs/rob
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from agents.adaptation.driving import MOST_EPISODES, WORLD, RobotScore, score_on_robots
+from agents.adaptation.robot import DEVELOPMENT, TEST_BED, Robot, robots
+from agents.results.wording import mm, with_interval
 from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
 from agents.runs.consent import add_consent, consent_of
+from rollingjoint.tables import text_table
 
 NAMED = "an opponent or shipped policy by name, a policy file, a run folder, FILE.py:NAME or MODULE:NAME; repeatable"
 
@@ -31,9 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    from agents.robots.contenders import contender, contenders, marked
-    from agents.robots.driving import MOST_EPISODES, WORLD, score_on_robots, score_table
-    from agents.robots.robot import DEVELOPMENT, TEST_BED, robot_table, robots
+    from agents.adaptation.contenders import contender, contenders, marked
 
     numbers = DEVELOPMENT if arguments.development else TEST_BED
     integer(1, len(numbers))("--robots", arguments.robots)
@@ -53,5 +56,25 @@ def _command(arguments: argparse.Namespace) -> int:
     return 0
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def robot_table(listed: Sequence[Robot]) -> str:
+    """One row per robot, for a terminal: both tendons' numbers, and the largest errors of its surfaces."""
+    head = ["robot", "mu", "play [mm]", "sheath friction", "stiffness", "motors [mm]", "surfaces [mm]", "[mrad]"]
+    rows = []
+    for one in listed:
+        of_tendons = (one.mu, one.play_mm, one.sheath_friction, one.stiffness, one.motor_offsets)
+        largest = np.abs(one.surface_errors).max(axis=(0, 1))
+        cells = [" ".join(f"{value:.3f}" for value in values) for values in of_tendons]
+        rows.append([f"{one.number}", *cells, f"{largest[:2].max():.3f}", f"{1000 * largest[2]:.1f}"])
+    return text_table(head, rows, ruled=True)
+
+
+def score_table(scores: Mapping[str, RobotScore]) -> str:
+    """One row per controller, for a terminal, the best first: mean over robots, best, median and worst robot."""
+    rows = []
+    for name, score in sorted(scores.items(), key=lambda item: item[1].mean.value):
+        spread = [mm(value) for value in np.percentile(score.of_robots, (0, 50, 100))]
+        known = [] if score.known_mean is None else [with_interval(score.known_mean, mm)]
+        rows.append([name, with_interval(score.mean, mm), *spread, *known])
+    known = ["Instrument-v0 [mm]"] if any(score.known is not None for score in scores.values()) else []
+    head = ["controller", "mean [mm]", "best robot", "median", "worst", *known]
+    return text_table(head, rows, ruled=True)

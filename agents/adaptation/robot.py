@@ -6,7 +6,7 @@ robots are the same for everybody; nothing is drawn anew from episode to episode
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -19,7 +19,6 @@ from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.variations import varied_chain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
-from rollingjoint.tables import text_table
 
 SEED = 20_250_715
 TEST_BED = range(50)
@@ -95,18 +94,6 @@ def robots(numbers: Iterable[int] = TEST_BED) -> list[Robot]:
     if not found:
         raise InvalidInput("number of robots", 0, "1 or more")
     return found
-
-
-def robot_table(listed: Sequence[Robot]) -> str:
-    """One row per robot, for a terminal: both tendons' numbers, and the largest errors of its surfaces."""
-    head = ["robot", "mu", "play [mm]", "sheath friction", "stiffness", "motors [mm]", "surfaces [mm]", "[mrad]"]
-    rows = []
-    for one in listed:
-        of_tendons = (one.mu, one.play_mm, one.sheath_friction, one.stiffness, one.motor_offsets)
-        largest = np.abs(one.surface_errors).max(axis=(0, 1))
-        cells = [" ".join(f"{value:.3f}" for value in values) for values in of_tendons]
-        rows.append([f"{one.number}", *cells, f"{largest[:2].max():.3f}", f"{1000 * largest[2]:.1f}"])
-    return text_table(head, rows, ruled=True)
 
 
 def _either_way(rng: np.random.Generator, limits: tuple[float, float], shape: tuple[int, ...]) -> Array:
