@@ -114,6 +114,15 @@ def test_convergence_table_has_every_status_and_counts_every_solve():
     assert f"{sum(map(sum, counts))} solves" in CONVERGENCE
 
 
+def test_tables_of_settings_are_those_of_the_annotations(monkeypatch):
+    """`python docs/_pages/settings.py` writes them."""
+    monkeypatch.syspath_prepend(ROOT / "docs/_pages")
+    import settings
+
+    for page in settings.TABLES:
+        assert settings.with_tables(page, PAGES[f"docs/{page}"]) == PAGES[f"docs/{page}"]
+
+
 def test_theory_has_the_sections_that_the_code_refers_to():
     sources = [
         path.read_text("utf-8")

@@ -29,6 +29,8 @@ def _entropy(what: str, value: Any) -> Any:
     return value
 
 
+_ENTROPY = Check(_entropy, "any number; `auto`; `auto_X` with X > 0")
+_NAME = Check(text, "a name")
 MOST_KEPT = 10_000_000
 """Steps that a rollout of all environments, or a replay buffer, may hold: some gigabytes."""
 _MOST_LEARNT = 1_000_000  # steps in a batch, updates in a row
@@ -48,8 +50,8 @@ _OFF_POLICY: dict[str, Check] = _COMMON | {
     "train_freq": _count,
     "gradient_steps": integer(-1, _MOST_LEARNT),
     "n_steps": integer(1, 1000),
-    "ent_coef": _entropy,
-    "target_entropy": _entropy,
+    "ent_coef": _ENTROPY,
+    "target_entropy": _ENTROPY,
     "use_sde_at_warmup": boolean,
 }
 _TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
@@ -68,7 +70,7 @@ _ON_POLICY: dict[str, Check] = _COMMON | {
 _LESSONS: dict[str, Check] = {
     "learning_rate": schedule(),
     "optimizer": choice("adam", "muon"),
-    "teacher": optional(text),
+    "teacher": optional(_NAME),
     "taught": _share,
     "delta": number(1e-6),
     "gradient_steps": _count,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import gymnasium
 
@@ -24,20 +24,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The environment: Gymnasium id, copies that are stepped together, and settings.
+    """The environment of a run.
 
-    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
+    Args:
+        id: its id in Gymnasium.
+        n_envs: number of environments that are stepped together.
+        settings: keys of the settings class for environments of rj_gym, else arguments of `gymnasium.make`.
     """
 
     id: str = "rj_gym/RollingJoint-v0"
-    n_envs: int = 16
+    n_envs: Annotated[int, integer(1, 1024)] = 16
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id:
             raise ConfigError("env.id", self.id, "the id of a Gymnasium environment")
         self._check_code()
-        check_fields(self, "env.", n_envs=integer(1, 1024))
+        check_fields(self, "env.")
         if not isinstance(self.settings, Mapping):
             raise ConfigError("env.settings", self.settings, "a mapping of settings to values")
         self.arguments()
