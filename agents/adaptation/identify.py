@@ -1,26 +1,27 @@
 """Identification: the model of a robot under which what was recorded on the bench is most likely.
 
 Its motors go along the recorded path in the simulator, and its tensions, and tips where a camera saw them, are compared
-with the recorded ones. The most likely numbers given the beliefs of twin.py (maximum a posteriori) minimise a sum of
+with the recorded ones. The most likely numbers given the beliefs BELIEFS (maximum a posteriori) minimise a sum of
 squares, by a trust-region method (scipy) with forward differences. Errors beyond a few standard deviations count less,
 since play and friction switch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
 from agents.adaptation.driving import MOST_EPISODES
 from agents.adaptation.robot import Robot
-from agents.adaptation.twin import Space
 from agents.evaluation.controller import Array
+from rollingjoint.chain.presets import five_link
 
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
 EVALUATIONS = 15  # at most, each with its derivatives
@@ -29,6 +30,65 @@ LOST = 10.0  # standard deviations: what counts where the model's episode has en
 REACH = 0.05  # of the differences, in standard deviations of the beliefs
 _FAR = 3.0  # standard deviations: errors beyond count less
 _ENOUGH = 3e-4  # change of the cost at which the search ends, as a share of it
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A field of Robot: a normal distribution, and bounds beyond which it cannot be; each a number or an array."""
+
+    mean: float
+    sd: ArrayLike
+    low: ArrayLike
+    high: ArrayLike
+
+
+BELIEFS = {
+    "play_mm": Belief(1.75, 1.5, 0.05, 8.0),
+    "sheath_friction": Belief(0.3, 0.3, 0.0, 1.0),
+    "mu": Belief(0.05, 0.05, 0.0, 0.25),
+    "stiffness": Belief(1.0, 0.2, 0.4, 2.0),
+    "motor_offsets": Belief(0.0, 0.5, -3.0, 3.0),
+    "surface_errors": Belief(0.0, (0.1, 0.1, 0.01), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
+}
+"""About the ranges of rj_gym/Instrument-v0, twice as wide or more; and that tendons may rub in the chain."""
+
+
+class Space:
+    """Robots as vectors (P,): field after field, in the units of Robot.
+
+    Attributes:
+        mean, sd, low, high: of the beliefs, (P,).
+        surfaces: where the errors of surfaces begin, the last field.
+    """
+
+    def __init__(self) -> None:
+        n, m = five_link().n_links, five_link().n_tendons
+        self._shapes = {name: (n, 2, 3) if name == "surface_errors" else (m,) for name in BELIEFS}
+        self.surfaces = (len(BELIEFS) - 1) * m
+        self.mean, self.sd, self.low, self.high = (
+            self.vector({name: getattr(belief, what) for name, belief in BELIEFS.items()})
+            for what in ("mean", "sd", "low", "high")
+        )
+
+    def vector(self, values: Mapping[str, ArrayLike]) -> Array:
+        """The vector of these fields, each spread to the shape that it has in Robot."""
+        parts = [np.broadcast_to(np.asarray(values[name], float), shape) for name, shape in self._shapes.items()]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def with_all(self, **values: float) -> Array:
+        """The means, with these fields the same of all tendons."""
+        return self.vector({name: belief.mean for name, belief in BELIEFS.items()} | values)
+
+    def fields(self, values: Array) -> dict[str, Array]:
+        """A vector in the fields of a Robot."""
+        found = {}
+        for name, shape in self._shapes.items():
+            found[name], values = values[: np.prod(shape)].reshape(shape), values[np.prod(shape) :]
+        return found
+
+    def robot(self, values: Array, number: int) -> Robot:
+        """The robot of a vector, cut to the bounds."""
+        return Robot(number=number, **self.fields(np.clip(values, self.low, self.high)))
 
 
 @dataclass(frozen=True)

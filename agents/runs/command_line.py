@@ -10,12 +10,13 @@ from contextlib import contextmanager
 from typing import Any
 
 from agents.runs.consent import Consent, allowing
-from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
 from rollingjoint.interrupts import INTERRUPTED, interrupted, interruptible
 from rollingjoint.tables import print_any_character
 
 FAILED = 2
+STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
+"""Signals that ask a command to stop; SIGBREAK is the one that Windows has in place of SIGTERM."""
 
 
 def exit_code(command: Callable[[], int], given: Consent | None = None, extra: str = "") -> int:

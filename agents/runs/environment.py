@@ -1,4 +1,4 @@
-"""The environment of a run, and how Gymnasium makes it."""
+"""The environment of a run, how Gymnasium makes it, and the columns by which policies are judged there."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ import gymnasium
 
 from agents.runs.checks import check_fields, integer, prefixed
 from agents.runs.consent import check_named
-from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
 
     from rj_gym.core.config import TaskConfig
+
+AT_THE_END, LAST_10 = "mean_mm", "last_10_mm"
+"""Mean tip error at the end of the episodes, and over their last 10 steps, as in the tables of results."""
+
+COLUMNS = ("steps", AT_THE_END, "median_mm", "p95_mm", LAST_10, "mean_reward")
+_WHEN = {AT_THE_END: "at the end", LAST_10: "over the last 10 steps"}
 
 
 @dataclass(frozen=True)
@@ -148,3 +153,8 @@ def tip_errors(info: Mapping[str, Any]) -> Any:
     if "error_mm" not in info:
         raise ConfigError("info", sorted(info), 'an environment that reports info["error_mm"], the tip error in mm')
     return info["error_mm"]
+
+
+def in_words(column: str, error: float) -> str:
+    """A mean tip error [mm] of one of these two columns."""
+    return f"mean tip error {_WHEN[column]} {error:.3f} mm"

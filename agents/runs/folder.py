@@ -13,7 +13,7 @@
     checkpoints/         STEPS/ with these files at that time; the newest two hold all that --resume needs
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
-    evaluation/          report, pictures and animation, written by agents.evaluate
+    evaluation/          report, pictures and animation, written by rj evaluate
     error.txt            the traceback, if training failed
     lock                 held by the training that runs
 
@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig, filled, load_config
 from agents.runs.consent import consent
-from agents.runs.evaluations import AT_THE_END
+from agents.runs.environment import AT_THE_END
 from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml
@@ -117,7 +117,7 @@ class RunFolder:
     def open(cls, path: Path) -> RunFolder:
         """The run folder at `path`; raises RunFolderError if there is no run."""
         if not (path / "config.yaml").is_file():
-            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by agents.train")
+            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by rj train")
         return cls(path)
 
     @staticmethod
@@ -231,7 +231,7 @@ class RunFolder:
 
     @property
     def evaluation(self) -> Path:
-        """Folder of the report that agents.evaluate writes."""
+        """Folder of the report that rj evaluate writes."""
         return self.path / "evaluation"
 
     def policy_files(self, which: str) -> PolicyFiles:

@@ -20,7 +20,7 @@ from agents.runs.checks import integer
 from agents.runs.command_line import finished, signals_seen, typed_command
 from agents.runs.config import load_config
 from agents.runs.consent import check_pickles
-from agents.runs.evaluations import in_words
+from agents.runs.environment import in_words
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
 from agents.training.old_checkpoint import old_state

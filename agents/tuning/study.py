@@ -22,7 +22,7 @@ from agents.runs.checks import (
     seed_number,
 )
 from agents.runs.config import TrainConfig, load_config, overlap
-from agents.runs.evaluations import AT_THE_END, LAST_10
+from agents.runs.environment import AT_THE_END, LAST_10
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SCORES = (LAST_10, AT_THE_END, "median_mm", "p95_mm")
 PRUNERS = ("median", "halving", "none")
 trial_count = integer(0, 100_000)
-RESERVED = {"agents.evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
+RESERVED = {"rj evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,10 @@ from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
 from agents.adaptation.contenders import Contender
 from agents.adaptation.driving import WORLD, seeds_of
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
-from agents.adaptation.identify import Identified, _Misfit, identify
+from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import robot
 from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
-from agents.adaptation.twin import BELIEFS, Space
 from agents.adaptation.world import LikelyRobots, likely
 from agents.baselines.opponents import opponents
 from agents.evaluation.controller import Seen

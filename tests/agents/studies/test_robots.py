@@ -13,9 +13,8 @@ from agents import adapt
 from agents.adaptation import driving, trial
 from agents.adaptation.contenders import Contender, contender, contenders, marked
 from agents.adaptation.driving import RobotScore, seeds_of
-from agents.adaptation.identify import Identified
+from agents.adaptation.identify import Identified, Space
 from agents.adaptation.trial import Outcome, Trial
-from agents.adaptation.twin import Space
 from agents.baselines import OpenLoop
 from agents.policies.export import export_policy
 from agents.robots import DEVELOPMENT, TEST_BED, robot, robots, score_on_robots
