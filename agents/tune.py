@@ -5,7 +5,7 @@ A study is a folder. The same command continues it; several processes may work o
     study.yaml           what is searched, complete
     journal.log          every trial (Optuna)
     trials/NNNN/seed-S/  the run folders of the trials, without checkpoints
-    best.yaml            the best trial as a configuration for agents.train
+    best.yaml            the best trial as a configuration for rj train
     report.md            what was found, with history.png and parameters.png
     lock                 held for a moment when a trial begins or ends
 """

@@ -47,7 +47,7 @@ SIZES = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
     parser = argparse.ArgumentParser(prog="rj results", description="Rebuild the results page.")
-    parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as agents.campaign leaves it")
+    parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as rj campaign leaves it")
     parser.add_argument("--from", dest="files", type=Path, nargs="+", help="results files to merge, instead of runs")
     for name, (default, meaning) in SIZES.items():
         parser.add_argument(f"--{name}", type=int, default=default, help=f"{meaning} (default {default})")

@@ -30,7 +30,7 @@ def read_results(path: str | Path) -> Results:
     Raises:
         ResultsError: a file that cannot be read, one of another schema, or one whose parts do not fit together.
     """
-    allowed = "a file that agents.results wrote"
+    allowed = "a file that rj results wrote"
     try:
         values = read_json(Path(path))
         found = (values["format"], values["schema"])
@@ -71,9 +71,9 @@ def from_dict(values: Mapping[str, Any], source: str) -> Results:
         about = {name: values[name] for name in ("commands", "scored_on", "trained_with", "left_out", "films")}
         return Results(benchmarks, **about)
     except RollingJointError as error:
-        raise ResultsError(source, "not consistent", "a file that agents.results wrote", str(error)) from error
+        raise ResultsError(source, "not consistent", "a file that rj results wrote", str(error)) from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise ResultsError(source, "not complete", "a file that agents.results wrote", repr(error)) from error
+        raise ResultsError(source, "not complete", "a file that rj results wrote", repr(error)) from error
 
 
 def _benchmark(record: BenchmarkRecord) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from rj_gym import IDS
 from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
-SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as agents.campaign names it
+SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as rj campaign names it
 CHECKPOINT = "best"  # the one with the smallest error in the evaluations during training
 
 

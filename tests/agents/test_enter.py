@@ -165,7 +165,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
         (["my_controller.py:Careful", "--env", "rj_gym/CurvatureDesign-v0"], "a tracking environment of rj_gym"),
         (["my_controller.py:Careful", "--set", "load.magnitud=3"], "magnitud"),
         (["my_controller.py:Careful", "--training-seed", "-1"], "--training-seed"),
-        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that agents.results wrote"),
+        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that rj results wrote"),
         (["nowhere.py:Careful"], "FILE.py:NAME"),
     ],
 )

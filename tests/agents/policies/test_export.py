@@ -269,7 +269,7 @@ def with_seed(folder):
     [
         (without("config.yaml"), "", "a folder with a config.yaml"),
         (without("best/policy.safetensors", "best/policy.zip"), "", "a saved policy"),
-        (overwritten("best/policy.safetensors", "nonsense"), "", "a file that agents.export wrote"),
+        (overwritten("best/policy.safetensors", "nonsense"), "", "a file that rj export-policy wrote"),
         (old(overwritten("best/policy.zip", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
         (old(overwritten("best/normaliser.pkl", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
         (overwritten("versions.json", "[]"), "", "the versions that training used"),
