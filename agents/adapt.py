@@ -49,13 +49,13 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
     plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
     numbers = _numbers(arguments)
-    chosen = {_short(name): adaptable(name) for name in arguments.controller}
+    controllers = {_short(name): adaptable(name) for name in arguments.controller}
     trials: list[Trial] = []
     for number in numbers:
-        trials.append(tried(robot(number), chosen, plan, lambda line: print(line, flush=True)))
+        trials.append(tried(robot(number), controllers, plan, lambda line: print(line, flush=True)))
         _keep(trials, plan, arguments, command)
     print(f"{trial_table(trials)}\nlast 10 steps, {plan.scored} episodes of every robot; intervals over robots")
-    if len(chosen) > 1:
+    if len(controllers) > 1:
         print(f"After adapting:\n{leads(trials)}")
     return 0
 
@@ -64,10 +64,10 @@ def _numbers(arguments: argparse.Namespace) -> Sequence[int]:
     """Numbers of the robots."""
     from agents.adaptation.robot import DEVELOPMENT, TEST_BED
 
-    known = DEVELOPMENT if arguments.development else TEST_BED
+    bed = DEVELOPMENT if arguments.development else TEST_BED
     for number in arguments.robot or ():
-        integer(known[0], known[-1])("--robot", number)
-    return arguments.robot or known[: integer(1, len(known))("--robots", arguments.robots)]
+        integer(bed[0], bed[-1])("--robot", number)
+    return arguments.robot or bed[: integer(1, len(bed))("--robots", arguments.robots)]
 
 
 def _short(name: str) -> str:

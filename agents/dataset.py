@@ -91,19 +91,19 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     from agents.runs.folder import RunFolder
     from rollingjoint.checks import suggestion
 
-    here = EnvConfig(env_id or EnvConfig.id)
+    env = EnvConfig(env_id or EnvConfig.id)
     if text in list_policies() or text.endswith(SUFFIX):
         policy = load_policy(text)
-        return policy, here if env_id else policy.environment
+        return policy, env if env_id else policy.environment
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))
-        return load_driving(run), here if env_id else run.config().env
-    known = controllers_in(here.id)
-    if text in known:
-        return known[text], here
+        return load_driving(run), env if env_id else run.config().env
+    controllers = controllers_in(env.id)
+    if text in controllers:
+        return controllers[text], env
     if ":" in text:
-        return load_entrant(text), here
-    names = [*known, *list_policies()]
+        return load_entrant(text), env
+    names = [*controllers, *list_policies()]
     raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", suggestion(text, names))
 
 

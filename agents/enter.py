@@ -69,8 +69,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     print(f"{env.id}, {len(seeds):,} {arguments.seeds} episodes, seeds {seeds[0]} to {seeds[-1]}, last 10 steps")
     print(comparison_table(entered, others, world))
     if arguments.out:
-        known = [read_results(arguments.out)] if arguments.out.exists() else []
-        write_results(arguments.out, merged([*known, entered]))
+        results = [read_results(arguments.out)] if arguments.out.exists() else []
+        write_results(arguments.out, merged([*results, entered]))
         print(f"Entered in {arguments.out}")
     return 0
 
@@ -81,10 +81,10 @@ def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Re
     from agents.results.file import read_results
 
     path = beside or PUBLISHED
-    known = known_in(read_results(path), env, world) if beside or path.exists() else None
-    if known is None and beside:
+    results = known_in(read_results(path), env, world) if beside or path.exists() else None
+    if results is None and beside:
         raise ConfigError("--beside", str(beside), f"results of {env.id} in the {world.name} episodes {world.seeds}")
-    return known or shipped(env, title, world)
+    return results or shipped(env, title, world)
 
 
 if __name__ == "__main__":

@@ -53,10 +53,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     run = RunFolder.open(arguments.run)
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
     config.check_unused(seeds)
-    own = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
+    additional = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
     blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""
     ours = baselines(poses=not blind) if config.env.is_tracking else {}
-    controllers = {POLICY: load_driving(run, arguments.policy), **own, **ours}
+    controllers = {POLICY: load_driving(run, arguments.policy), **additional, **ours}
     about = {
         "run": str(run.path),
         "policy": arguments.policy,
@@ -68,8 +68,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     }
     with executor_of(arguments.cluster, arguments.jobs, inline=True) as executor:
         elsewhere = None if isinstance(executor, InlineExecutor) else executor
-        found = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
-    report = replace(found, about=about)
+        evaluation = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
+    report = replace(evaluation, about=about)
     write_report(report, controllers, config.env, folder)
     if blind:
         print(blind)

@@ -31,8 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.resume is not None:
         if arguments.force or arguments.run_dir is not None:
-            other = "--force" if arguments.force else "--run-dir"
-            raise ConfigError("--resume", str(arguments.resume), f"no {other} beside it", "Resuming keeps the run.")
+            option = "--force" if arguments.force else "--run-dir"
+            raise ConfigError("--resume", str(arguments.resume), f"no {option} beside it", "Resuming keeps the run.")
         from agents.training.learn import resume
 
         return resume(arguments.resume, arguments.set, command)

@@ -43,10 +43,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.tuning.study import trial_count
     from agents.tuning.trials import tune
 
-    asked = optional(trial_count)("--trials", arguments.trials)
+    count = optional(trial_count)("--trials", arguments.trials)
     folder = StudyFolder(arguments.study, arguments.storage)
     config = folder.config(arguments.config)
-    trials = config.trials if asked is None else asked
+    trials = config.trials if count is None else count
     if trials == 0:
         print("\n".join(f"{key}: {values}" for key, values in config.space.items()))
         return 0

@@ -54,13 +54,13 @@ class Bench:
         self.steps: int = self.envs.config.episode_steps
         self.n_tendons: int = self.envs.task.mechanism.n_tendons
 
-    def follow(self, one: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
+    def follow(self, robot: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
         """What a robot does while its motors go along paths (E, T, m) [mm] as fast as they can.
 
         relative: whether paths begin at zero, wherever motors are.
         """
         scale = self.envs.config.action_scale_mm
-        observation, info = self.envs.reset(seed=list(seeds), options=one.options | _UNLOADED)
+        observation, info = self.envs.reset(seed=list(seeds), options=robot.options | _UNLOADED)
         series = [self._measured(observation, info, np.ones(len(seeds), bool))]
         ways = paths + series[0][0][:, None] if relative else paths
         for step in range(self.steps):
@@ -79,22 +79,24 @@ class Bench:
         self.envs.close()
 
 
-def record(one: Robot, episodes: int, sees_tip: bool) -> Recording:
+def record(robot: Robot, episodes: int, sees_tip: bool) -> Recording:
     """Episodes of a robot whose motors sweep to and fro, with seeds that no score uses.
 
     Args:
-        one: the robot. episodes: how many, 1 to 500. sees_tip: whether a camera measures the tip.
+        robot: the robot. episodes: how many, 1 to 500. sees_tip: whether a camera measures the tip.
     Raises:
         InvalidInput: a number of episodes out of range.
     """
     as_integer("episodes on the bench", episodes, 1, MOST_EPISODES // 2)
-    first = BENCH.start + MOST_EPISODES * one.number
-    rng, bench = np.random.default_rng([SEED, 1, one.number]), Bench(episodes, noise=True)
+    first = BENCH.start + MOST_EPISODES * robot.number
+    rng, bench = np.random.default_rng([SEED, 1, robot.number]), Bench(episodes, noise=True)
     paths = sweeps(rng, episodes, bench.steps, bench.n_tendons)
-    found = bench.follow(one, range(first, first + episodes), paths, relative=True)
+    recording = bench.follow(robot, range(first, first + episodes), paths, relative=True)
     bench.close()
-    assert found.tips is not None
-    return replace(found, tips=found.tips + CAMERA_MM * rng.standard_normal(found.tips.shape) if sees_tip else None)
+    assert recording.tips is not None
+    return replace(
+        recording, tips=recording.tips + CAMERA_MM * rng.standard_normal(recording.tips.shape) if sees_tip else None
+    )
 
 
 def sweeps(rng: np.random.Generator, episodes: int, steps: int, n_tendons: int) -> Array:

@@ -78,22 +78,22 @@ def score_on_robots(
     errors = np.concatenate([_errors(rubbing, controller, block, episodes) for block in blocks])
     if not known:
         return RobotScore(errors)
-    seeds = [seed for one in listed for seed in seeds_of(one, episodes)]
+    seeds = [seed for robot in listed for seed in seeds_of(robot, episodes)]
     return RobotScore(errors, run_episodes(env, controller, seeds).last_errors.mean(axis=1).reshape(errors.shape))
 
 
-def seeds_of(one: Robot, episodes: int) -> range:
+def seeds_of(robot: Robot, episodes: int) -> range:
     """Seeds of a robot's episodes: their targets, loads and noise, and where in the play its tendons begin."""
-    first = ROBOTS.start + MOST_EPISODES * one.number
+    first = ROBOTS.start + MOST_EPISODES * robot.number
     return range(first, first + episodes)
 
 
 def _errors(env: EnvConfig, controller: Controller, driven: Sequence[Robot], episodes: int) -> Array:
     """Errors of these robots, all side by side, (R, episodes) [mm]."""
-    seeds = [seed for one in driven for seed in seeds_of(one, episodes)]
-    options = [options for one in driven for options in [one.options] * episodes]
-    found = run_with_options(env, controller, seeds, options)
-    return found.last_errors.mean(axis=1).reshape(len(driven), episodes)
+    seeds = [seed for robot in driven for seed in seeds_of(robot, episodes)]
+    options = [options for robot in driven for options in [robot.options] * episodes]
+    episodes_driven = run_with_options(env, controller, seeds, options)
+    return episodes_driven.last_errors.mean(axis=1).reshape(len(driven), episodes)
 
 
 def _over_robots(errors: Array) -> Interval:

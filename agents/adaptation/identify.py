@@ -81,10 +81,10 @@ class Space:
 
     def fields(self, values: Array) -> dict[str, Array]:
         """A vector in the fields of a Robot."""
-        found = {}
+        parts = {}
         for name, shape in self._shapes.items():
-            found[name], values = values[: np.prod(shape)].reshape(shape), values[np.prod(shape) :]
-        return found
+            parts[name], values = values[: np.prod(shape)].reshape(shape), values[np.prod(shape) :]
+        return parts
 
     def robot(self, values: Array, number: int) -> Robot:
         """The robot of a vector, cut to the bounds."""
@@ -138,16 +138,16 @@ def identify(
 
     start = misfit.start()
     bounds = tuple((end - space.mean) / space.sd for end in (space.low, space.high))
-    found = least_squares(
+    solution = least_squares(
         misfit, start, derivatives, bounds, ftol=_ENOUGH, loss="soft_l1", f_scale=_FAR, max_nfev=evaluations
     )
     misfit.bench.close()
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(space.sd, space.sd)
-    count = found.fun.size - start.size
+    covariance = np.linalg.inv(solution.jac.T @ solution.jac) * np.outer(space.sd, space.sd)
+    count = solution.fun.size - start.size
     residual, before = (
-        float(np.sqrt(np.mean(each[:count] ** 2))) for each in (found.fun, misfit(np.zeros(start.size)))
+        float(np.sqrt(np.mean(residuals[:count] ** 2))) for residuals in (solution.fun, misfit(np.zeros(start.size)))
     )
-    return Identified(number, space.mean + found.x * space.sd, covariance, residual, before)
+    return Identified(number, space.mean + solution.x * space.sd, covariance, residual, before)
 
 
 class _Misfit:
@@ -168,14 +168,14 @@ class _Misfit:
         parts = [(model.tensions - recorded.tensions) / TENSION_SD]
         if recorded.tips is not None and model.tips is not None:
             parts.append((model.tips - recorded.tips) / TIP_SD)
-        left = [np.where(lost, LOST, part[:, FIRST_STEPS:])[self.counts].ravel() for part in parts]
-        return np.concatenate([*left, scaled])
+        residuals = [np.where(lost, LOST, part[:, FIRST_STEPS:])[self.counts].ravel() for part in parts]
+        return np.concatenate([*residuals, scaled])
 
     def start(self) -> Array:
         """The best point of a grid over play and sheath friction, which have more than one minimum."""
         points = [self.space.with_all(play_mm=play, sheath_friction=sheath) for play, sheath in product(*GRID)]
         scaled = [(point - self.space.mean) / self.space.sd for point in points]
-        return min(scaled, key=lambda each: float(np.sum(np.minimum(self(each) ** 2, LOST))))
+        return min(scaled, key=lambda point: float(np.sum(np.minimum(self(point) ** 2, LOST))))
 
     def derivatives(self, scaled: Array) -> Array:
         """By forward differences; surfaces, of which tensions say little, stay as they are if no tip is seen."""

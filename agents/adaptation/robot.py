@@ -90,10 +90,10 @@ def robot(number: int) -> Robot:
 
 def robots(numbers: Iterable[int] = TEST_BED) -> list[Robot]:
     """The robots of these numbers; raises InvalidInput where there is none."""
-    found = [robot(number) for number in numbers]
-    if not found:
+    listed = [robot(number) for number in numbers]
+    if not listed:
         raise InvalidInput("number of robots", 0, "1 or more")
-    return found
+    return listed
 
 
 def _either_way(rng: np.random.Generator, limits: tuple[float, float], shape: tuple[int, ...]) -> Array:

@@ -31,10 +31,10 @@ def tuned(name: str, identified: Identified, tries: int, say: Callable[[float], 
     def made(settings: Settings) -> Informed:
         return Informed(opponent.make(with_settings(with_settings(opponent.fixed, shipped), settings)), identified)
 
-    found: list[tuple[float, Settings]] = []
+    scored: list[tuple[float, Settings]] = []
     for _ in range(tries):
-        parents = sorted(found, key=lambda each: each[0])[:_PARENTS]
+        parents = sorted(scored, key=lambda pair: pair[0])[:_PARENTS]
         settings = settings_near(opponent.space, parents[rng.integers(len(parents))][1], rng) if parents else shipped
-        found.append((float(simulated_errors(made(settings), drawn, EPISODES).mean()), settings))
-        say(found[-1][0])
-    return made(min(found, key=lambda each: each[0])[1] if found else shipped)
+        scored.append((float(simulated_errors(made(settings), drawn, EPISODES).mean()), settings))
+        say(scored[-1][0])
+    return made(min(scored, key=lambda pair: pair[0])[1] if scored else shipped)

@@ -46,5 +46,5 @@ def simulated_errors(controller: Controller, drawn: Sequence[Robot], episodes: i
     """Mean tip error over the last steps in so many episodes of each of these robots, (R, episodes) [mm]."""
     first = BENCH.start + MOST_EPISODES * drawn[0].number + MOST_EPISODES // 2
     env, seeds = EnvConfig(WORLD, settings=RUBBING), range(first, first + episodes)
-    found = [run_with_options(env, controller, seeds, [one.options] * episodes) for one in drawn]
-    return np.stack([each.last_errors.mean(axis=1) for each in found])
+    episodes_driven = [run_with_options(env, controller, seeds, [robot.options] * episodes) for robot in drawn]
+    return np.stack([driven.last_errors.mean(axis=1) for driven in episodes_driven])

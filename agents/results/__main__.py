@@ -147,8 +147,8 @@ def _filmed(sources: Sequence[Benchmark | ShippedPolicy], results: Results, out:
 
     captions: dict[str, dict[str, str]] = {}
     for source, record in zip(sources, results.benchmarks, strict=True):
-        made = three_episodes(source, record) if isinstance(source, Benchmark) else three_of_shipped(source, record)
-        for name, (content, caption) in made.items():
+        films = three_episodes(source, record) if isinstance(source, Benchmark) else three_of_shipped(source, record)
+        for name, (content, caption) in films.items():
             write_bytes(out / "images" / name, content)
             captions[record.title] = {name: caption}
     return captions
@@ -161,11 +161,11 @@ def _write_page(results: Results, out: Path) -> None:
     images = pictures(results)
     for name, (content, _) in images.items():
         write_bytes(out / "images" / name, content)
-    there: Mapping[str, Mapping[str, str]] = {
+    animations: Mapping[str, Mapping[str, str]] = {
         title: {name: caption for name, caption in films.items() if (out / "images" / name).is_file()}
         for title, films in results.films.items()
     }
-    write_text(out / "results.md", page(results, {name: caption for name, (_, caption) in images.items()}, there))
+    write_text(out / "results.md", page(results, {name: caption for name, (_, caption) in images.items()}, animations))
 
 
 def _commands(arguments: argparse.Namespace) -> list[str]:
@@ -189,12 +189,12 @@ def _typed(arguments: argparse.Namespace) -> str:
 def _trained_with(benchmarks: Sequence[Benchmark]) -> list[str]:
     """Processors and versions of all runs; several, where they differ."""
     runs = [run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs]
-    found = [read_json(run.folder.path / "versions.json") for run in runs]
-    return sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found})
+    versions_of_runs = [read_json(run.folder.path / "versions.json") for run in runs]
+    return sorted({f"{values['cores']} processors, {_in_words(values)}" for values in versions_of_runs})
 
 
-def _in_words(found: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} {found[name]}" for name in ("python", *PACKAGES) if name in found)
+def _in_words(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {values[name]}" for name in ("python", *PACKAGES) if name in values)
 
 
 def _processor() -> str:

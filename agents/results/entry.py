@@ -47,16 +47,16 @@ def load_entrant(text: str) -> Controller:
     module, _, name = text.rpartition(":")
     allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
     try:
-        found = getattr(imported(module), name)
-        made = found if _is_controller(found) and not isinstance(found, type) else found()
+        value = getattr(imported(module), name)
+        entrant = value if _is_controller(value) and not isinstance(value, type) else value()
     except Exception as error:  # whatever the code there raises
         raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
-    if _is_controller(made):
-        controller: Controller = made
+    if _is_controller(entrant):
+        controller: Controller = entrant
         return controller
-    if callable(made):
-        return Function(made)
-    raise ConfigError("controller", text, allowed, f"It made {made!r}, which has no begin and act.")
+    if callable(entrant):
+        return Function(entrant)
+    raise ConfigError("controller", text, allowed, f"It made {entrant!r}, which has no begin and act.")
 
 
 class Function:
@@ -109,7 +109,9 @@ def shipped(env: EnvConfig, title: str, world: World) -> Results:
     """What is shipped, in the same episodes: policies that were trained for this task, and opponents."""
     key = episodes_key(env)
     policies = [load_policy(name) for name in list_policies()]
-    ours: dict[str, Controller] = {one.name: one for one in policies if episodes_key(one.environment) == key}
+    ours: dict[str, Controller] = {
+        policy.name: policy for policy in policies if episodes_key(policy.environment) == key
+    }
     able, _ = opponents(env)
     return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])
 
@@ -118,7 +120,7 @@ def known_in(results: Results, env: EnvConfig, world: World) -> Results | None:
     """The benchmark of this environment in the results, if it has these episodes."""
     key = episodes_key(env)
     for record in results.benchmarks:
-        same = any((one.name, one.seeds) == (world.name, world.seeds) for one in record.worlds)
+        same = any((candidate.name, candidate.seeds) == (world.name, world.seeds) for candidate in record.worlds)
         if same and episodes_key(environment_of(record)) == key:
             return Results([record])
     return None
@@ -130,11 +132,18 @@ def comparison_table(entered: Results, others: Results | None, world: World) -> 
     (name,) = entered.benchmarks[0].names()
     standing = Standings(record, record.world(world.name))
     rows = []
-    for one in sorted(standing.names, key=lambda each: standing.mean(each).value):
-        found = standing.summary(one)
-        figures = [with_interval(figure, mm) for figure in (found.mean, found.iqm, found.median, found.p95)]
-        difference = "" if one == name else with_interval(standing.compare(name, one).difference, _signed)
-        rows.append([f"{one} <--" if one == name else one, *figures, difference, f"{standing.runs(one)}"])
+    for controller in sorted(standing.names, key=lambda controller: standing.mean(controller).value):
+        summary = standing.summary(controller)
+        figures = [with_interval(figure, mm) for figure in (summary.mean, summary.iqm, summary.median, summary.p95)]
+        difference = "" if controller == name else with_interval(standing.compare(name, controller).difference, _signed)
+        rows.append(
+            [
+                f"{controller} <--" if controller == name else controller,
+                *figures,
+                difference,
+                f"{standing.runs(controller)}",
+            ]
+        )
     head = ["controller", "mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]", f"{name} minus it [mm]", "runs"]
     return text_table(head, rows, ruled=True)
 
@@ -143,5 +152,5 @@ def _signed(value: float) -> str:
     return f"{value:+.3f}"
 
 
-def _is_controller(found: object) -> bool:
-    return callable(getattr(found, "begin", None)) and callable(getattr(found, "act", None))
+def _is_controller(value: object) -> bool:
+    return callable(getattr(value, "begin", None)) and callable(getattr(value, "act", None))

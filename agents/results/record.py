@@ -190,28 +190,32 @@ class BenchmarkRecord:
     impossible: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for what, names in (("worlds", [one.name for one in self.worlds]), ("controllers", self.names())):
+        for what, names in (("worlds", [world.name for world in self.worlds]), ("controllers", self.names())):
             if len(set(names)) < len(names):
                 raise ResultsError(f"{self.title}: {what}", names, "different names")
         sizes = {world.name: world.episodes for world in self.worlds}
         for controller in self.controllers:
-            for name, driven in ((name, some) for run in controller.runs for name, some in run.driven.items()):
+            for name, driven in ((name, episodes) for run in controller.runs for name, episodes in run.driven.items()):
                 if sizes.get(name) != len(driven.last):
                     allowed = f"the {sizes.get(name, 0)} episodes of the world {name!r}"
                     raise ResultsError(f"{self.title}: {controller.name}: episodes", len(driven.last), allowed)
 
     def names(self, kind: str = "", world: str = "") -> list[str]:
         """The names of its controllers: all, or those of a kind that drove in a world."""
-        chosen = [one for one in self.controllers if kind in ("", one.kind) and (not world or one.has(world))]
-        return [one.name for one in chosen]
+        controllers = [
+            controller
+            for controller in self.controllers
+            if kind in ("", controller.kind) and (not world or controller.has(world))
+        ]
+        return [controller.name for controller in controllers]
 
     def controller(self, name: str) -> ControllerRecord:
         """The controller with this name."""
-        return next(one for one in self.controllers if one.name == name)
+        return next(controller for controller in self.controllers if controller.name == name)
 
     def world(self, name: str) -> World:
         """The world with this name."""
-        return next(one for one in self.worlds if one.name == name)
+        return next(world for world in self.worlds if world.name == name)
 
     def of_role(self, role: str) -> list[World]:
         """The worlds of a role."""
@@ -222,7 +226,7 @@ class BenchmarkRecord:
 
         Controllers that see what no robot shows are left out.
         """
-        (world, *_) = [one.name for one in self.of_role(VALIDATION)] or [""]
+        (world, *_) = [world.name for world in self.of_role(VALIDATION)] or [""]
         names = [name for name in self.names(kind, world) if world and not self.controller(name).privileged]
         return min(names, key=lambda name: float(self.controller(name).errors(world).mean()), default=None)
 
@@ -245,6 +249,6 @@ class Results:
     films: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        titles = [one.title for one in self.benchmarks]
+        titles = [record.title for record in self.benchmarks]
         if len(set(titles)) < len(titles):
             raise ResultsError("benchmarks", titles, "different titles")

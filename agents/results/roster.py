@@ -17,8 +17,8 @@ from rollingjoint.errors import InvalidInput
 
 def candidates(env_id: str) -> dict[str, Controller]:
     """New controllers to compare learned ones with in the environment of that id, by name, whether they can or not."""
-    known = controllers_in(env_id)
-    return known | {"privileged teacher": PrivilegedTeacher()} if env_id in WORLDS else known
+    controllers = controllers_in(env_id)
+    return controllers | {"privileged teacher": PrivilegedTeacher()} if env_id in WORLDS else controllers
 
 
 def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:

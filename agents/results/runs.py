@@ -53,7 +53,7 @@ class Run:
             raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
             load_trained(folder, CHECKPOINT)
-            return cls(folder, config, sum(one.training_seconds for one in stages(folder)), _curve(folder))
+            return cls(folder, config, sum(stage.training_seconds for stage in stages(folder)), _curve(folder))
         except RollingJointError:
             raise
         except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
@@ -130,7 +130,7 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
         try:
             run = Run.read(path)
             same = groups.setdefault(_without_seed(run.config), [])
-            if run.config.seed in [other.config.seed for other in same]:
+            if run.config.seed in [run_before.config.seed for run_before in same]:
                 raise RunFolderError("seed", run.config.seed, f"another one than that of {same[0].folder.path}")
             same.append(run)
         except RollingJointError as error:
@@ -142,16 +142,16 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
         grouped.setdefault(episodes_key(recipe.config.env), []).append(recipe)
     sorted_recipes = [sorted(recipes, key=lambda recipe: recipe.order) for recipes in grouped.values()]
     titles = _distinct([_title(recipes) for recipes in sorted_recipes])
-    found = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
-    return sorted(found, key=lambda one: (one.complexity, one.title)), left_out
+    benchmarks = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
+    return sorted(benchmarks, key=lambda benchmark: (benchmark.complexity, benchmark.title)), left_out
 
 
 def stages(folder: RunFolder) -> list[RunFolder]:
     """The run, and those that it began from, each the start of the one before it, as far as they are there."""
-    found = [folder]
-    while (start := found[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
-        found.append(RunFolder(Path(start)))
-    return found
+    folders = [folder]
+    while (start := folders[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
+        folders.append(RunFolder(Path(start)))
+    return folders
 
 
 def _run_folders(root: Path) -> Iterator[Path]:
@@ -162,8 +162,8 @@ def _run_folders(root: Path) -> Iterator[Path]:
 
 
 def _curve(folder: RunFolder) -> Array:
-    found = read_rows(folder.evaluations)
-    steps, errors = (np.array([float(row[name]) for row in found]) for name in ("steps", "mean_mm"))
+    rows = read_rows(folder.evaluations)
+    steps, errors = (np.array([float(row[name]) for row in rows]) for name in ("steps", "mean_mm"))
     names = ("time/total_timesteps", PROCESSOR)
     log = [[float(row[name]) for name in names] for row in read_rows(folder.progress) if all(row.get(n) for n in names)]
     done, seconds = np.array([[0.0, 0.0], *log]).T  # short runs of learners that log seldom have no row

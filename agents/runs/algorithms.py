@@ -130,8 +130,8 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
 def checked_parameters(algorithm: str, parameters: Any, n_envs: int) -> dict[str, Any]:
     """The hyper-parameters in their plain form; raises ConfigError for one that `algorithm` does not take."""
     checks = PARAMETERS[algorithm]
-    given = mapping("parameters", parameters, list(checks))
-    checked = {name: checks[name](f"parameters.{name}", value) for name, value in given.items()}
+    values = mapping("parameters", parameters, list(checks))
+    checked = {name: checks[name](f"parameters.{name}", value) for name, value in values.items()}
     if algorithm in ON_POLICY:
         _check_batches(algorithm, checked, n_envs)
     return checked

@@ -70,14 +70,14 @@ def choice(*choices: str) -> Check:
 
 def integers(low: int, high: float = math.inf, most: int = 1000) -> Check:
     """Accepts a list of at most `most` integers in [low, high]; it becomes a tuple."""
-    each = integer(low, high)
+    check_each = integer(low, high)
 
     def check(what: str, values: Any) -> tuple[int, ...]:
         if not isinstance(values, list | tuple) or len(values) > most:
             raise ConfigError(what, values, f"a list of at most {most:,} integers")
-        return tuple(map(partial(each, what), values))
+        return tuple(map(partial(check_each, what), values))
 
-    return Check(check, f"a list of at most {most:,}, each {each.allowed}")
+    return Check(check, f"a list of at most {most:,}, each {check_each.allowed}")
 
 
 def optional(check: Check) -> Check:
@@ -108,5 +108,5 @@ def check_fields(instance: Any, prefix: str = "") -> None:
 def checks_of(kind: type) -> Mapping[str, Check]:
     """The checks of a dataclass by name of the field, from annotations such as Annotated[int, integer(1, 100)]."""
     hints = get_type_hints(kind, include_extras=True)
-    found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-    return {name: check for name, extras in found.items() for check in extras if isinstance(check, Check)}
+    extras_of = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {name: check for name, extras in extras_of.items() for check in extras if isinstance(check, Check)}

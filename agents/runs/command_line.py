@@ -19,7 +19,7 @@ STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBRE
 """Signals that ask a command to stop; SIGBREAK is the one that Windows has in place of SIGTERM."""
 
 
-def exit_code(command: Callable[[], int], given: Consent | None = None, extra: str = "") -> int:
+def exit_code(command: Callable[[], int], consent: Consent | None = None, extra: str = "") -> int:
     """The exit code of `command`, called with this consent; Ctrl-C is one line and code 130.
 
     Errors that a user can fix become one line and code 2.
@@ -29,7 +29,7 @@ def exit_code(command: Callable[[], int], given: Consent | None = None, extra: s
     """
 
     def allowed() -> int:
-        with allowing(given or Consent()):
+        with allowing(consent or Consent()):
             return command()
 
     print_any_character()
@@ -50,10 +50,10 @@ def exit_code(command: Callable[[], int], given: Consent | None = None, extra: s
 @contextmanager
 def signals_seen() -> Iterator[list[int]]:
     """Collects the signals that ask to stop as they arrive, in place of what they do otherwise."""
-    seen: list[int] = []
-    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in STOPPING}
+    numbers: list[int] = []
+    before = {number: signal.signal(number, lambda arrived, frame: numbers.append(arrived)) for number in STOPPING}
     try:
-        yield seen
+        yield numbers
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -261,9 +261,9 @@ SECTIONS: dict[str, type] = {
 }
 
 
-def overlap(one: range, other: range) -> bool:
+def overlap(first: range, second: range) -> bool:
     """Whether two ranges of seeds have one in common."""
-    return one.start < other.stop and other.start < one.stop
+    return first.start < second.stop and second.start < first.stop
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
@@ -288,7 +288,7 @@ def filled(path: Path) -> dict[str, Any]:
     """The keys and values of a YAML file; ConfigError where there are none."""
     values = _section(read_yaml(path), str(path))
     if not values:
-        keys = ", ".join(each.name for each in fields(TrainConfig))
+        keys = ", ".join(key.name for key in fields(TrainConfig))
         raise ConfigError(str(path), None, f"keys and values, with the keys {keys}")
     return values
 
@@ -342,8 +342,8 @@ def _with_mechanism(settings: Any, folder: Path) -> dict[str, Any]:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    both = dict(below)
+    values = dict(below)
     for key, value in above.items():
-        nested = isinstance(value, dict) and isinstance(both.get(key), dict)
-        both[key] = _merged(both[key], value) if nested else value
-    return both
+        nested = isinstance(value, dict) and isinstance(values.get(key), dict)
+        values[key] = _merged(values[key], value) if nested else value
+    return values

@@ -55,8 +55,8 @@ class EnvConfig:
         module, colon, name = self.id.rpartition(":")
         if colon:
             check_named("env.id", self.id, module)
-        for known, spec in gymnasium.registry.items():
-            is_meant = known == name or known.startswith(f"{name}-v")  # Gymnasium fills in the newest version
+        for registered, spec in gymnasium.registry.items():
+            is_meant = registered == name or registered.startswith(f"{name}-v")  # Gymnasium fills in the newest version
             if is_meant and isinstance(spec.entry_point, str):  # else it is of a module that was imported
                 check_named("env.id", self.id, spec.entry_point.partition(":")[0])
 

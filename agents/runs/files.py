@@ -129,9 +129,9 @@ class _Hashing:
 def cut_off_unfinished_line(path: Path) -> None:
     """Remove what a killed process or a full disk left of a last line; nothing where there is no file."""
     content = path.read_bytes() if path.is_file() else b""
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        os.truncate(path, whole)
+    end = content.rfind(b"\n") + 1
+    if end < len(content):
+        os.truncate(path, end)
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:

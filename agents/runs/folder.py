@@ -169,10 +169,10 @@ class RunFolder:
     def begun_with(self) -> str:
         """The version of this project that wrote the folder, in words."""
         try:
-            found = read_json(self.path / "versions.json")["rollingjoint"]
+            version = read_json(self.path / "versions.json")["rollingjoint"]
         except (ConfigError, LookupError, TypeError):
             return "an unknown version of rollingjoint"
-        return f"rollingjoint {found}"
+        return f"rollingjoint {version}"
 
     @property
     def is_finished(self) -> bool:
@@ -277,10 +277,10 @@ def _seeds(config: TrainConfig) -> dict[str, Any]:
 
 def versions(*more: str) -> dict[str, str]:
     """Versions of Python, of our packages and of `more`, and the platform."""
-    found = {"python": platform.python_version()}
+    packages = {"python": platform.python_version()}
     for name in (*PACKAGES, *more):
         try:
-            found[name] = importlib.metadata.version(name)
+            packages[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed as a package"
-    return found | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}
+            packages[name] = "not installed as a package"
+    return packages | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}

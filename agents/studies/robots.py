@@ -45,10 +45,12 @@ def _command(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(robot_table(driven))
         return 0
-    chosen = {name: contender(name) for name in arguments.controller} or contenders()
+    candidates = {name: contender(name) for name in arguments.controller} or contenders()
     scores = {
-        marked(name, one): score_on_robots(one.controller, driven, arguments.episodes, one.settings, arguments.known)
-        for name, one in chosen.items()
+        marked(name, candidate): score_on_robots(
+            candidate.controller, driven, arguments.episodes, candidate.settings, arguments.known
+        )
+        for name, candidate in candidates.items()
     }
     which = "development" if arguments.development else "test"
     print(f"{len(driven)} {which} robots, {arguments.episodes} episodes each, {WORLD} is what controllers know")
@@ -60,11 +62,11 @@ def robot_table(listed: Sequence[Robot]) -> str:
     """One row per robot, for a terminal: both tendons' numbers, and the largest errors of its surfaces."""
     head = ["robot", "mu", "play [mm]", "sheath friction", "stiffness", "motors [mm]", "surfaces [mm]", "[mrad]"]
     rows = []
-    for one in listed:
-        of_tendons = (one.mu, one.play_mm, one.sheath_friction, one.stiffness, one.motor_offsets)
-        largest = np.abs(one.surface_errors).max(axis=(0, 1))
+    for robot in listed:
+        of_tendons = (robot.mu, robot.play_mm, robot.sheath_friction, robot.stiffness, robot.motor_offsets)
+        largest = np.abs(robot.surface_errors).max(axis=(0, 1))
         cells = [" ".join(f"{value:.3f}" for value in values) for values in of_tendons]
-        rows.append([f"{one.number}", *cells, f"{largest[:2].max():.3f}", f"{1000 * largest[2]:.1f}"])
+        rows.append([f"{robot.number}", *cells, f"{largest[:2].max():.3f}", f"{1000 * largest[2]:.1f}"])
     return text_table(head, rows, ruled=True)
 
 
@@ -73,8 +75,8 @@ def score_table(scores: Mapping[str, RobotScore]) -> str:
     rows = []
     for name, score in sorted(scores.items(), key=lambda item: item[1].mean.value):
         spread = [mm(value) for value in np.percentile(score.of_robots, (0, 50, 100))]
-        known = [] if score.known_mean is None else [with_interval(score.known_mean, mm)]
-        rows.append([name, with_interval(score.mean, mm), *spread, *known])
-    known = ["Instrument-v0 [mm]"] if any(score.known is not None for score in scores.values()) else []
-    head = ["controller", "mean [mm]", "best robot", "median", "worst", *known]
+        column = [] if score.known_mean is None else [with_interval(score.known_mean, mm)]
+        rows.append([name, with_interval(score.mean, mm), *spread, *column])
+    column = ["Instrument-v0 [mm]"] if any(score.known is not None for score in scores.values()) else []
+    head = ["controller", "mean [mm]", "best robot", "median", "worst", *column]
     return text_table(head, rows, ruled=True)
