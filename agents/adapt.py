@@ -1,4 +1,4 @@
-"""Adapt controllers to robots that nobody modelled: rj adapt --controller "probing bank" --robots 3.
+"""Adapt controllers to robots outside the training distribution: rj adapt --controller "probing bank" --robots 3.
 
 A robot spends some episodes on the bench and is identified; every controller is adapted to it in simulation, and scored
 in the robot's episodes before and after: docs/robots.md.
@@ -71,7 +71,7 @@ def _numbers(arguments: argparse.Namespace) -> Sequence[int]:
 
 
 def _short(name: str) -> str:
-    """What to call a controller: a run folder CONFIGURATION/seed_K by both, other paths by their last part."""
+    """Short name of a controller: CONFIGURATION/seed_K of a run folder, the last part of other paths."""
     path = Path(name)
     return name if not path.exists() else "/".join(path.resolve().parts[-2:]) if path.is_dir() else path.stem
 

@@ -1,7 +1,7 @@
 """Train many runs, some at a time: rj campaign configs/campaign/results.yaml --out runs/results.
 
 Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; the output goes to
-seed_K.log beside that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
+seed_K.log next to that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
 kept, interrupted ones are resumed. With --cluster they are trained on a Ray cluster: docs/scaling.md.
 """
 

@@ -2,7 +2,7 @@
 
 NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
 or one that makes a function from observations to actions. Its episodes go into a results file, which rj results
-merges with others, and a table shows it beside what is known of the same episodes. docs/enter.md shows how.
+merges with others, and a table compares it with the known results of the same episodes. docs/enter.md shows how.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 
 def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Results:
-    """What to compare with: the figures of the results file, or else what is shipped, scored now."""
+    """Results to compare with: those in the results file, or else the shipped controllers, scored now."""
     from agents.results.entry import known_in, shipped
     from agents.results.file import read_results
 

@@ -22,7 +22,7 @@ from rollingjoint.errors import ConfigError
 
 __all__ = ["evaluate_controllers", "main"]
 
-MOMENTS = 11  # of an episode, whose floors are drawn
+MOMENTS = 11  # of an episode at which floors are drawn
 OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
 
 

@@ -80,7 +80,7 @@ def _list() -> int:
 
 
 def _export(arguments: argparse.Namespace) -> ShippedPolicy:
-    """The policy of the run folder with its score, after it was written to a file of its own."""
+    """The policy of the run folder with its score, after it was written to a policy file."""
     episodes = episode_count("--episodes", arguments.episodes)
     if not re.fullmatch(r"\w[\w-]{0,63}", arguments.name, re.ASCII):
         raise PolicyError("--name", arguments.name, "letters, digits, _ and -, at most 64")

@@ -1,4 +1,4 @@
-"""Score controllers on robots that nobody modelled: rj robots.
+"""Score controllers on robots outside the training distribution: rj robots.
 
 The command and the public names of agents.studies.robots.
 """

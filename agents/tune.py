@@ -2,11 +2,11 @@
 
 A study is a folder. The same command continues it; several processes may work on it at once.
 
-    study.yaml           what is searched, complete
+    study.yaml           the complete study
     journal.log          every trial (Optuna)
     trials/NNNN/seed-S/  the run folders of the trials, without checkpoints
     best.yaml            the best trial as a configuration for rj train
-    report.md            what was found, with history.png and parameters.png
+    report.md            the results, with history.png and parameters.png
     lock                 held for a moment when a trial begins or ends
 """
 

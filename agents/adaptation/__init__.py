@@ -1,7 +1,7 @@
-"""A few minutes with one robot that nobody modelled: what it is, and controllers that were adapted to it.
+"""A few minutes with one robot outside the training distribution: its identification, and controllers adapted to it.
 
 Modules:
-    robot: robots by number: what each of them is.
+    robot: robots by number.
     contenders: controllers by name, file, run or policy.
     driving: one score per controller, with an interval over robots.
     bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.

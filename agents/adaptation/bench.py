@@ -1,4 +1,4 @@
-"""Robots on the bench: nothing pulls at them, their motors sweep to and fro, and what can be measured is recorded."""
+"""Robots on the bench: unloaded, their motors sweep to and fro, and sensors are recorded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agents.runs.seeds import BENCH
 from rollingjoint.checks import as_integer
 
 CAMERA_MM = 0.2  # standard deviation of a measured tip coordinate
-FIRST_STEPS = 16  # depend on where in the play tendons began, which nobody knows
+FIRST_STEPS = 16  # depend on the unknown place in the play where tendons began
 BENDS_MM, COMMON_MM = (5.0, 8.0), (-0.5, 2.0)  # by which motors pull against each other, and together
 _UNLOADED = {"load": {"link": -1, "force": (0.0, 0.0)}}
 _SILENT = {"sensing": {"pose": "none", "tension_noise": 0.0}}  # the sensors of Instrument-v0 without their noise
@@ -29,7 +29,7 @@ class Recording:
 
     Args:
         seeds: of the episodes, E. motors, tensions: measured, (E, T + 1, m) [mm, N].
-        tips: (E, T + 1, 2) [mm]; None where nobody sees them.
+        tips: (E, T + 1, 2) [mm]; None without a camera.
         running: whether the episode still went on, (E, T + 1): tendons that run out of travel end it.
     """
 
@@ -41,7 +41,7 @@ class Recording:
 
 
 class Bench:
-    """Episodes side by side, unloaded, whose motors follow given paths.
+    """Unloaded episodes side by side in which motors follow given paths.
 
     Args:
         episodes: how many, E.
@@ -55,7 +55,7 @@ class Bench:
         self.n_tendons: int = self.envs.task.mechanism.n_tendons
 
     def follow(self, robot: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
-        """What a robot does while its motors go along paths (E, T, m) [mm] as fast as they can.
+        """Recording of a robot while its motors go along paths (E, T, m) [mm] as fast as they can.
 
         relative: whether paths begin at zero, wherever motors are.
         """
@@ -80,7 +80,7 @@ class Bench:
 
 
 def record(robot: Robot, episodes: int, sees_tip: bool) -> Recording:
-    """Episodes of a robot whose motors sweep to and fro, with seeds that no score uses.
+    """Recording of episodes in which motors sweep to and fro, with seeds that no score uses.
 
     Args:
         robot: the robot. episodes: how many, 1 to 500. sees_tip: whether a camera measures the tip.

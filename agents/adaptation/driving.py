@@ -1,4 +1,4 @@
-"""Episodes on robots that nobody modelled, and the score of a controller."""
+"""Episodes on robots outside the training distribution, and the score of a controller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rollingjoint.checks import as_integer
 WORLD = "rj_gym/Instrument-v0"
 MOST_EPISODES = 1_000  # of a robot
 _LANES = 256
-RUBBING = {"friction": {"mu": 0.0, "shared": False}}  # what controllers can read of it: that nothing rubs
+RUBBING = {"friction": {"mu": 0.0, "shared": False}}  # controllers read from it that there is no friction
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def score_on_robots(
     settings: Mapping[str, Any] | None = None,
     known: bool = False,
 ) -> RobotScore:
-    """Drive every robot through episodes of its own, many side by side, with targets and loads of Instrument-v0.
+    """Drive every robot through its episodes, many side by side, with targets and loads of Instrument-v0.
 
     The controller is told that it drives rj_gym/Instrument-v0: the nominal mechanism, and the ranges of that world.
 

@@ -56,8 +56,8 @@ def fine_tuned(
     """The policy after training on robots as this one may be.
 
     Args:
-        policy: with a memory, of agents.learners. settings: what it sees of Instrument-v0, such as observe_history.
-        identified: what is believed of the robot. plan: of the training. say: called with the loss of every update.
+        policy: with a memory, of agents.learners. settings: of Instrument-v0, such as observe_history.
+        identified: beliefs about the robot. plan: of the training. say: called with the loss of every update.
     Raises:
         ConfigError: a policy of another kind.
     """

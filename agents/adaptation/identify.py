@@ -1,4 +1,4 @@
-"""Identification: the model of a robot under which what was recorded on the bench is most likely.
+"""Identification: the model of a robot under which the recording on the bench is most likely.
 
 Its motors go along the recorded path in the simulator, and its tensions, and tips where a camera saw them, are compared
 with the recorded ones. The most likely numbers given the beliefs BELIEFS (maximum a posteriori) minimise a sum of
@@ -25,8 +25,8 @@ from rollingjoint.chain.presets import five_link
 
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
 EVALUATIONS = 15  # at most, each with its derivatives
-TENSION_SD, TIP_SD = 0.2, 2 * CAMERA_MM  # of what the model leaves: twice the noise of the sensors, N and mm
-LOST = 10.0  # standard deviations: what counts where the model's episode has ended
+TENSION_SD, TIP_SD = 0.2, 2 * CAMERA_MM  # of the residuals: twice the noise of the sensors, N and mm
+LOST = 10.0  # standard deviations: the residual after the end of the model's episode
 REACH = 0.05  # of the differences, in standard deviations of the beliefs
 _FAR = 3.0  # standard deviations: errors beyond count less
 _ENOUGH = 3e-4  # change of the cost at which the search ends, as a share of it
@@ -93,11 +93,11 @@ class Space:
 
 @dataclass(frozen=True)
 class Identified:
-    """What is believed of a robot after the bench.
+    """Beliefs about a robot after the bench.
 
     Args:
         number: of the robot. values: of the twin, (P,) as Space has them. covariance: (P, P).
-        residual: root mean square of what is left, in standard deviations; before: the same of the first belief.
+        residual: root mean square of the residuals, in standard deviations. before: the same of the first belief.
     """
 
     number: int
@@ -124,10 +124,10 @@ class Identified:
 def identify(
     recording: Recording, number: int, evaluations: int = EVALUATIONS, say: Callable[[], object] = lambda: None
 ) -> Identified:
-    """What is believed of a robot after a recording of it.
+    """Beliefs about a robot after a recording of it.
 
     Args:
-        recording: of the robot with this number. evaluations: as many at most.
+        recording: of the robot with this number. evaluations: their largest number.
         say: called at every evaluation of the model with derivatives.
     """
     space, misfit = Space(), _Misfit(recording)
@@ -151,7 +151,7 @@ def identify(
 
 
 class _Misfit:
-    """What a model leaves of a recording, then what it is off the beliefs, all in standard deviations.
+    """Residuals of a model against a recording, then its distances from the beliefs, all in standard deviations.
 
     Robots are vectors of Space minus its means, over its standard deviations.
     """

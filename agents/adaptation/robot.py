@@ -1,7 +1,7 @@
-"""Robots whose play, friction, stiffness, surfaces and motors lie outside the ranges of rj_gym/Instrument-v0.
+"""Robots with play, friction, stiffness, surfaces and motors outside the ranges of rj_gym/Instrument-v0.
 
 Robot k is a function of k alone. Its numbers are drawn once from a generator with a seed of this file, so that the
-robots are the same for everybody; nothing is drawn anew from episode to episode.
+robots are the same everywhere; no number changes from episode to episode.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Robot:
         mu: capstan friction of every tendon in the holes of the chain, (m,).
         play_mm: between motor and tendon, (m,) [mm]. sheath_friction: before the base, phi, (m,).
         stiffness: of the tendons over the nominal one, (m,).
-        motor_offsets: what every motor's length is off, (m,) [mm].
+        motor_offsets: error of every motor's length, (m,) [mm].
         surface_errors: displacement (x, y, angle) of every link's parent and child surface, (n, 2, 3) [mm, rad].
     """
 

@@ -35,7 +35,7 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Plan:
-    """What adapting to a robot takes, and how it is judged.
+    """The effort of adapting to a robot, and the episodes that judge it.
 
     Args:
         episodes: on the bench. sees_tip: whether a camera measures the tip there.
@@ -73,7 +73,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Trial:
-    """One robot: what was identified in how many seconds, and the outcomes by name of the controller."""
+    """One robot: its identification, the seconds that took, and the outcomes by name of the controller."""
 
     robot: Robot
     identified: Identified
@@ -113,8 +113,8 @@ def adaptable(name: str) -> Contender:
 def adapted(name: str, candidate: Contender, identified: Identified, plan: Plan) -> Contender:
     """A controller after adapting to a robot.
 
-    Policies are trained on; opponents are told what was identified, and their settings are searched; other controllers
-    are told.
+    Policies are trained on; opponents are told the identified parameters, and their settings are searched; other
+    controllers are told the parameters.
     """
     if isinstance(candidate.controller, ShippedPolicy):
         from agents.adaptation.fine_tuning import FineTuning, fine_tuned

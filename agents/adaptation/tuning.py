@@ -19,10 +19,10 @@ _PARENTS = 3  # of the best, near which others are tried
 
 
 def tuned(name: str, identified: Identified, tries: int, say: Callable[[float], object] = lambda _: None) -> Informed:
-    """A tuned opponent of Instrument-v0 that knows the twin, with the best settings of so many tries near its own.
+    """A tuned opponent of Instrument-v0 that knows the twin, with the best settings of `tries` near its own.
 
     Args:
-        name: of the opponent. identified: what is believed of the robot.
+        name: of the opponent. identified: beliefs about the robot.
         tries: 0: as it ships. say: called with the error of every try [mm].
     """
     opponent, shipped = opponents_of(WORLD)[name], tuned_settings(WORLD, name)

@@ -18,7 +18,7 @@ from rj_gym.planar.vector import InstrumentVectorEnv
 
 
 class LikelyRobots(InstrumentVectorEnv):
-    """InstrumentVectorEnv whose every reset is to the next of some robots.
+    """InstrumentVectorEnv with the next robot of a sequence at every reset.
 
     Args:
         num_envs: number of lanes. robots: without end. settings: of Instrument-v0, such as observe_history.
@@ -43,7 +43,7 @@ def likely(identified: Identified, seed: int = 0) -> Iterator[Robot]:
 
 
 def simulated_errors(controller: Controller, drawn: Sequence[Robot], episodes: int) -> Array:
-    """Mean tip error over the last steps in so many episodes of each of these robots, (R, episodes) [mm]."""
+    """Mean tip error over the last steps in `episodes` episodes of each of these robots, (R, episodes) [mm]."""
     first = BENCH.start + MOST_EPISODES * drawn[0].number + MOST_EPISODES // 2
     env, seeds = EnvConfig(WORLD, settings=RUBBING), range(first, first + episodes)
     episodes_driven = [run_with_options(env, controller, seeds, [robot.options] * episodes) for robot in drawn]

@@ -3,7 +3,7 @@
 It scores the policies of all finished runs, with --shipped also those that are shipped for other tasks, the baselines
 and the floor in the same episodes, and writes OUT/results.json.gz with every episode's error, OUT/results.md, and its
 pictures OUT/images/results_*. With --from it reads results files instead of run folders, merges them and writes the
-same, with the animations that lie beside these files or are there already. The same runs, or the same files, give the
+same, with the animations in the folders of these files or in OUT. The same runs, or the same files, give the
 same page. With --runs-only it scores further training seeds for a page that has their task and its opponents already.
 """
 
@@ -84,7 +84,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 
 def _merged(arguments: argparse.Namespace) -> Results:
-    """What the files hold; their animations are brought to the page, whose commands end with this one if they merge."""
+    """The content of the files; their animations come to the page, whose commands end with this one if they merge."""
     from agents.results.films import bring_films
     from agents.results.merging import merged
 
@@ -169,14 +169,14 @@ def _write_page(results: Results, out: Path) -> None:
 
 
 def _commands(arguments: argparse.Namespace) -> list[str]:
-    """The commands that rebuild the page: those of the campaigns, where they are known, and this one."""
+    """The commands that rebuild the page: the campaigns' own, where they are known, and this one."""
     typed = [path.read_text("utf-8").strip() for path in sorted(arguments.runs.rglob("command.txt"))]
     campaigns = [text for text in typed if text.startswith(("rj campaign ", "python -m agents.campaign "))]
     return [*campaigns, _typed(arguments)]
 
 
 def _typed(arguments: argparse.Namespace) -> str:
-    """This command, with what changes the page."""
+    """This command, with the arguments that change the page."""
     words = ["--from", *map(str, arguments.files)] if arguments.files else [str(arguments.runs)]
     for name, (default, _) in SIZES.items():
         value = getattr(arguments, name.replace("-", "_"))

@@ -13,7 +13,7 @@ from rollingjoint.chain.hinge import HingeChain
 
 
 def description(config: TaskConfig) -> str:
-    """What the task with these settings is, in a few sentences."""
+    """A task with these settings in a few sentences."""
     mechanism = task_of(config).mechanism
     path = f"follows a path through {config.target.waypoints} points"
     way = "goes to a fixed target" if config.target.process == "fixed" else path
@@ -101,7 +101,7 @@ def _actuation(settings: Any) -> str:
 
 
 def _sensing(settings: Any) -> str:
-    """What is measured, where that is not all of the pose at every step."""
+    """The measured part of the pose; empty where the whole pose is measured at every step."""
     if settings is None:
         return ""
     sight = {"none": "Neither pose nor tip is measured.", "tip": "Of the pose only the tip is measured."}

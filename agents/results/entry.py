@@ -1,4 +1,4 @@
-"""A controller of somebody's own among the results: its episodes as a record, and its row beside the others."""
+"""A user's controller among the results: its episodes as a record, and its row in the table."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Function:
             self.function.reset()
 
     def act(self, seen: Seen) -> NDArray[Any]:
-        """What the function returns, (B, m)."""
+        """The value of the function, (B, m)."""
         return np.asarray(self.function(seen.observation))
 
 
@@ -89,11 +89,11 @@ def enter(
     training_seed: int | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """What controllers do in the episodes of a world, as results of one benchmark.
+    """Results of one benchmark: the episodes of controllers in a world.
 
     Args:
         env: a tracking environment. controllers: by name. title: of the benchmark, where no other results give one.
-        kind: of the controllers. training_seed: of what was trained. command: that made the results.
+        kind: of the controllers. training_seed: of a learned controller. command: that made the results.
     """
     records = []
     for name, controller in controllers.items():
@@ -106,7 +106,7 @@ def enter(
 
 
 def shipped(env: EnvConfig, title: str, world: World) -> Results:
-    """What is shipped, in the same episodes: policies that were trained for this task, and opponents."""
+    """Shipped policies that were trained for this task, and opponents, in the same episodes."""
     key = episodes_key(env)
     policies = [load_policy(name) for name in list_policies()]
     ours: dict[str, Controller] = {

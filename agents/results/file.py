@@ -1,4 +1,4 @@
-"""Results files: JSON with a schema version, and what is read from them.
+"""Results files: JSON with a schema version, written and read.
 
 Errors are written with four digits. docs/enter.md lists the keys.
 """
@@ -20,7 +20,7 @@ from agents.runs.files import write_bytes
 from rollingjoint.errors import ConfigError, RollingJointError
 
 FORMAT, SCHEMA = "rollingjoint results", 1
-FILE = "results.json" + PACKED  # beside a page
+FILE = "results.json" + PACKED  # in the folder of a page
 _DIGITS = 4
 
 
@@ -28,7 +28,7 @@ def read_results(path: str | Path) -> Results:
     """The results in a file, JSON or gzipped JSON.
 
     Raises:
-        ResultsError: a file that cannot be read, one of another schema, or one whose parts do not fit together.
+        ResultsError: a file that cannot be read, one of another schema, or one with parts that do not fit together.
     """
     allowed = "a file that rj results wrote"
     try:

@@ -44,10 +44,10 @@ def three_of_shipped(policy: ShippedPolicy, record: BenchmarkRecord) -> dict[str
 
 
 def bring_films(sources: Mapping[Path, Results], results: Results, out: Path) -> None:
-    """Copy to OUT/images the animations of `results` that lie in images/ beside the files that it was merged from.
+    """Copy to OUT/images the animations of `results` from images/ in the folders of the files that it was merged from.
 
     Args:
-        sources: what these files hold. A file of which the captions say something else is not copied.
+        sources: the content of these files. A file with another caption is not copied.
     """
     captions = {name: caption for films in results.films.values() for name, caption in films.items()}
     for path, source in sources.items():
@@ -82,5 +82,5 @@ def small_animation(frames: Mapping[str, Sequence[Any]]) -> bytes:
 
 
 def _shortened(frames: Sequence[Any], longest: int) -> Sequence[Any]:
-    """At most so many of the pictures, evenly, the last one among them."""
+    """At most `longest` of the pictures, evenly spaced, with the last one."""
     return frames[:: -math.ceil(len(frames) / longest)][::-1]

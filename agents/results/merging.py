@@ -17,7 +17,7 @@ def merged(results: Sequence[Results]) -> Results:
     """All benchmarks, controllers and runs of these results.
 
     Benchmarks with the same episodes become one, as do controllers of the same name and runs of the same training seed.
-    What is in several results is taken from the first of them.
+    Values in several results are taken from the first of them.
 
     Raises:
         ResultsError: a world with other seeds or settings in one than in another, or a run that scored differently.

@@ -88,7 +88,7 @@ class Tables:
         return [part for part in parts if part]
 
     def table(self, standing: Standings) -> str:
-        """A line per controller, and the floor; in other worlds than its own, what that changes beside it."""
+        """A line per controller, and the floor; in other worlds than its own with the change of the mean."""
         is_own = standing is self.worlds[0]
         last = TRAINING if is_own else (CHANGE,)
         more = self._training if is_own else lambda name: self._change(standing, name)
@@ -155,7 +155,7 @@ def summary_table(tables: Sequence[Tables]) -> str:
 
 
 def _anchor(title: str) -> str:
-    """What code hosts make of a heading."""
+    """The anchor that code hosts give to a heading."""
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the results page: learning curves, error over what was varied, distribution of the error."""
+"""Pictures of the results page: learning curves, error over varied settings, distribution of the error."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def lines_of(record: BenchmarkRecord) -> dict[str, str]:
 
 
 def _style(label: str) -> dict[str, Any]:
-    return STYLES.get(label, {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "-."})  # entered by somebody
+    return STYLES.get(label, {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "-."})  # an entered controller
 
 
 def learning_curves(records: Sequence[BenchmarkRecord], over_time: bool) -> bytes:
@@ -121,7 +121,7 @@ def _draw_curve(axes: Axes, controller: ControllerRecord, colour: str, over_time
 
 
 def error_over(axis: str, records: Sequence[BenchmarkRecord]) -> bytes:
-    """PNG: mean tip error over the last 10 steps over what an axis varies; a panel per benchmark that has it."""
+    """PNG: mean tip error over the last 10 steps over the setting of an axis; a panel per benchmark that has it."""
     varied = [record for record in records if _along(record, axis)]
     figure, panels = _panels(len(varied), axis, "mean tip error [mm]")
     for axes, record in zip(panels, varied, strict=True):

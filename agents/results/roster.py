@@ -1,4 +1,4 @@
-"""Which opponents can drive in an environment: those that find in its observation what they need."""
+"""The opponents that can drive in an environment: its observation has every entry that they need."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
 
 
 def is_privileged(controller: object) -> bool:
-    """Whether a controller sees what no robot shows: it says so by an attribute `privileged`."""
+    """True for a controller that sees the true state, which no robot shows: it has a true attribute `privileged`."""
     return bool(getattr(controller, "privileged", False))
 
 
@@ -48,7 +48,7 @@ def env_for(env: EnvConfig, controller: object) -> EnvConfig:
 
 
 def why_impossible(env: EnvConfig, controller: Controller) -> str:
-    """What the controller says against the first observation of an episode, one line; empty if it acts."""
+    """The controller's complaint about the first observation of an episode, one line; empty if it acts."""
     envs = make_vector_env(env, 1)
     try:
         observation, _ = envs.reset(seed=[VALIDATION.start])  # type: ignore[arg-type]

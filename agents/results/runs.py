@@ -23,7 +23,7 @@ from rj_gym import IDS
 from rj_gym.core.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
-SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as rj campaign names it
+SEED = re.compile(r"seed_\d+")  # a run folder below its configuration's folder, as rj campaign names it
 CHECKPOINT = "best"  # the one with the smallest error in the evaluations during training
 
 
@@ -32,7 +32,7 @@ class Run:
     """A finished run: its configuration, its seed, its processor time [s], its evaluations during training.
 
     Args:
-        seconds: with those of the runs that it began from.
+        seconds: including the runs that it began from.
         curve: steps done, mean tip error [mm] and processor time [s] at every evaluation, (3, evaluations).
     """
 
@@ -79,7 +79,7 @@ class Recipe:
 
     @property
     def chosen(self) -> Run:
-        """The run with the smallest error in the evaluations during training: what its `best/` was chosen by."""
+        """The run with the smallest error in the evaluations during training, which also chose its `best/`."""
         same = {run.folder.judged_by for run in self.runs}
         column = same.pop() if len(same) == 1 else "mean_mm"
         return min(self.runs, key=lambda run: min(float(row[column]) for row in read_rows(run.folder.evaluations)))
@@ -177,7 +177,7 @@ def _without_seed(config: TrainConfig) -> str:
 
 
 def recipe_name(folder: Path) -> str:
-    """What to call the configuration of a run folder: CONFIGURATION/seed_K, or a folder of its own name."""
+    """The name of a run folder's configuration: the parent's in CONFIGURATION/seed_K, else the folder's."""
     return _recipe_folder(folder.resolve()).name if SEED.fullmatch(folder.name) else folder.name
 
 
@@ -186,7 +186,7 @@ def _recipe_folder(folder: Path) -> Path:
 
 
 def _title(recipes: Sequence[Recipe]) -> str:
-    """The name of the first configuration without that of its algorithm: ppo_fixed_target -> fixed target."""
+    """The name of the first configuration without its algorithm: ppo_fixed_target -> fixed target."""
     words = recipes[0].name
     for algorithm in sorted((*PARAMETERS, "her"), key=len, reverse=True):
         words = words.removeprefix(f"{algorithm}_")

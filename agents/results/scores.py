@@ -1,4 +1,4 @@
-"""What all controllers of a benchmark do in the same episodes: from run folders to a record."""
+"""All controllers of a benchmark in the same episodes: from run folders to a record."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class _Part:
 
     @property
     def run(self) -> RunFolder | None:
-        """The run whose policy drives; None for a baseline and for floors."""
+        """The run of the driving policy; None for a baseline and for floors."""
         return self.driver if isinstance(self.driver, RunFolder) else None
 
     def __call__(self) -> Driven | Array:
@@ -79,7 +79,7 @@ class Learner:
 
     Args:
         name, training: of its record. runs: the environment and the driver of every run, a run folder or the name of a
-            shipped policy, and what makes its record of what it did in all worlds.
+            shipped policy, and the function from its episodes in all worlds to its record.
     """
 
     name: str
@@ -204,5 +204,5 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
 
 
 def _driven(part: _Part, run: RunFolder | None) -> Driven | Array:
-    """In a worker: the episodes of a part, whose policy is in the folder of `run` on this machine."""
+    """In a worker: the episodes of a part; its policy is in the folder of `run` on this machine."""
     return (part if run is None else replace(part, driver=run))()

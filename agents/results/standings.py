@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Standings:
-    """What a table and a verdict say; the best of a kind are those of the validation episodes.
+    """The content of a table and its verdict; the best of a kind are chosen in the validation episodes.
 
     Args:
         record: the benchmark. world: one of its worlds, complete.

@@ -37,7 +37,7 @@ def verdict_text(standings: Standings) -> str:
 
 
 def change_text(standings: Standings, before: Standings) -> str:
-    """What another world than the task's makes of the best learner and the best opponent; empty where unknown."""
+    """The change of the best learner's and the best opponent's mean in another world; empty where unknown."""
     names = {name: standings.change(name, before) for name in (standings.policy, standings.baseline) if name}
     changes = [
         f"that of {name} by {with_interval(change, signed_percent)} %"
@@ -61,7 +61,7 @@ def _compared(standings: Standings, policy: str, other: str) -> str:
 
 
 def _share(ratio: Interval) -> str:
-    """The ratio in brackets, in per cent; nothing where it is unknown or the opponent hardly has an error."""
+    """The ratio in brackets, in per cent; empty where it is unknown or the opponent hardly has an error."""
     if not all(map(math.isfinite, ratio)) or abs(ratio.value) > 1:
         return ""
     return f" ({with_interval(_size(ratio), percent)} %)"

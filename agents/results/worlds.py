@@ -67,7 +67,7 @@ def task_note(record: BenchmarkRecord) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """A setting whose range an episode draws from, and what its curve is called.
+    """A setting that episodes draw from a range, and the label of its curve.
 
     Args:
         largest: for tasks that lack the setting, but are shifted to it: where the curve ends.

@@ -1,4 +1,4 @@
-"""What a training run is: its configuration, its folder, and what every command needs to handle both.
+"""Training runs: their configuration, their folder, and the tools with which every command handles both.
 
 Modules:
     checked_json: JSON read with limits.
@@ -7,7 +7,7 @@ Modules:
     algorithms: learning algorithms and the hyper-parameters that a configuration may set.
     environment: the environment of a run, how Gymnasium makes it, and the columns of evaluations.csv.
     config: the whole configuration, read from YAML.
-    seeds: which seeds serve for what.
+    seeds: seeds and their purposes.
     files: files that are written whole or not at all; tables read back.
     locks: locks between processes.
     state_file: plain values, arrays and tensors in one safetensors file.

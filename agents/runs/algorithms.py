@@ -138,7 +138,7 @@ def checked_parameters(algorithm: str, parameters: Any, n_envs: int) -> dict[str
 
 
 def check_hindsight(algorithm: str, parameters: Mapping[str, Any], n_envs: int, episode_steps: int | None) -> None:
-    """Accept what hindsight experience replay works with: whole episodes to relabel, single steps to learn from."""
+    """Raise ConfigError unless hindsight replay has whole episodes to relabel and learns from single steps."""
     if algorithm not in HINDSIGHT:
         raise ConfigError("her", algorithm, f"one of the algorithms {', '.join(HINDSIGHT)}", "Else leave `her` out.")
     if parameters.get("n_steps", 1) > 1:

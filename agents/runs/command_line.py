@@ -1,4 +1,4 @@
-"""What the commands share: errors in one line, exit codes, signals, progress bars, the typed command."""
+"""Shared by the commands: errors in one line, exit codes, signals, progress bars, the typed command."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def exit_code(command: Callable[[], int], consent: Consent | None = None, extra:
 
 @contextmanager
 def signals_seen() -> Iterator[list[int]]:
-    """Collects the signals that ask to stop as they arrive, in place of what they do otherwise."""
+    """Collects the signals that ask to stop as they arrive, in place of their usual effect."""
     numbers: list[int] = []
     before = {number: signal.signal(number, lambda arrived, frame: numbers.append(arrived)) for number in STOPPING}
     try:
@@ -81,5 +81,5 @@ def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], again
 
 
 def typed_command(command: str, argv: Sequence[str] | None) -> list[str]:
-    """Words of the command line: `command`, such as "rj train", and its arguments (None: those of this process)."""
+    """Words of the command line: `command`, such as "rj train", and its arguments (None: this process's)."""
     return [*command.split(), *(sys.argv[1:] if argv is None else argv)]

@@ -28,7 +28,7 @@ from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.checked_yaml import text as checked_text
 from rollingjoint.errors import ConfigError
 
-PRIVILEGED = "privileged"  # what rj_gym calls the true state
+PRIVILEGED = "privileged"  # the name of the true state in rj_gym
 _WIDTH = integer(1, 4096)
 _WIDTHS = integers(1, 4096, most=16)
 
@@ -136,7 +136,7 @@ class TrainConfig:
         normalise: running normalisation.
         her: hindsight experience replay (`sac`, `tqc`); null: none.
         residual: name of the controller to whose actions the policy adds its own; null: the policy acts alone.
-        start_from: folder of an earlier run as whose best policy this one starts (`apg`, `distill`), relative to the
+        start_from: folder of an earlier run with whose best policy this one starts (`apg`, `distill`), relative to the
             working directory; null: a fresh policy.
         evaluation: evaluation during training.
         checkpoint_every: steps of all environments together between two checkpoints.
@@ -217,7 +217,7 @@ class TrainConfig:
         return {"training_environments": environments, "evaluation_during_training": self.evaluation.seeds}
 
     def use_of(self, seeds: range) -> str | None:
-        """What the run uses one of these seeds for; None if for nothing."""
+        """The purpose for which the run uses one of these seeds; None without one."""
         return next((use for use, used in self.seeds.items() if overlap(used, seeds)), None)
 
     def check_unused(self, seeds: range) -> None:
@@ -326,7 +326,7 @@ def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _section(values: object, where: str) -> dict[str, Any]:
-    """A copy of a mapping read from YAML; nothing is an empty one."""
+    """A copy of a mapping read from YAML; an empty one for None."""
     if values is not None and not isinstance(values, dict):
         raise ConfigError(where, values, "a mapping of keys to values")
     return dict(values or {})

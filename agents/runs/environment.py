@@ -51,7 +51,7 @@ class EnvConfig:
         self.arguments()
 
     def _check_code(self) -> None:
-        """Raise ConfigError for an id whose environment is code that the command does not allow."""
+        """Raise ConfigError for the id of an environment in code that the command does not allow."""
         module, colon, name = self.id.rpartition(":")
         if colon:
             check_named("env.id", self.id, module)

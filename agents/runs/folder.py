@@ -1,11 +1,11 @@
 """A run folder: everything needed to repeat a training run and to use its policy.
 
     config.yaml          the configuration, complete: environment settings and overrides written in
-    command.txt          what was typed; one more line for every --resume
+    command.txt          the command as typed; one more line for every --resume
     mechanism.yaml       the mechanism, where the environment names a mechanism file
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
-    policy.safetensors   the policy at the end (or where training was stopped), with its normaliser: what commands read
+    policy.safetensors   the policy at the end (or where training was stopped), with its normaliser; commands read it
     policy.parameters.safetensors   in its place, of a policy that has no form in NumPy
     policy.zip           the same with its critic, for programs of yours that use Stable-Baselines3
     normaliser.pkl       its VecNormalize, for the same
@@ -98,7 +98,7 @@ class RunFolder:
                 cls(path)._give_way_to(partial)
             else:
                 if path.exists():
-                    path.rmdir()  # it is empty; Windows moves nothing to where something is
+                    path.rmdir()  # it is empty; Windows does not move onto an existing folder
                 os.replace(partial, path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
@@ -202,7 +202,7 @@ class RunFolder:
 
     @property
     def checkpoint_folders(self) -> list[Path]:
-        """The folders of the checkpoints; others there, whatever they are, are nobody's business."""
+        """The folders of the checkpoints; other folders are ignored."""
         return [path for path in self.checkpoints.glob("[0-9]*") if re.fullmatch("[0-9]{1,18}", path.name)]
 
     @property
@@ -226,7 +226,7 @@ class RunFolder:
 
     @property
     def tables(self) -> tuple[Path, Path]:
-        """What grows during training, sealed when it ends."""
+        """The files that grow during training and are sealed when it ends."""
         return self.evaluations, self.progress
 
     @property

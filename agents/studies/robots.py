@@ -1,6 +1,6 @@
-"""Score controllers on robots that nobody modelled: rj robots.
+"""Score controllers on robots outside the training distribution: rj robots.
 
-Without --controller all that ship for rj_gym/Instrument-v0 are scored. docs/robots.md says what the robots are.
+Without --controller all that ship for rj_gym/Instrument-v0 are scored. docs/robots.md describes the robots.
 """
 
 from __future__ import annotations
