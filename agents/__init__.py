@@ -12,7 +12,8 @@ Modules:
     executors: where work units run: processes of this machine, or a Ray cluster.
     runs: what a run is: configuration and folder.
     evaluation: controllers, episodes, scores, floors.
-    baselines: controllers to compare with.
+    controllers: controllers that are programmed, from model inverses to banks of filters.
+    baselines: the former name of controllers.
     policies: shipped policies and their files.
     training: from a configuration to a run folder.
     learners: learners of our own.

@@ -83,7 +83,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
-    from agents.baselines.residual import controllers_in
+    from agents.controllers.residual import controllers_in
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving

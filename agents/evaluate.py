@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from agents.baselines import baselines, without_baselines
+from agents.controllers import baselines, without_baselines
 from agents.evaluation.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor

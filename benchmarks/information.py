@@ -24,7 +24,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.baselines.opponents import opponents
+from agents.controllers.opponents import opponents
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy

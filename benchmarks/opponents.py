@@ -10,7 +10,7 @@ import argparse
 import time
 from collections.abc import Sequence
 
-from agents.baselines.opponents import opponents
+from agents.controllers.opponents import opponents
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint import set_threads

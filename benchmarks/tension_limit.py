@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from agents.baselines.opponents import opponents
+from agents.controllers.opponents import opponents
 from agents.evaluation.controller import Controller, Seen
 from agents.evaluation.rollout import LAST_STEPS
 from agents.results.statistics import Bootstrap

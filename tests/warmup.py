@@ -5,9 +5,9 @@ import numpy as np
 from rollingjoint.warmup import Group
 
 
-def baselines() -> None:
+def controllers() -> None:
     """Let the opponents of learning act in the world of instruments and in that of slow cameras."""
-    from agents.baselines.opponents import opponents
+    from agents.controllers.opponents import opponents
     from agents.evaluation.controller import Seen
     from agents.runs.environment import EnvConfig
     from rj_gym.core.registry import task_of
@@ -22,4 +22,4 @@ def baselines() -> None:
                 controller.act(Seen(seen.astype(np.float32), task))
 
 
-GROUPS = (Group("the baselines", baselines, after="the planar environments", family="planar"),)
+GROUPS = (Group("the controllers", controllers, after="the planar environments", family="planar"),)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from agents.adaptation.identify import Identified
-from agents.baselines.filter_feedback import FilterFeedback
+from agents.controllers.filter_feedback import FilterFeedback
 from agents.evaluation.controller import Array, Controller, Seen
 from rj_gym.core.settings import Range
 from rj_gym.core.tracking_task import TrackingTask

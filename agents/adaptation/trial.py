@@ -14,7 +14,7 @@ from agents.adaptation.bench import record
 from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
 from agents.adaptation.tuning import tuned
-from agents.baselines.opponents import opponents_of
+from agents.controllers.opponents import opponents_of
 from agents.evaluation.controller import Array
 from agents.policies.export import export_run
 from agents.policies.shipped import ShippedPolicy

@@ -10,8 +10,8 @@ import numpy as np
 from agents.adaptation.identify import Identified
 from agents.adaptation.informed import Informed
 from agents.adaptation.world import likely, simulated_errors
-from agents.baselines.opponents import opponents_of, tuned_settings
-from agents.baselines.search_space import Settings, settings_near, with_settings
+from agents.controllers.opponents import opponents_of, tuned_settings
+from agents.controllers.search_space import Settings, settings_near, with_settings
 from agents.robots.driving import WORLD
 
 ROBOTS, EPISODES = 2, 16  # that every try drives in simulation

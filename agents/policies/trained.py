@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from agents.baselines.residual import driving
+from agents.controllers.residual import driving
 from agents.evaluation.controller import Controller, Seen
 from agents.evaluation.policy import Policy
 from agents.policies.base import PolicyNetwork

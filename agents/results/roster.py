@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import cast
 
-from agents.baselines.opponents import WORLDS
-from agents.baselines.privileged_teacher import PrivilegedTeacher
-from agents.baselines.residual import controllers_in
+from agents.controllers.opponents import WORLDS
+from agents.controllers.privileged_teacher import PrivilegedTeacher
+from agents.controllers.residual import controllers_in
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import VALIDATION

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from agents.baselines.opponents import opponents
-from agents.baselines.privileged_teacher import PrivilegedTeacher
+from agents.controllers.opponents import opponents
+from agents.controllers.privileged_teacher import PrivilegedTeacher
 from agents.evaluation.controller import Controller
 from agents.policies.file import SUFFIX
 from agents.policies.loading import list_policies, load_policy

@@ -11,7 +11,7 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
-from agents.baselines.residual import advice_size, guide_named
+from agents.controllers.residual import advice_size, guide_named
 from agents.policies.parameters import network_arguments, policy_name
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.config import TrainConfig

@@ -11,7 +11,7 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.baselines.residual import driving
+from agents.controllers.residual import driving
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.policies.trained import policy_of
 from agents.runs.command_line import progress_bar

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from agents.baselines.residual import Guide, together, with_advice
+from agents.controllers.residual import Guide, together, with_advice
 from agents.evaluation.controller import Seen
 from rj_gym.core.tracking_task import TrackingTask
 

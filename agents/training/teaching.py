@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from agents.baselines.residual import advice_size, controllers_in
+from agents.controllers.residual import advice_size, controllers_in
 from agents.evaluation.controller import Controller, Seen
 from agents.runs.environment import EnvConfig
 from rj_gym.core.vector import TaskVectorEnv

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
-from agents.baselines import NEED_POSES
+from agents.controllers import NEED_POSES
 from agents.evaluation.controller import Array, Controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy

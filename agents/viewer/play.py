@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines import OpenLoop
+from agents.controllers import OpenLoop
 from agents.evaluation.controller import Array, Seen
 from agents.runs.environment import EnvConfig
 from agents.viewer.drive import Drive, Film

@@ -26,7 +26,7 @@ MODULES = (
     "agents.shipped",
     "agents.evaluate",
     "agents.evaluation.controller",
-    "agents.baselines",
+    "agents.controllers",
     "agents.dataset",
     "agents.results",
     "agents.robots",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents import enter
-from agents.baselines import OpenLoop, baselines
+from agents.controllers import OpenLoop, baselines
 from agents.evaluation.rollout import run_episodes
 from agents.results import __main__ as results
 from agents.results import read_results
@@ -115,14 +115,14 @@ def test_other_settings_are_another_benchmark_with_a_title_of_its_own(workshop, 
 def test_functions_and_controllers_and_what_makes_them_can_be_entered(tmp_path):
     path = tmp_path / "some.py"
     path.write_text(
-        "import numpy as np\nfrom agents.baselines import DoNothing\nfrom beside import SIZE\n"
+        "import numpy as np\nfrom agents.controllers import DoNothing\nfrom beside import SIZE\n"
         "ready = DoNothing()\n"
         "def zeros(): return lambda observation: np.zeros((len(observation), SIZE))\n"
         "def seven(): return 7\n"
         "broken = 1 / len([]) if SIZE < 0 else None\n"
     )
     (tmp_path / "beside.py").write_text("SIZE = 2\n")
-    expected = run_episodes(EnvConfig(), load_entrant("agents.baselines:DoNothing"), range(3)).errors
+    expected = run_episodes(EnvConfig(), load_entrant("agents.controllers:DoNothing"), range(3)).errors
     for name in ("ready", "zeros", "DoNothing"):
         found = load_entrant(f"{path}:{name}")
         assert isinstance(found, Function) == (name == "zeros")

@@ -17,7 +17,7 @@ from agents.adaptation.informed import Informed
 from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
 from agents.adaptation.twin import BELIEFS, Space
 from agents.adaptation.world import LikelyRobots, likely
-from agents.baselines.opponents import opponents
+from agents.controllers.opponents import opponents
 from agents.evaluation.controller import Seen
 from agents.learners.episodes import Played
 from agents.learners.recurrent import RecurrentActor

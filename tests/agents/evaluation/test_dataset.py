@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import dataset
-from agents.baselines import DoNothing, JacobianFeedback
+from agents.controllers import DoNothing, JacobianFeedback
 from agents.evaluation import minari_dataset, recording
 from agents.evaluation.minari_dataset import read_dataset, write_dataset
 from agents.evaluation.recording import record_episodes
@@ -164,7 +164,7 @@ CONTROLLERS = {
     "late_pose": "rj_gym/LatePose-v0",  # with memory, and in its own environment
     "agents/policies/noisy.safetensors": "rj_gym/RollingJoint-v0",
     "load estimate": "rj_gym/RollingJoint-v0",
-    "agents.baselines.privileged_teacher:PrivilegedTeacher": "rj_gym/RollingJoint-v0",
+    "agents.controllers.privileged_teacher:PrivilegedTeacher": "rj_gym/RollingJoint-v0",
 }
 
 

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines import DoNothing, JacobianFeedback
+from agents.controllers import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy

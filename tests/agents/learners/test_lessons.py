@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.baselines.opponents import opponents
+from agents.controllers.opponents import opponents
 from agents.evaluation.controller import Seen
 from agents.learners.episodes import DifferentiableEpisodes
 from agents.runs.config import TrainConfig

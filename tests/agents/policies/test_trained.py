@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines.residual import driving
+from agents.controllers.residual import driving
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import run_episodes

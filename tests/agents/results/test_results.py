@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from scipy.stats import trim_mean
 
-from agents.baselines import baselines
-from agents.baselines.opponents import opponents
+from agents.controllers import baselines
+from agents.controllers.opponents import opponents
 from agents.evaluate import evaluate_controllers
 from agents.executors.folders import FILES, files_of
 from agents.executors.local import InlineExecutor

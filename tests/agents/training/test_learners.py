@@ -12,8 +12,8 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents import evaluate, train
-from agents.baselines import OpenLoop
-from agents.baselines.residual import Guide, ResidualPolicy, driving
+from agents.controllers import OpenLoop
+from agents.controllers.residual import Guide, ResidualPolicy, driving
 from agents.evaluation.controller import Seen
 from agents.evaluation.policy import Policy, model_input
 from agents.evaluation.rollout import run_episodes

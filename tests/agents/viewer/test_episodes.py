@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import JacobianFeedback
 from agents.policies.loading import load_policy
 from agents.policies.trained import TrainedPolicy
 from agents.runs.config import TrainConfig

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import JacobianFeedback
 from agents.evaluation.rollout import run_episodes
 from agents.results.roster import opponents
 from agents.runs.environment import EnvConfig

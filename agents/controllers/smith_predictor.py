@@ -1,0 +1,82 @@
+"""A Smith predictor: Jacobian feedback on the pose that the model predicts from the last picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.controllers.jacobian_feedback import JacobianFeedback
+from agents.controllers.measured import unstretched
+from agents.controllers.measured_chain import measured_equilibrium
+from agents.evaluation.controller import Array, Seen
+from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint.chain.solution import Solution
+from rollingjoint.statics.solve import solve_lengths_batch
+
+
+@dataclass
+class Picture:
+    """What was measured when the last pictures of B episodes were taken; rows change as new ones come.
+
+    Args:
+        joint_angles: (B, n - 1) [rad]. tensions: (B, m) [N]. tip: (B, 2) [mm].
+        tendons: commands behind the play, (B, m) [mm].
+    """
+
+    joint_angles: Array
+    tensions: Array
+    tip: Array
+    tendons: Array
+
+
+class SmithPredictor(JacobianFeedback):
+    """Jacobian feedback on the pose now, which the model predicts from the last picture and the commands since then.
+
+    The load is unknown: the moments that balance the tendons at the time of the picture are taken to stay. Of what the
+    model's tip was off in the picture, the prediction keeps the share TRUST.
+
+    Args:
+        settings: as of JacobianFeedback; with pictures that are never late it is the same controller.
+    """
+
+    TRUST = 0.5  # of a measured tip against that of the measured angles
+
+    def begin(self, task: TrackingTask, episodes: int) -> None:
+        """Reset: no picture, nothing measured."""
+        super().begin(task, episodes)
+        self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first
+        self.picture: Picture | None = None
+
+    def error(self, seen: Seen) -> Array:
+        """Target minus predicted tip, (B, 2) [mm]."""
+        limits = self.task.config.tension_range
+        self.past = [(self.play.tendons, np.clip(seen.tensions, *limits)), *self.past][: self._remembered]
+        picture = self._look(seen)
+        then = measured_equilibrium(self.task.mechanism, picture)
+        commands = unstretched(then) + self.play.tendons - picture.tendons
+        self.model: Equilibrium = solve_lengths_batch(self.task.mechanism, commands, then.loads, then, limits)
+        predicted = self.model.tip + self.TRUST * (picture.tip - then.tip)
+        return seen.target - np.where(np.asarray(self.model.ok)[:, None], predicted, picture.tip)
+
+    def increments(self, seen: Seen, way: Array) -> Array:
+        """Changes of the commanded lengths that move the tip by `way` (B, 2), (B, m) both [mm]."""
+        model: Solution = self.model
+        return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
+
+    @property
+    def _remembered(self) -> int:
+        return self.task.config.sensing.delay + 1
+
+    def _look(self, seen: Seen) -> Picture:
+        """The last pictures, with those that are new in this step."""
+        ages = np.minimum(np.rint(seen.picture_age).astype(int), len(self.past) - 1)
+        tendons, tensions = (np.stack(series)[ages, np.arange(len(ages))] for series in zip(*self.past, strict=True))
+        now = Picture(seen.joint_angles, tensions, seen.tip, tendons)
+        if self.picture is None:
+            self.picture = now
+        for name, values in vars(now).items():
+            before = getattr(self.picture, name)
+            setattr(self.picture, name, np.where(seen.picture_is_new[:, None], values, before))
+        return self.picture
