@@ -21,7 +21,7 @@ from agents.runs.seeds import DATA
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agents.evaluation.controller import Controller
+    from agents.controllers.controller import Controller
     from agents.evaluation.minari_dataset import read_dataset, write_dataset
 
 __all__ = ["main", "read_dataset", "write_dataset"]
@@ -57,9 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.controllers.controller import env_for
     from agents.evaluation.minari_dataset import write_dataset
     from agents.evaluation.recording import ERROR
-    from agents.results.roster import env_for
 
     controller, env = _named(arguments.controller, arguments.env)
     env = env_for(replace(env, settings=apply_overrides(dict(env.settings), arguments.set)), controller)

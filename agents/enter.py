@@ -1,7 +1,7 @@
 """Score a controller of your own on the seeds of a benchmark: python -m agents.enter FILE.py:NAME --env ID.
 
-NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
-or one that makes a function from observations to actions. Its episodes go into a results file, which agents.results
+NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one that
+makes a function from observations to actions. Its episodes go into a results file, which agents.results
 merges with others, and a table shows it beside what is known of the same episodes. docs/enter.md shows how.
 """
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from agents.controllers import baselines, without_baselines
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
@@ -23,7 +23,7 @@ from rollingjoint.errors import ConfigError
 __all__ = ["evaluate_controllers", "main"]
 
 MOMENTS = 11  # of an episode, whose floors are drawn
-OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
+OWN = "one more controller to compare, as described in agents.controllers.controller; repeatable"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

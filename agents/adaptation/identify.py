@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
 from agents.adaptation.twin import Space
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.robots.driving import MOST_EPISODES
 from agents.robots.robot import Robot
 

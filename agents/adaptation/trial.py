@@ -14,8 +14,8 @@ from agents.adaptation.bench import record
 from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
 from agents.adaptation.tuning import tuned
-from agents.controllers.opponents import opponents_of
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
+from agents.controllers.tuned import tunable_in
 from agents.policies.export import export_run
 from agents.policies.shipped import ShippedPolicy
 from agents.results.roster import is_privileged
@@ -121,7 +121,7 @@ def adapted(name: str, one: Contender, identified: Identified, plan: Plan) -> Co
         with progress_bar(plan.updates, " updates", leave=False) as bar:
             found = fine_tuned(policy, one.settings, identified, some, lambda loss: bar.update())
         return replace(one, controller=found)
-    if name in opponents_of(WORLD):
+    if name in tunable_in(WORLD):
         with progress_bar(plan.tries, " tries", leave=False) as bar:
             return replace(one, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
     return replace(one, controller=Informed(one.controller, identified))

@@ -10,8 +10,8 @@ import numpy as np
 from agents.adaptation.identify import Identified
 from agents.adaptation.informed import Informed
 from agents.adaptation.world import likely, simulated_errors
-from agents.controllers.opponents import opponents_of, tuned_settings
 from agents.controllers.search_space import Settings, settings_near, with_settings
+from agents.controllers.tuned import tunable_in, tuned_settings
 from agents.robots.driving import WORLD
 
 ROBOTS, EPISODES = 2, 16  # that every try drives in simulation
@@ -25,7 +25,7 @@ def tuned(name: str, identified: Identified, tries: int, say: Callable[[float], 
         name: of the opponent. identified: what is believed of the robot.
         tries: 0: as it ships. say: called with the error of every try [mm].
     """
-    opponent, shipped = opponents_of(WORLD)[name], tuned_settings(WORLD, name)
+    opponent, shipped = tunable_in(WORLD)[name], tuned_settings(WORLD, name)
     rng, drawn = np.random.default_rng(identified.number), list(islice(likely(identified, seed=1), ROBOTS))
 
     def made(settings: Settings) -> Informed:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.robots.robot import Robot
 from rollingjoint.chain.presets import five_link
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.adaptation.identify import Identified
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller
 from agents.evaluation.rollout import run_with_options
 from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.robots.robot import Robot

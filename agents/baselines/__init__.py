@@ -6,24 +6,28 @@ Modules:
 
 import sys
 from importlib import import_module
+from typing import Any
 
-from agents.controllers import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
+from agents import controllers
 
-__all__ = ["DoNothing", "JacobianFeedback", "LoadEstimate", "OpenLoop", "Predictive", "baselines"]
+_MODULES = {
+    "do_nothing": "controller",
+    "feedback_settings": "steps",
+    "filter_feedback": "filter_feedback",
+    "filter_predictive": "filter_feedback",
+    "friction_open_loop": "open_loop",
+    "jacobian_feedback": "jacobian_feedback",
+    "load_estimate": "predictive",
+    "open_loop": "open_loop",
+    "opponents": "tuned",
+    "predictive": "predictive",
+    "privileged_teacher": "privileged_feedback",
+    "residual": "residual",
+    "smith_predictor": "smith_predictor",
+}
+_modules = {name: import_module(f"agents.controllers.{place}") for name, place in _MODULES.items()}
+sys.modules |= {f"{__name__}.{name}": module for name, module in _modules.items()}
 
-_MODULES = (
-    "do_nothing",
-    "feedback_settings",
-    "filter_feedback",
-    "filter_predictive",
-    "friction_open_loop",
-    "jacobian_feedback",
-    "load_estimate",
-    "open_loop",
-    "opponents",
-    "predictive",
-    "privileged_teacher",
-    "residual",
-    "smith_predictor",
-)
-sys.modules |= {f"{__name__}.{name}": import_module(f"agents.controllers.{name}") for name in _MODULES}
+
+def __getattr__(name: str) -> Any:
+    return getattr(controllers, name)

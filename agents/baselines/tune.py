@@ -1,8 +1,8 @@
-"""The former name of the command python -m agents.controllers.tune."""
+"""The former name of the command python -m agents.tuning.controllers."""
 
 import sys
 
-from agents.controllers.tune import main
+from agents.tuning.controllers import main
 
 if __name__ == "__main__":
     sys.exit(main())

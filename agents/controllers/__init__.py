@@ -1,42 +1,44 @@
-"""Controllers to compare a policy with, one per file: examples of how to plug in one's own.
+"""Controllers: anything that maps observations to actions. Each file is an example of how to write one's own.
 
-All see nothing but the observation, and know the mechanism as it is before anything is randomised.
+All but those that are marked as privileged see nothing but the observation, and know the mechanism as it is before
+anything is randomised.
 
 Modules:
-    do_nothing: no increments.
-    open_loop: the model inverse, without feedback.
-    friction_open_loop: the same where tendons rub.
+    controller: the protocol, readings of observations, and the controller that does nothing.
+    open_loop: the model inverse, without feedback; also where tendons rub.
     jacobian_feedback: damped resolved rate.
     smith_predictor: the same on the pose that the model predicts from a late picture.
-    load_estimate: the same under the estimated load.
-    predictive: model-predictive control over one step.
+    predictive: the same under the estimated load, and model-predictive control over one step.
     filters: banks of Kalman filters.
-    filter_feedback: Jacobian feedback on what they estimate.
-    filter_predictive: predictive control on it.
-    privileged_teacher: Jacobian feedback on the true state.
-    opponents: the opponents of learning in every world, with tuned settings from tuned.yaml.
-    tune: the command that tunes them.
+    filter_feedback: Jacobian feedback, and predictive control, on their estimates.
+    privileged_feedback: Jacobian feedback on the true state.
+    policy: a model of Stable-Baselines3.
+    residual: a controller and a learned policy that adds to its actions.
+    tuned: a table of controllers by world, with tuned settings from tuned.yaml.
     search_space: where their settings are searched.
-    feedback_settings: settings of feedback.
+    measured: the model of a mechanism at its measurements.
+    steps: responses of a model, bounded steps on them, and the settings of feedback.
     kernels: moves of tendons and motors, compiled.
-    assumed_play: tendons behind a play of assumed width.
-    measured: the model of a mechanism where it was measured.
-    measured_chain: that of a planar chain.
-    measured_arm: that of a flexible arm.
-    model_inverse: tensions that put the model's tip nearest to a target.
-    residual: a controller and what a learned policy adds to it.
-    responses: how tip and tensions respond to tendon increments.
 """
 
-from agents.controllers.do_nothing import DoNothing
+from agents.controllers.controller import Controller, DoNothing, FunctionController, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
-from agents.controllers.load_estimate import LoadEstimate
 from agents.controllers.open_loop import OpenLoop
-from agents.controllers.predictive import Predictive
-from agents.evaluation.controller import Controller
+from agents.controllers.predictive import LoadEstimate, Predictive
 from rj_gym.core.config import TaskConfig
 
-__all__ = ["DoNothing", "JacobianFeedback", "LoadEstimate", "OpenLoop", "Predictive", "baselines", "without_baselines"]
+__all__ = [
+    "Controller",
+    "DoNothing",
+    "FunctionController",
+    "JacobianFeedback",
+    "LoadEstimate",
+    "OpenLoop",
+    "Predictive",
+    "Reading",
+    "baselines",
+    "without_baselines",
+]
 
 
 NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
@@ -44,7 +46,7 @@ NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
 
 
 def baselines(poses: bool = True) -> dict[str, Controller]:
-    """A new one of each, by the name that reports give it; without measured `poses`, of those that need none."""
+    """A new one of each that needs no tuning, by its name in reports; without `poses`, of those that need none."""
     each: dict[str, Controller] = {
         "predictive": Predictive(),
         "load estimate": LoadEstimate(),
@@ -56,7 +58,7 @@ def baselines(poses: bool = True) -> dict[str, Controller]:
 
 
 def without_baselines(config: TaskConfig) -> str:
-    """Why some baselines cannot drive a tracking environment, one line; empty where all can."""
+    """Why some of them cannot drive a tracking environment, one line; empty where all can."""
     if config.sees_all:
         return ""
     pose, names = config.sensing.pose, ", ".join(NEED_POSES)

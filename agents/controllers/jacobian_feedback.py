@@ -2,18 +2,61 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from agents.controllers.assumed_play import AssumedPlay
-from agents.controllers.feedback_settings import KEEP, FeedbackSettings, tensions_within_margin
+from agents.controllers.controller import Array, Controller, Mask, Reading, restarted
+from agents.controllers.kernels import cross_play
 from agents.controllers.measured import measured_by
-from agents.controllers.responses import bounded_step, length_responses
-from agents.evaluation.controller import Array, Seen
+from agents.controllers.steps import (
+    KEEP,
+    FeedbackSettings,
+    TargetMotion,
+    bounded_step,
+    length_responses,
+    pulling_in,
+    tensions_within_margin,
+)
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.chain.solution import Solution
+from rollingjoint.transmission import play_step
 
 
-class JacobianFeedback:
+class AssumedPlay:
+    """Where tendons are that follow their motors by the play operator, of one half width for all; 0 is no play.
+
+    Args:
+        settings: `half_width_mm`, and how motors cross the play.
+    """
+
+    def __init__(self, settings: FeedbackSettings) -> None:
+        self.settings = settings
+        self.motors = self.tendons = np.empty(0)
+
+    def reset(self, mask: Mask, n_tendons: int) -> None:
+        """Forget the motors of the episodes of the mask, (B,)."""
+        unknown = np.full((len(mask), n_tendons), np.nan)
+        self.motors, self.tendons = (restarted(each, mask, unknown) for each in (self.motors, self.tendons))
+
+    def follow(self, motors: Array) -> Array:
+        """Commands of the tendons, (B, m) [mm], when the motors are there; they begin in the middle of the play."""
+        half = self.settings.half_width_mm
+        self.tendons = np.where(np.isnan(self.motors), motors, play_step(self.tendons, motors, half))
+        self.motors = motors
+        return self.tendons
+
+    def motor_moves(self, increments: Array) -> Array:
+        """Moves of the motors that move the tendons by these increments, (B, m) both [mm]."""
+        some = self.settings
+        if some.half_width_mm == 0.0:
+            return increments
+        moves, half = np.empty_like(increments), np.full_like(increments, some.half_width_mm)
+        cross_play(increments, self.tendons, self.motors, half, some.dead_band_mm, some.crossing, moves)
+        return moves
+
+
+class JacobianFeedback(Controller):
     """Damped resolved rate: tip error to tendon increments by the model's Jacobian at the measured pose, load unknown.
 
     The increments d minimise |error - J d|² + stiffen² |wanted - tensions - K d|² + damping² |d|² within the action's
@@ -29,30 +72,35 @@ class JacobianFeedback:
 
     def __init__(self, settings: FeedbackSettings | None = None) -> None:
         self.settings = settings or FeedbackSettings()
+        self.play, self.motion = AssumedPlay(self.settings), TargetMotion()
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Reset: the motion of the target is unknown."""
-        self.task, self.tension_range = task, tensions_within_margin(task.config.tension_range)
-        self.measured = measured_by(task, episodes)
-        self.play = AssumedPlay(self.settings)
-        self.target: Array | None = None
+    def bind(self, task: TrackingTask | None) -> None:
+        """Take over the task, and its model."""
+        super().bind(task)
+        self.tension_range = tensions_within_margin(self.task.config.tension_range)
+        self.measured = measured_by(self.task)
 
-    def act(self, seen: Seen) -> Array:
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,): the motion of the target is unknown."""
+        self.measured.reset(mask)
+        self.play.reset(mask, self.task.mechanism.n_tendons)
+        self.motion.reset(mask, self.task.dimension)
+
+    def act(self, observations: Any) -> Array:
         """Tendon increments against the error, and ahead with the target as it moved in the last step, (B, m)."""
-        before = seen.target if self.target is None else self.target
-        self.target = seen.target
-        self.play.follow(seen.commands)
-        way = self.settings.gain * self.error(seen) + (self.target - before)
-        moves = self.play.motor_moves(self.increments(seen, way))
-        return np.clip(-moves / self.task.config.action_scale_mm, -1.0, 1.0)
+        reading = self.read(observations)
+        self.play.follow(reading.commands)
+        way = self.settings.gain * self.error(reading) + self.motion.since_last(reading.target)
+        moves = self.play.motor_moves(self.increments(reading, way))
+        return pulling_in(moves, self.task.config.action_scale_mm)
 
-    def error(self, seen: Seen) -> Array:
+    def error(self, reading: Reading) -> Array:
         """Where the tip should go from where it is taken to be, (B, d) [mm]."""
-        return seen.error
+        return reading.error
 
-    def increments(self, seen: Seen, way: Array) -> Array:
+    def increments(self, reading: Reading, way: Array) -> Array:
         """Changes of the commanded lengths that move the tip by `way` (B, d), (B, m) both [mm]."""
-        model = self.measured.unloaded(seen)
+        model = self.measured.unloaded(reading)
         return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
 
     def wanted(self, model: Solution) -> Array:

@@ -1,4 +1,4 @@
-"""Where the settings of an opponent are searched: numbers and choices by the place of a setting."""
+"""Where the settings of a controller are searched: numbers and choices by the place of a setting."""
 
 from __future__ import annotations
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.controllers.controller import Array, Mask, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
-from agents.controllers.measured import unstretched
-from agents.controllers.measured_chain import measured_equilibrium
-from agents.evaluation.controller import Array, Seen
-from rj_gym.core.tracking_task import TrackingTask
+from agents.controllers.measured import measured_equilibrium, unstretched
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.solution import Solution
 from rollingjoint.statics.solve import solve_lengths_batch
@@ -43,24 +41,26 @@ class SmithPredictor(JacobianFeedback):
 
     TRUST = 0.5  # of a measured tip against that of the measured angles
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Reset: no picture, nothing measured."""
-        super().begin(task, episodes)
-        self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first
-        self.picture: Picture | None = None
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,): no picture, nothing measured."""
+        super().reset(mask)
+        if mask.all():
+            self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first
+            self.picture: Picture | None = None
+        self._blind = mask.copy()  # whose first picture is still to come
 
-    def error(self, seen: Seen) -> Array:
+    def error(self, reading: Reading) -> Array:
         """Target minus predicted tip, (B, 2) [mm]."""
         limits = self.task.config.tension_range
-        self.past = [(self.play.tendons, np.clip(seen.tensions, *limits)), *self.past][: self._remembered]
-        picture = self._look(seen)
+        self.past = [(self.play.tendons, np.clip(reading.tensions, *limits)), *self.past][: self._remembered]
+        picture = self._look(reading)
         then = measured_equilibrium(self.task.mechanism, picture)
         commands = unstretched(then) + self.play.tendons - picture.tendons
         self.model: Equilibrium = solve_lengths_batch(self.task.mechanism, commands, then.loads, then, limits)
         predicted = self.model.tip + self.TRUST * (picture.tip - then.tip)
-        return seen.target - np.where(np.asarray(self.model.ok)[:, None], predicted, picture.tip)
+        return reading.target - np.where(np.asarray(self.model.ok)[:, None], predicted, picture.tip)
 
-    def increments(self, seen: Seen, way: Array) -> Array:
+    def increments(self, reading: Reading, way: Array) -> Array:
         """Changes of the commanded lengths that move the tip by `way` (B, 2), (B, m) both [mm]."""
         model: Solution = self.model
         return self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
@@ -69,14 +69,14 @@ class SmithPredictor(JacobianFeedback):
     def _remembered(self) -> int:
         return self.task.config.sensing.delay + 1
 
-    def _look(self, seen: Seen) -> Picture:
+    def _look(self, reading: Reading) -> Picture:
         """The last pictures, with those that are new in this step."""
-        ages = np.minimum(np.rint(seen.picture_age).astype(int), len(self.past) - 1)
+        ages = np.minimum(np.rint(reading.picture_age).astype(int), len(self.past) - 1)
         tendons, tensions = (np.stack(series)[ages, np.arange(len(ages))] for series in zip(*self.past, strict=True))
-        now = Picture(seen.joint_angles, tensions, seen.tip, tendons)
+        now = Picture(reading.joint_angles, tensions, reading.tip, tendons)
         if self.picture is None:
             self.picture = now
+        new, self._blind = (reading.picture_is_new | self._blind)[:, None], np.zeros_like(self._blind)
         for name, values in vars(now).items():
-            before = getattr(self.picture, name)
-            setattr(self.picture, name, np.where(seen.picture_is_new[:, None], values, before))
+            setattr(self.picture, name, np.where(new, values, getattr(self.picture, name)))
         return self.picture

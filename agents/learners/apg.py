@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import FloatSchedule
 from agents.learners.demonstrations import Demonstrations, Demonstrator
 from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
-from agents.learners.learner import Episodes, advisor, native_env
+from agents.learners.learner import Episodes, base_of, native_env
 from agents.learners.policy import RecurrentPolicy
 
 
@@ -82,7 +82,7 @@ class APG(Distill):
             self.lr_schedule = _RateOfLessons(FloatSchedule(self.lessons_rate), self.lessons, self.lr_schedule)
 
     def _episodes(self) -> Episodes:
-        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, advisor(self.env))
+        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, base_of(self.env))
         return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
 
     def loss(self, played: Played) -> torch.Tensor:

@@ -11,14 +11,14 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
-from agents.controllers.residual import advice_size, guide_named
+from agents.controllers.residual import base_controller, output_size
 from agents.policies.parameters import network_arguments, policy_name
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
-from agents.training.residual import AdvisedVecEnv
+from agents.training.residual import ResidualVecEnv
 from agents.training.teaching import ControllerTeacher
 from rj_gym.core.registry import task_of
 from rj_gym.sb3 import make_sb3_env
@@ -37,10 +37,10 @@ def make_training_env(config: EnvConfig) -> VecEnv:
     return VecMonitor(envs, info_keywords=("error_mm",))
 
 
-def _advised(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
-    """The lanes with the advice of a controller; raises ConfigError for one that cannot act there."""
+def _on_top_of(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
+    """The lanes with the outputs of a controller; raises ConfigError for one that cannot act there."""
     try:
-        return AdvisedVecEnv(envs, partial(guide_named, controller, config.id), advice_size(controller, config))
+        return ResidualVecEnv(envs, partial(base_controller, controller, config.id), output_size(controller, config))
     except ConfigError:
         envs.close()
         raise
@@ -63,7 +63,7 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     torch.set_num_threads(config.torch_threads)
     env = make_training_env(config.training_env)
     if config.residual is not None:
-        env = _advised(env, config.residual, config.env)
+        env = _on_top_of(env, config.residual, config.env)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)

@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from agents.controllers.residual import advice_size, controllers_in
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller, saturated
+from agents.controllers.residual import controllers_in, output_size
 from agents.runs.environment import EnvConfig
 from rj_gym.core.vector import TaskVectorEnv
 
@@ -26,7 +26,7 @@ class ControllerTeacher:
     @classmethod
     def named(cls, name: str, env: EnvConfig) -> ControllerTeacher:
         """That with the controller of this name; ConfigError where there is none that can act in the environment."""
-        advice_size(name, env, "parameters.teacher")
+        output_size(name, env, "parameters.teacher")
         return cls(controllers_in(env.id)[name])
 
     def begin(self, env: TaskVectorEnv) -> None:
@@ -35,4 +35,4 @@ class ControllerTeacher:
 
     def demonstrate(self, env: TaskVectorEnv, observation: Any, info: Mapping[str, Any]) -> NDArray[Any]:
         """What the controller does after this observation, (B, m) in [-1, 1]."""
-        return self.controller.act(Seen(observation, env.task)).clip(-1.0, 1.0)
+        return saturated(self.controller.act(observation))

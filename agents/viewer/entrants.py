@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 from agents.controllers import NEED_POSES
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy
 from agents.policies.shipped import ShippedPolicy
 from agents.results.environment import episodes_key
-from agents.results.roster import candidates, env_for
+from agents.results.roster import candidates
 from agents.runs.environment import EnvConfig
 from agents.viewer.drive import Drive, Film, filmed
 from rj_gym import IDS
@@ -44,7 +44,7 @@ class Entrant:
     def errors(self, seeds: Sequence[int]) -> Array:
         """Mean tip error over the last 10 steps of every episode, (E,) [mm]; raises as Drive does."""
         controller = self.make()
-        errors: Array = run_episodes(env_for(self.env, controller), controller, seeds).last_errors.mean(axis=1)
+        errors: Array = run_episodes(self.env, controller, seeds).last_errors.mean(axis=1)
         return errors
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.policies.loading import list_policies
 from agents.policies.trained import load_driving
 from agents.results.environment import episodes_key

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.controllers import OpenLoop
-from agents.evaluation.controller import Array, Seen
+from agents.controllers.controller import Array, Controller, Mask, Reading
 from agents.runs.environment import EnvConfig
 from agents.viewer.drive import Drive, Film
 from agents.viewer.entrants import entrants
@@ -21,12 +21,12 @@ from rollingjoint.errors import InvalidInput
 PERSON = "you"
 
 
-class Hand:
-    """A Controller that pulls every tendon as a person says."""
+class Hand(Controller):
+    """Pulls every tendon as a person says."""
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
+    def reset(self, mask: Mask) -> None:
         """Hold still."""
-        self.pulls = np.zeros(task.action_size)
+        self.pulls = np.zeros(self.task.action_size)
 
     def pull(self, pulls: ArrayLike) -> None:
         """Say how far each tendon is pulled in per step, (m,) in units of action_scale_mm; until said otherwise.
@@ -36,20 +36,20 @@ class Hand:
         """
         self.pulls = np.clip(_finite("pulls", pulls, len(self.pulls), "one per tendon"), -1.0, 1.0)
 
-    def act(self, seen: Seen) -> Array:
+    def act(self, observations: Any) -> Array:
         """The pulls, (1, m)."""
         return self.pulls[None]
 
 
 class Pointer(OpenLoop):
-    """A Controller that brings the tip of the model, not of the mechanism, to a point that a person moves.
+    """Brings the tip of the model, not of the mechanism, to a point that a person moves.
 
     A person who sees the tip or its trend moves the point until the true tip is at the target.
     """
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
+    def reset(self, mask: Mask) -> None:
         """Point at the tip of the resting model."""
-        super().begin(task, episodes)
+        super().reset(mask)
         self.point: Array | None = None
 
     def aim_at(self, point: ArrayLike) -> None:
@@ -60,11 +60,11 @@ class Pointer(OpenLoop):
         """
         self.point = _finite("point", point, self.task.dimension, "coordinates in mm")
 
-    def act(self, seen: Seen) -> Array:
+    def act(self, observations: Any) -> Array:
         """One step towards the point, (1, m); none before there is one."""
-        return np.zeros((1, self.task.action_size)) if self.point is None else super().act(seen)
+        return np.zeros((1, self.task.action_size)) if self.point is None else super().act(observations)
 
-    def aim(self, seen: Seen) -> Array:
+    def aim(self, reading: Reading) -> Array:
         """Where the model's tip should go, (1, d) [mm]."""
         assert self.point is not None
         return self.point[None]

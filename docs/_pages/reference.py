@@ -25,7 +25,7 @@ MODULES = (
     "rj_gym.vector_checker",
     "agents.shipped",
     "agents.evaluate",
-    "agents.evaluation.controller",
+    "agents.controllers.controller",
     "agents.controllers",
     "agents.dataset",
     "agents.results",

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from agents import enter
-from agents.controllers import OpenLoop, baselines
+from agents.controllers import FunctionController, OpenLoop, baselines
 from agents.evaluation.rollout import run_episodes
 from agents.results import __main__ as results
 from agents.results import read_results
-from agents.results.entry import Function, load_entrant
+from agents.results.entry import load_entrant
 from agents.results.file import FILE, write_results
 from agents.runs.environment import EnvConfig
 from agents.shipped import list_policies, load_policy
@@ -125,7 +125,7 @@ def test_functions_and_controllers_and_what_makes_them_can_be_entered(tmp_path):
     expected = run_episodes(EnvConfig(), load_entrant("agents.controllers:DoNothing"), range(3)).errors
     for name in ("ready", "zeros", "DoNothing"):
         found = load_entrant(f"{path}:{name}")
-        assert isinstance(found, Function) == (name == "zeros")
+        assert isinstance(found, FunctionController) == (name == "zeros")
         np.testing.assert_array_equal(run_episodes(EnvConfig(), found, range(3)).errors, expected)
     for wrong in (
         f"{path}:nothing",
@@ -154,7 +154,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
             return np.zeros((len(observation), 2))
 
     memory = Memory()
-    run_episodes(EnvConfig(settings={"episode_steps": 2}), Function(memory), range(4), batch=2)
+    run_episodes(EnvConfig(settings={"episode_steps": 2}), FunctionController(memory), range(4), batch=2)
     assert memory.resets == 2
 
 

@@ -1,18 +1,14 @@
 """Banks of extended Kalman filters: what can be known of a mechanism that is not seen.
 
 Modules:
-    settings: what filters assume.
-    hypotheses: what the filters of a bank differ in.
-    prior: what they believe before anything is measured.
+    hypotheses: the settings of filters, and the hypotheses in which those of a bank differ.
+    prior: their belief before anything is measured.
     model: tips, tensions and link angles of a model, and their derivatives.
-    chain_model: that of a planar chain.
-    arm_model: that of a hanging arm.
-    models: which mechanisms have which.
+    models: the models of a planar chain and of a hanging arm.
     kernels: the formulas of models and play, compiled.
-    levers: what loads do to joints, and joints to the tip, compiled.
-    kalman: those of Kalman filters.
+    levers: torques of loads at joints, and rates of the tip by joints, compiled.
+    kalman: the formulas of Kalman filters, compiled.
     estimate: means over the hypotheses.
-    belief: states, covariances and evidence of many episodes.
-    filters: forecasts, and what tensions and pictures change.
+    filters: states, covariances and evidence of many episodes; forecasts, and updates by tensions and pictures.
     bank: the filters of a bank together.
 """

@@ -5,17 +5,70 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.controllers.controller import Array
 from agents.controllers.filters import kalman, kernels
-from agents.controllers.filters.belief import Belief
-from agents.controllers.filters.hypotheses import Hypotheses
+from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses
 from agents.controllers.filters.kernels import Play
 from agents.controllers.filters.model import Prediction
 from agents.controllers.filters.models import model_of
 from agents.controllers.filters.prior import Prior, start_measurement
-from agents.controllers.filters.settings import FilterSettings
-from agents.evaluation.controller import Array
 from rj_gym.core.tracking_task import TrackingTask
+
+Integers = NDArray[np.int64]
+
+
+@dataclass
+class Belief:
+    """States of filters, arrays that change in place.
+
+    Args:
+        states, covariances: (R, states), (R, states, states).
+        evidence: logarithm of how likely the measurements were under a hypothesis, tempered, (R,).
+        angles: joint angles of the model, from which the next solve starts, (R, J) [rad].
+        play: where tendons are in their play.
+    """
+
+    states: Array
+    covariances: Array
+    evidence: Array
+    angles: Array
+    play: Play
+
+    def copy(self) -> Belief:
+        """A copy of all of it."""
+        play = Play(*(values.copy() for values in self.play))
+        return Belief(self.states.copy(), self.covariances.copy(), self.evidence.copy(), self.angles.copy(), play)
+
+    def take(self, rows: Integers) -> Belief:
+        """A copy of some rows."""
+        play = Play(*(values[rows] for values in self.play))
+        return Belief(self.states[rows], self.covariances[rows], self.evidence[rows], self.angles[rows], play)
+
+    def put(self, rows: Integers, other: Belief) -> None:
+        """Take over some rows."""
+        self.states[rows], self.covariances[rows] = other.states, other.covariances
+        self.evidence[rows], self.angles[rows] = other.evidence, other.angles
+        for values, others in zip(self.play, other.play, strict=True):
+            values[rows] = others
+
+
+@dataclass
+class Moment:
+    """A step: what was measured in it, and what is believed after its tensions.
+
+    Args:
+        motors: measured positions, (N, m) [mm].
+        tensions: measured, (N, m) [N].
+        belief: the filters'.
+        pictured: whether a picture of it has been taken in, (N,).
+    """
+
+    motors: Array
+    tensions: Array
+    belief: Belief
+    pictured: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -93,11 +146,11 @@ class Filters:
     def take_picture(self, belief: Belief, angles: Array, tip: Array) -> Linearised:
         """Take a picture in: link angles (N, J) [rad] and tip (N, d) [mm]; without angles where J is 0."""
         found = self.solve(belief)
-        prediction, seen, some = found.prediction, angles.shape[1], self.settings
-        expected = np.hstack([prediction.link_angles[:, :seen], prediction.equilibria.tip + self._biases(found)])
+        prediction, shown, some = found.prediction, angles.shape[1], self.settings
+        expected = np.hstack([prediction.link_angles[:, :shown], prediction.equilibria.tip + self._biases(found)])
         expected[np.logical_not(prediction.solved.usable)] = np.nan
-        columns = np.concatenate([prediction.linear.angles[:, :seen], prediction.linear.tip], axis=1)
-        spread = np.array([some.angle_sd**2] * seen + [some.position_sd_mm**2] * tip.shape[1])
+        columns = np.concatenate([prediction.linear.angles[:, :shown], prediction.linear.tip], axis=1)
+        spread = np.array([some.angle_sd**2] * shown + [some.position_sd_mm**2] * tip.shape[1])
         measured = np.repeat(np.hstack([angles, tip]), len(self.hypotheses), axis=0)
         self._update(belief, expected, columns, measured, np.repeat(spread[None], len(measured), axis=0))
         return found

@@ -1,17 +1,69 @@
-"""What the filters of a bank differ in: the loaded link, and play and sheath friction of every tendon."""
+"""Settings of a bank of Kalman filters, and the hypotheses in which its filters differ."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.filters.settings import FilterSettings
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
+from rj_gym.core.settings import Range, Settings
+from rollingjoint.checks import as_integer, as_number, as_range
 
-NO_RANGE = (0.0, 0.0)
+
+@dataclass(frozen=True)
+class FilterSettings(Settings):
+    """What a bank of extended Kalman filters assumes; it knows all else from the settings of the task.
+
+    Standard deviations are those of a normal distribution around the nominal mechanism.
+
+    Args:
+        hypotheses: how many widths of play, places in it and sheath frictions are tried side by side, for every link
+            that may be loaded; 1 is the middle of each.
+        play_mm, sheath_friction: ranges in which they lie [mm, 1]; None: those of the task.
+        width_share, friction_share: standard deviations of width and sheath friction within a hypothesis, as a share of
+            their ranges. place_share: that of where a tendon begins, as a share of half the width.
+        start_sd_mm: of the lengths of the tendons at the start, which the start tension fixes but for tolerances [mm].
+        offset_sd_mm: of the offsets of the motors [mm]. offset_walk_mm: how far they drift in a step [mm].
+        stiffness_sd: of the logarithm of tendon stiffnesses.
+        bias_sd_mm: of the true tip about the model's [mm]. bias_walk_mm: how far it drifts in a step [mm].
+        force_walk: how far a constant load is taken to drift in a step, as a share of its standard deviation.
+        tension_sd: of a measured tension about the model's [N]. tension_share: the same in proportion to it.
+        angle_sd, position_sd_mm: of measured link angles and tips about the model's [rad, mm].
+        tempering: power to which the probability of a measurement is taken where hypotheses are weighed, 0 to 1.
+    """
+
+    _SECTION: ClassVar[str] = "filter."
+    hypotheses: int = 16
+    play_mm: Range | None = None
+    sheath_friction: Range | None = None
+    width_share: float = 0.2
+    friction_share: float = 0.2
+    place_share: float = 0.4
+    start_sd_mm: float = 0.3
+    offset_sd_mm: float = 0.3
+    offset_walk_mm: float = 0.02
+    stiffness_sd: float = 0.12
+    bias_sd_mm: float = 0.5
+    bias_walk_mm: float = 0.05
+    force_walk: float = 0.01
+    tension_sd: float = 0.5
+    tension_share: float = 0.08
+    angle_sd: float = 0.01
+    position_sd_mm: float = 0.5
+    tempering: float = 0.3
+
+    def __post_init__(self) -> None:
+        self._check(as_integer, "hypotheses", low=1, high=4096)
+        for name in ("play_mm", "sheath_friction"):
+            if getattr(self, name) is not None:
+                self._check(as_range, name, low=0.0)
+        self._check(as_number, "width_share", "friction_share", "place_share", "tempering", low=0.0, high=1.0)
+        self._check(as_number, "offset_sd_mm", "stiffness_sd", "bias_sd_mm", low=0.0, high=100.0)
+        self._check(as_number, "offset_walk_mm", "bias_walk_mm", "force_walk", "tension_share", low=0.0, high=100.0)
+        self._check(as_number, "start_sd_mm", "tension_sd", "angle_sd", "position_sd_mm", low=1e-4, high=1e4)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.controllers.controller import Array
 from agents.controllers.filters import kernels
 from agents.controllers.filters.kernels import Levers, Linear, Places, Play, Solved
-from agents.evaluation.controller import Array
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.solution import Solution

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.controllers.filters.hypotheses import Hypotheses, assumed_ranges
+from agents.controllers.controller import Array
+from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses, assumed_ranges
 from agents.controllers.filters.model import Model, Part
-from agents.controllers.filters.settings import FilterSettings
-from agents.evaluation.controller import Array
 from rj_gym.core.tracking_task import TrackingTask
 
 _SPREADS = 3.0  # standard deviations: how far an estimate of a tendon's stiffness may go

@@ -8,9 +8,9 @@ import pytest
 
 import rj_gym  # noqa: F401  (registers its ids)
 from agents.controllers import JacobianFeedback, LoadEstimate, OpenLoop, Predictive
+from agents.controllers.controller import Reading
 from agents.controllers.measured import measured_by
-from agents.controllers.model_inverse import nearest_tensions
-from agents.evaluation.controller import Seen
+from agents.controllers.steps import nearest_tensions
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
@@ -40,8 +40,8 @@ def stepped(controller, steps=4, lanes=20, **settings):
     sampled = info["sampled"]
     controller.begin(env.unwrapped.task, lanes)
     for _ in range(steps):
-        observation, *_, info = env.step(controller.act(Seen(observation, env.unwrapped.task)))
-    return Seen(observation, env.unwrapped.task), info | {"sampled": sampled}
+        observation, *_, info = env.step(controller.act(observation))
+    return Reading(observation, env.unwrapped.task), info | {"sampled": sampled}
 
 
 def test_open_loop_reaches_the_target_where_the_arm_hangs_upright_without_payload():
@@ -89,7 +89,7 @@ def test_tensions_stay_within_their_range_and_are_not_pulled_up():
 
 def test_the_unloaded_model_is_the_arm_where_gravity_is_as_assumed():
     seen, _ = stepped(JacobianFeedback(), **UPRIGHT)
-    model = measured_by(seen.task, 20).unloaded(seen)
+    model = measured_by(seen.task).unloaded(seen)
     np.testing.assert_allclose(model.tip, seen.tip, atol=1e-2)
     np.testing.assert_array_equal(model.tensions, seen.tensions)
 
@@ -115,7 +115,7 @@ def test_the_estimate_s_load_tables_are_the_task_s():
     episodes = task.sample([np.random.default_rng(seed) for seed in range(5)])
     angle = np.arccos(episodes.gravity[:, 2])
     turns = episodes.gravity[:, :2] * (angle / np.sin(angle))[:, None]
-    tables = measured_by(task, 5).tables(np.column_stack([turns, episodes.payloads[:, 0]]))
+    tables = measured_by(task).tables(np.column_stack([turns, episodes.payloads[:, 0]]))
     tensions = np.random.default_rng(0).uniform(1.0, 5.0, (5, 8))
     both = (tables, task.load_tables(episodes, 0))
     ours, theirs = (solve_tensions_batch(task.mechanism, tensions, some) for some in both)

@@ -8,10 +8,9 @@ import yaml
 from scipy.optimize import least_squares
 
 from agents.controllers import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
-from agents.controllers.measured_chain import estimated_loads, measured_equilibrium
-from agents.controllers.model_inverse import nearest_tensions
-from agents.controllers.responses import bounded_step, length_responses, tension_response
-from agents.evaluation.controller import Seen
+from agents.controllers.controller import Reading
+from agents.controllers.measured import estimated_loads, measured_equilibrium
+from agents.controllers.steps import bounded_step, length_responses, nearest_tensions, tension_response
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
@@ -47,8 +46,8 @@ def stepped(steps=15, lanes=60, **settings):
     controller = JacobianFeedback()
     controller.begin(env.task, lanes)
     for _ in range(steps):
-        observation, *_, info = env.step(controller.act(Seen(observation, env.task)))
-    return Seen(observation, env.task), info
+        observation, *_, info = env.step(controller.act(observation))
+    return Reading(observation, env.task), info
 
 
 def test_doing_nothing_misses_the_target():
@@ -90,7 +89,7 @@ def test_open_loop_does_not_look_at_the_load():
         load = {"link": 4, "force": force}
         observation, _ = env.reset(seed=3, options={"target": (-40.0, 65.0), "load": load})
         controller.begin(env.task, 1)
-        controller.act(Seen(observation, env.task))
+        controller.act(observation)
         lengths.append(controller.lengths)
     np.testing.assert_array_equal(lengths[0], lengths[1])
 
@@ -151,7 +150,7 @@ def test_actions_are_finite_and_within_bounds_whatever_is_seen(name, config):
     rng = np.random.default_rng(0)
     for _ in range(5):
         observation = rng.uniform(low, high, (50, len(low))).astype(np.float32)
-        actions = controller.act(Seen(observation, task))
+        actions = controller.act(Reading(observation, task))
         assert actions.shape == (50, task.mechanism.n_tendons)
         assert np.all(np.abs(actions) <= 1 + 1e-12)
 

@@ -5,16 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.controllers.controller import Reading
 from agents.controllers.filters import kalman, kernels
 from agents.controllers.filters.bank import Bank
 from agents.controllers.filters.filters import Filters
-from agents.controllers.filters.hypotheses import Hypotheses, evenly_spread
+from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses, evenly_spread
 from agents.controllers.filters.kernels import Places, Play
 from agents.controllers.filters.levers import turn_gravity
 from agents.controllers.filters.models import model_of
-from agents.controllers.filters.settings import FilterSettings
-from agents.controllers.privileged_teacher import privileged
-from agents.evaluation.controller import Seen
+from agents.controllers.privileged_feedback import privileged
 from rj_gym.arm.config import FlexibleArmConfig
 from rj_gym.arm.vector import ArmInstrumentVectorEnv
 from rj_gym.arm.worlds import ArmInstrumentConfig
@@ -149,14 +148,14 @@ def test_the_play_of_a_filter_is_that_of_the_environment():
     task = {"start_tension": 8.0, "load": {"magnitude": (0.0, 0.2)}}
     env = RollingJointVectorEnv(20, actuation=settings, privileged="observation", episode_steps=40, **task)
     observation, _ = env.reset(seed=4)
-    seen = Seen(observation, env.task)
+    seen = Reading(observation, env.task)
     play = Play(seen.commands + behind(seen), np.zeros((20, 2)), np.zeros((20, 2)))
     states, rng, edges = np.zeros((20, 14)), np.random.default_rng(4), 0
     states[:, 8:10] = 0.65
     free = np.ones(20, bool)
     for _ in range(35):
         observation, *_, info = env.step((rng.uniform(-0.9, 0.9, (20, 1)) * [1.0, -1.0]).astype(np.float32))
-        seen = Seen(observation, env.task)
+        seen = Reading(observation, env.task)
         kernels.move_play(play, states, seen.commands, PLANAR)
         free &= np.all((info["tensions"] > 0.5) & (info["tensions"] < 15.0), axis=1)
         np.testing.assert_allclose(play.played[free], (seen.commands + behind(seen))[free], atol=1e-5)
@@ -191,12 +190,13 @@ def driven(task_settings, filter_settings, lanes=40, steps=25, world=InstrumentC
     config = world.from_dict({"episode_steps": steps + 1} | task_settings)
     env = RollingJointVectorEnv(lanes, config=config)
     observation, info = env.reset(seed=seed)
-    bank = Bank(env.task, FilterSettings.from_dict(filter_settings), lanes)
+    bank = Bank(env.task, FilterSettings.from_dict(filter_settings))
+    bank.reset(np.ones(lanes, bool))
     for step in range(steps):
-        bank.take_in(Seen(observation, env.task))
+        bank.take_in(Reading(observation, env.task))
         way = -1.0 if 6 <= step < 14 else 1.0
         observation, *_, info = env.step(np.tile([way, 0.4 * way], (lanes, 1)).astype(np.float32))
-    return bank, info, bank.take_in(Seen(observation, env.task))
+    return bank, info, bank.take_in(Reading(observation, env.task))
 
 
 def test_exact_tensions_tell_the_load_and_the_tip():
@@ -228,12 +228,13 @@ def arm_driven(steps, task_settings, filter_settings, lanes=12):
     """The bank of an arm, the last info and estimate after steps that bend it to and fro."""
     env = ArmInstrumentVectorEnv(lanes, config=ArmInstrumentConfig.from_dict(task_settings))
     observation, info = env.reset(seed=9_000)
-    bank = Bank(env.task, FilterSettings.from_dict(filter_settings), lanes)
+    bank = Bank(env.task, FilterSettings.from_dict(filter_settings))
+    bank.reset(np.ones(lanes, bool))
     for step in range(steps):
-        bank.take_in(Seen(observation, env.task))
+        bank.take_in(Reading(observation, env.task))
         way = np.array([0.5, 0.2, -0.5, -0.2] * 2) * (-1.0 if step < 4 else 1.0)
         observation, *_, info = env.step(np.tile(way, (lanes, 1)).astype(np.float32))
-    return bank, info, bank.take_in(Seen(observation, env.task))
+    return bank, info, bank.take_in(Reading(observation, env.task))
 
 
 EXACT_ARM = {
@@ -273,7 +274,8 @@ def test_exact_tensions_tell_payload_and_tip_of_an_arm():
 
 def test_pictures_of_an_arm_show_how_far_its_tip_is_off():
     task = task_of(FlexibleArmConfig.from_dict({"load": {"magnitude": (0.0, 0.0)}, "gravity": {"tilt": (0.0, 0.0)}}))
-    bank = Bank(task, FilterSettings.from_dict(SURE | {"bias_sd_mm": 5.0, "position_sd_mm": 0.01}), 2)
+    bank = Bank(task, FilterSettings.from_dict(SURE | {"bias_sd_mm": 5.0, "position_sd_mm": 0.01}))
+    bank.reset(np.ones(2, bool))
     yes = np.ones(2, bool)
     common = {"commands": task.mechanism.neutral_lengths - np.full((2, 8), 0.3), "tensions": np.full((2, 8), 3.0)}
     tip = np.array([[3.0, -2.0, 699.0]] * 2)
@@ -309,7 +311,9 @@ def test_a_late_picture_counts_as_if_it_had_come_in_time():
     rng, lanes = np.random.default_rng(6), 5
     tasks = [task_of(SlowCameraConfig.from_dict({"sensing": {"period": 1, "delay": d}})) for d in (0, 2)]
     settings = FilterSettings.from_dict({"tension_sd": 0.1})
-    banks = [Bank(task, settings, lanes) for task in tasks]
+    banks = [Bank(task, settings) for task in tasks]
+    for bank in banks:
+        bank.reset(np.ones(lanes, bool))
     neutral, yes, no = tasks[0].mechanism.neutral_lengths, np.ones(lanes, bool), np.zeros(lanes, bool)
     poses = np.zeros((lanes, 5, 3))
     poses[:, 1:, 2] = rng.normal(size=(lanes, 4)) * 0.1

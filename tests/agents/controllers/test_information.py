@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.controllers.opponents import opponents
+from agents.controllers.tuned import tuned_controllers
 from agents.runs.environment import EnvConfig
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
@@ -28,7 +28,7 @@ def information() -> Any:
 
 @pytest.fixture(scope="module")
 def driven(information: Any) -> Any:
-    return information.drive(ENV, opponents(ENV.id)["open loop"], 12)
+    return information.drive(ENV, tuned_controllers(ENV.id)["open loop"], 12)
 
 
 def test_the_model_follows_the_environment(information: Any, driven: Any) -> None:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from agents.controllers import JacobianFeedback
+from agents.controllers import Controller, JacobianFeedback
 from agents.policies.loading import load_policy
 from agents.policies.trained import TrainedPolicy
 from agents.runs.config import TrainConfig
@@ -70,13 +70,13 @@ def test_recorded_episodes_are_the_same_when_they_are_read_back(tmp_path):
     assert read_records(tmp_path / "some.json")[0].error_mm == pytest.approx(films[0].last_10_mm)
 
 
-class Still:
+class Still(Controller):
     """Does nothing."""
 
-    def begin(self, task, episodes):
-        self.shape = episodes, task.action_size
+    def reset(self, mask):
+        self.shape = len(mask), self.task.action_size
 
-    def act(self, seen):
+    def act(self, observations):
         return np.zeros(self.shape)
 
 

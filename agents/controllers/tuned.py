@@ -1,4 +1,4 @@
-"""The opponents of learning in every world, with their tuned settings."""
+"""A table of the worlds: controllers that are tuned for each, with their settings."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from agents.controllers.feedback_settings import FeedbackSettings
-from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
-from agents.controllers.filter_predictive import FilterPredictive
+from agents.controllers.controller import Controller
+from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.open_loop import OpenLoop
 from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform
 from agents.controllers.smith_predictor import SmithPredictor
-from agents.evaluation.controller import Controller
+from agents.controllers.steps import FeedbackSettings
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import ConfigError
@@ -24,7 +23,7 @@ TUNED = Path(__file__).with_name("tuned.yaml")
 
 
 @dataclass(frozen=True)
-class Opponent:
+class Tunable:
     """A kind of controller in one world, and where its settings are searched.
 
     Args:
@@ -101,14 +100,14 @@ def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, pr
     return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
 
 
-_OPEN_LOOP = Opponent(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
+_OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
     "open loop": _OPEN_LOOP,
-    "kalman filter": Opponent(_filter, _of_filters(many=False), _ONE),
-    "bank of filters": Opponent(_filter, _of_filters()),
-    "probing bank": Opponent(_filter, _of_filters(probe=True)),
-    "predictive bank": Opponent(_predictive, _of_filters(probe=True)),
+    "kalman filter": Tunable(_filter, _of_filters(many=False), _ONE),
+    "bank of filters": Tunable(_filter, _of_filters()),
+    "probing bank": Tunable(_filter, _of_filters(probe=True)),
+    "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -121,11 +120,11 @@ _ARM: Space = _of_filters(many=False) | {
 _FEW: Space = {"filter.hypotheses": Choice([4, 8])}  # a filter of an arm takes 0.14 ms per step
 _SHORT_PROBE: Space = {"probe.sweep_mm": Choice([1.0, 2.0, 3.0]), "probe.pattern": Choice(["apart", "together"])}
 _BLIND_ARM = {
-    "open loop": Opponent(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
-    "kalman filter": Opponent(_filter, _ARM, _ONE),
-    "probing filter": Opponent(_filter, _ARM | _SHORT_PROBE, _ONE),
-    "bank of filters": Opponent(_filter, _ARM | _FEW),
-    "probing bank": Opponent(_filter, _ARM | _FEW | _SHORT_PROBE),
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
+    "kalman filter": Tunable(_filter, _ARM, _ONE),
+    "probing filter": Tunable(_filter, _ARM | _SHORT_PROBE, _ONE),
+    "bank of filters": Tunable(_filter, _ARM | _FEW),
+    "probing bank": Tunable(_filter, _ARM | _FEW | _SHORT_PROBE),
 }
 
 
@@ -135,53 +134,53 @@ def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]
 
 _MILD, _WORN = _assuming((0.5, 2.0), (0.0, 0.3)), _assuming((0.5, 3.0), (0.0, 0.6))
 
-WORLDS: Mapping[str, Mapping[str, Opponent]] = {
+WORLDS: Mapping[str, Mapping[str, Tunable]] = {
     "rj_gym/Instrument-v0": _BLIND,
     "rj_gym/InstrumentShift-v0": {
         "open loop": _OPEN_LOOP,
-        "bank of filters": Opponent(_filter, _of_filters(), _MILD),
-        "probing bank": Opponent(_filter, _of_filters(probe=True), _MILD),
-        "widened bank": Opponent(_filter, _of_filters(), _WORN),
-        "widened probing bank": Opponent(_filter, _of_filters(probe=True), _WORN),
+        "bank of filters": Tunable(_filter, _of_filters(), _MILD),
+        "probing bank": Tunable(_filter, _of_filters(probe=True), _MILD),
+        "widened bank": Tunable(_filter, _of_filters(), _WORN),
+        "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
-        "jacobian feedback": Opponent(_jacobian, _STEERING),
-        "smith predictor": Opponent(_smith, _STEERING),
-        "bank of filters": Opponent(_filter, _of_filters(play=False, pictures=True, many=False)),
-        "predictive bank": Opponent(_predictive, _of_filters(play=False, pictures=True, many=False)),
+        "jacobian feedback": Tunable(_jacobian, _STEERING),
+        "smith predictor": Tunable(_smith, _STEERING),
+        "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
+        "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
-        "jacobian feedback": Opponent(_jacobian, _STEERING | _ASSUMED_PLAY),
-        "smith predictor": Opponent(_smith, _STEERING | _ASSUMED_PLAY),
-        "kalman filter": Opponent(_filter, _of_filters(pictures=True, many=False), _ONE),
-        "bank of filters": Opponent(_filter, _of_filters(pictures=True)),
+        "jacobian feedback": Tunable(_jacobian, _STEERING | _ASSUMED_PLAY),
+        "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
+        "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
+        "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }
-"""By the id of an environment: its opponents by name."""
+"""By the id of an environment: its controllers by name."""
 
 
-def opponents(env_id: str) -> dict[str, Controller]:
+def tuned_controllers(env_id: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name: those of tuned.yaml in this world.
 
     Raises:
-        ConfigError: a world without opponents.
+        ConfigError: a world without any.
     """
-    world = opponents_of(env_id)
+    world = tunable_in(env_id)
     return {name: world[name].make(found["settings"]) for name, found in _tuned()[env_id].items()}
 
 
 def tuned_settings(env_id: str, name: str) -> Settings:
-    """The tuned settings of an opponent; raises ConfigError where there is none of this name."""
+    """The tuned settings of a controller; raises ConfigError where there is none of this name."""
     known = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
-    settings: Settings = known[as_choice("opponent", name, list(known), error=ConfigError)]["settings"]
+    settings: Settings = known[as_choice("controller", name, list(known), error=ConfigError)]["settings"]
     return settings
 
 
-def opponents_of(env_id: str) -> Mapping[str, Opponent]:
-    """The opponents of a world; raises ConfigError where there are none."""
+def tunable_in(env_id: str) -> Mapping[str, Tunable]:
+    """The controllers that are tuned for a world; raises ConfigError where there are none."""
     return WORLDS[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
 
 
@@ -189,3 +188,6 @@ def opponents_of(env_id: str) -> Mapping[str, Opponent]:
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
     return {env_id: content.get(env_id, {}) for env_id in WORLDS}
+
+
+opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

@@ -7,23 +7,19 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.controllers import tune
-from agents.controllers.feedback_settings import KEEP, FeedbackSettings, tensions_within_margin
-from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, ProbeSettings
-from agents.controllers.filter_predictive import FilterPredictive
-from agents.controllers.friction_open_loop import FrictionOpenLoop, true_friction
+from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive, ProbeSettings
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import Outlook, cross_play, damped_increments, look_ahead
-from agents.controllers.open_loop import OpenLoop
-from agents.controllers.opponents import WORLDS, opponents, opponents_of
-from agents.controllers.privileged_teacher import PrivilegedTeacher
-from agents.controllers.residual import guide_named
-from agents.controllers.responses import length_responses
+from agents.controllers.open_loop import FrictionOpenLoop, OpenLoop, true_friction
+from agents.controllers.privileged_feedback import PrivilegedFeedback
+from agents.controllers.residual import base_controller
 from agents.controllers.search_space import Choice, LogUniform, Uniform, drawn_settings, settings_near, value_at
 from agents.controllers.smith_predictor import SmithPredictor
-from agents.evaluation.controller import Seen
+from agents.controllers.steps import KEEP, FeedbackSettings, length_responses, tensions_within_margin
+from agents.controllers.tuned import WORLDS, tunable_in, tuned_controllers
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
+from agents.tuning import controllers as tune
 from rj_gym.core.registry import task_of
 from rj_gym.planar.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
@@ -42,7 +38,7 @@ def last_error(controller, env_id=INSTRUMENT, seeds=SEEDS, **settings):
 
 @cache
 def instrument_errors(name):
-    return last_error(opponents(INSTRUMENT)[name])
+    return last_error(tuned_controllers(INSTRUMENT)[name])
 
 
 def test_the_better_a_filter_knows_the_instrument_the_nearer_it_comes():
@@ -57,8 +53,8 @@ def test_the_better_a_filter_knows_the_instrument_the_nearer_it_comes():
 
 @pytest.mark.parametrize("env_id", WORLDS)
 def test_all_opponents_have_been_tuned(env_id):
-    found = opponents(env_id)
-    assert list(found) and set(found) == set(opponents_of(env_id))
+    found = tuned_controllers(env_id)
+    assert list(found) and set(found) == set(tunable_in(env_id))
     content = read_yaml(tune.TUNED)[env_id]
     for name, tuned in content.items():
         assert tuned["tries"] >= 20 and tuned["episodes"] >= 250, name
@@ -69,13 +65,12 @@ def test_all_opponents_have_been_tuned(env_id):
 def test_actions_are_finite_whatever_is_seen_and_after_the_end(env_id):
     """Random observations, far from any that a mechanism gives: filters have no equilibrium for many of them."""
     rng = np.random.default_rng(0)
-    for name, controller in opponents(env_id).items():
+    for name, controller in tuned_controllers(env_id).items():
         task = task_of(EnvConfig(env_id).arguments()["config"])
         low, high = task.observation_bounds()
         controller.begin(task, 6)
         for _ in range(task.config.episode_steps + 3 if name == "probing bank" else 6):
-            seen = Seen(rng.uniform(low, high, (6, len(low))).astype(np.float32), task)
-            actions = controller.act(seen)
+            actions = controller.act(rng.uniform(low, high, (6, len(low))).astype(np.float32))
             assert actions.shape == (6, task.mechanism.n_tendons) and np.all(np.abs(actions) <= 1 + 1e-12), name
 
 
@@ -86,8 +81,8 @@ def test_actions_are_finite_whatever_is_seen_and_after_the_end(env_id):
 def test_an_episode_does_not_depend_on_those_beside_it(env_id, name):
     env = EnvConfig(env_id, settings={"episode_steps": 20})
     seeds = SEEDS[:6]
-    together = run_episodes(env, opponents(env_id)[name], seeds).errors
-    apart = [run_episodes(env, opponents(env_id)[name], [seed]).errors[0] for seed in seeds[::3]]
+    together = run_episodes(env, tuned_controllers(env_id)[name], seeds).errors
+    apart = [run_episodes(env, tuned_controllers(env_id)[name], [seed]).errors[0] for seed in seeds[::3]]
     np.testing.assert_allclose(together[::3], apart, rtol=0, atol=1e-7)
 
 
@@ -146,12 +141,12 @@ def test_looking_ahead_crosses_the_play_and_hedges_where_its_width_is_uncertain(
 
 def test_a_sweep_pulls_in_pays_out_and_ends_where_it_began():
     sweep = ProbeSettings(sweep_mm=3.0, pattern="apart")
-    actions = [sweep.action(step, 0.5, 3) for step in range(25)]
-    assert [each is None for each in actions] == [False] * 24 + [True]
+    actions = sweep.actions(np.arange(25.0), 0.5, 3)
+    np.testing.assert_array_equal(np.isnan(actions).all(axis=1), [False] * 24 + [True])
     np.testing.assert_array_equal(np.sum(actions[:24], axis=0), 0.0)
     np.testing.assert_array_equal(np.cumsum(actions[:24], axis=0).max(axis=0), [6.0, 6.0, 6.0])
     np.testing.assert_array_equal(actions[0], [1.0, -1.0, 1.0])
-    assert ProbeSettings().action(0, 1.0, 2) is None
+    assert np.isnan(ProbeSettings().actions(np.zeros(1), 1.0, 2)).all()
 
 
 def test_probing_shows_play_that_feedback_alone_does_not():
@@ -183,13 +178,14 @@ def test_late_pictures_cost_less_where_the_model_predicts_what_happened_since():
     assert smith.mean() < 0.3 * plain.mean()
 
 
-def test_the_privileged_teacher_shows_what_control_alone_leaves():
+def test_privileged_feedback_shows_what_control_alone_leaves():
     """Measured: 0.11 mm on 100 seeds, where the best filter has 0.9."""
-    teacher = PrivilegedTeacher(FeedbackSettings(damping=0.05, stiffen=0.01, dead_band_mm=0.02))
-    assert last_error(teacher, privileged="observation").mean() < 0.3
-    assert np.median(last_error(PrivilegedTeacher(), ARM, SEEDS[:10], privileged="observation")) < 0.3
+    feedback = PrivilegedFeedback(FeedbackSettings(damping=0.05, stiffen=0.01, dead_band_mm=0.02))
+    assert last_error(feedback).mean() < 0.3
+    assert np.median(last_error(PrivilegedFeedback(), ARM, SEEDS[:10], privileged="observation")) < 0.3
+    feedback.begin(task_of(EnvConfig(INSTRUMENT).arguments()["config"]), 1)
     with pytest.raises(InvalidInput, match="privileged"):
-        last_error(PrivilegedTeacher(), seeds=SEEDS[:1])
+        feedback.act(np.zeros((1, 6), np.float32))
 
 
 @pytest.mark.parametrize("mu", [(0.1, 0.2)])
@@ -238,9 +234,7 @@ def test_tuning_keeps_the_best_of_its_tries_in_the_file(tmp_path, capsys):
     kept = read_yaml(file)[CAMERA]["jacobian feedback"]
     said = [float(line.split()[0]) for line in capsys.readouterr().out.splitlines()[:4]]
     assert min(said) <= round(kept["tuning_mm"], 3) <= max(said)
-    again = tune.last_error(
-        CAMERA, opponents_of(CAMERA)["jacobian feedback"], kept["settings"], tune.VALIDATION.start, 4
-    )
+    again = tune.last_error(CAMERA, tunable_in(CAMERA)["jacobian feedback"], kept["settings"], tune.VALIDATION.start, 4)
     assert again == pytest.approx(kept["validation_mm"], abs=1e-4)
     assert tune.main([*command, "--output", str(file), "--seed", "1"]) == 0
     assert list(read_yaml(file)) == [CAMERA]
@@ -248,14 +242,14 @@ def test_tuning_keeps_the_best_of_its_tries_in_the_file(tmp_path, capsys):
 
 def test_worlds_and_opponents_that_do_not_exist_are_refused(capsys):
     with pytest.raises(ConfigError, match="Instrument-v0"):
-        opponents("rj_gym/Instrument-v1")
+        tuned_controllers("rj_gym/Instrument-v1")
     assert tune.main(["--world", CAMERA, "--opponent", "bank"]) == 2
     assert "bank of filters" in capsys.readouterr().err
 
 
 def test_a_filter_brings_an_arm_that_nobody_sees_to_its_target():
     """Measured on 100 seeds: FILTER_MM, where an open loop, which does not know how the base is tilted, has 72."""
-    errors = last_error(opponents(ARM)["kalman filter"], ARM, SEEDS[:15])
+    errors = last_error(tuned_controllers(ARM)["kalman filter"], ARM, SEEDS[:15])
     assert np.median(errors) < 8.0
     assert np.median(errors) < 0.2 * np.median(last_error(OpenLoop(3.0), ARM, SEEDS[:15]))
 
@@ -278,15 +272,15 @@ def test_feedback_on_filters_takes_an_arm_to_its_rest_tension():
         assert estimated.mean() == pytest.approx(rest, abs=0.5)
 
 
-def test_a_guide_with_filters_tells_what_it_estimates_and_goes_on_after_a_pickle():
+def test_a_base_controller_with_filters_outputs_its_estimates_and_goes_on_after_a_pickle():
     """Runs of residual policies are resumed with the controller that they add to."""
     env = gymnasium.make_vec("rj_gym/Instrument-v0", 3, "vector_entry_point")
     task, m = env.unwrapped.task, 2
-    guide = guide_named("probing bank", "rj_gym/Instrument-v0")
+    base = base_controller("probing bank", "rj_gym/Instrument-v0")
     observation, _ = env.reset(seed=1)
-    guide.begin(task, 3)
-    advice = guide.advise(Seen(observation, task))
-    assert advice.shape == (3, m + 2 + 3 * m)
-    observation = env.step(advice[:, :m])[0]
-    again = pickle.loads(pickle.dumps(guide))
-    assert np.array_equal(guide.advise(Seen(observation, task)), again.advise(Seen(observation, task)))
+    base.begin(task, 3)
+    outputs = base.outputs(observation)
+    assert outputs.shape == (3, m + 2 + 3 * m)
+    observation = env.step(outputs[:, :m])[0]
+    again = pickle.loads(pickle.dumps(base))
+    assert np.array_equal(base.outputs(observation), again.outputs(observation))

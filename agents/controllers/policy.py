@@ -9,29 +9,28 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Seen
+from agents.controllers.controller import Controller, Mask, plain
 from agents.runs.config import PRIVILEGED
-from rj_gym.core.tracking_task import TrackingTask
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 
-class Policy:
+class Policy(Controller):
     """The policy of a model: its mean action in every step, observations normalised as in training."""
 
     def __init__(self, model: BaseAlgorithm, normaliser: Any = None) -> None:
         self.model, self.normaliser = model, normaliser
         self._carried: dict[str, Any] = {}  # the state of a model with memory, from its second step on
 
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Episodes begin: a model with memory forgets those before."""
-        self._carried = {}
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,): a model with memory forgets those before."""
+        self._carried = {} if mask.all() or not self._carried else self._carried | {"episode_start": mask}
 
-    def act(self, seen: Seen) -> NDArray[Any]:
+    def act(self, observations: Any) -> NDArray[Any]:
         """The policy's mean actions, (B, m)."""
-        observation = model_input(self.model, self.normaliser, seen.observation)
-        action, state = self.model.predict(observation, deterministic=True, **self._carried)
+        normal = model_input(self.model, self.normaliser, plain(observations))
+        action, state = self.model.predict(normal, deterministic=True, **self._carried)
         if state is not None:
             self._carried = {"state": state}
         return action

@@ -1,42 +1,187 @@
-"""The Controller protocol, and what a controller sees of many episodes at a time."""
+"""The Controller protocol, readings of observations in mm, rad and N, and the controller that does nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cached_property, wraps
+from inspect import signature
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.runs.environment import EnvConfig
 from rj_gym.core.hardware import AGE
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
-from rollingjoint.transmission import limited_tension
+from rollingjoint.transmission import elastic_tension
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 HANGING = (0.0, 0.0, 1.0)  # the nominal direction of gravity, of an arm
 
 
-class Controller(Protocol):
-    """Anything that turns what it sees into actions, for B episodes side by side.
+class Controller(ABC):
+    """Maps observations to actions, for B episodes side by side.
 
-    An episode must not depend on those beside it. Actions are also requested for episodes that have ended, and
-    ignored.
+    A subclass has `act`, where it remembers anything `reset`, and where it depends on the task `bind`. An episode must
+    not depend on those beside it. Actions are also requested for episodes that have ended, and ignored.
+
+    Attributes:
+        privileged: whether it needs the true state, which no robot measures: observations are then dictionaries, with
+            the state under "privileged". Tables mark such controllers.
+        task: the tracking task; None where the environment is not one of rj_gym.
     """
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
-        """This many episodes begin together; the task is None where the environment is not one of rj_gym."""
+    privileged: bool = False
+    task: Any = None
 
-    def act(self, seen: Seen) -> NDArray[Any]:
-        """The actions, (B, m) in [-1, 1]: the share of action_scale_mm by which each tendon is pulled in."""
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        act = cls.__dict__.get("act")
+        if act is not None and "seen" in signature(act).parameters:  # as classes of users were written for 0.1.0
+            cls.act = _given_readings(act)  # type: ignore
+
+    def bind(self, task: TrackingTask | None) -> None:
+        """Take over the task of the environment, before the first reset."""
+        self.task = task
+
+    def reset(self, mask: Mask) -> None:  # noqa: B027 (most controllers remember nothing)
+        """Begin new episodes where the mask (B,) is true; all of them after `bind`."""
+
+    @abstractmethod
+    def act(self, observations: Any) -> NDArray[Any]:
+        """The actions, (B, m) in [-1, 1]: the share of action_scale_mm by which each tendon is pulled in.
+
+        Args:
+            observations: as the environment gives them: (B, n) float32, or a dictionary of such arrays where it has
+                goals or shows the true state.
+        """
+
+    def begin(self, task: TrackingTask | None, episodes: int) -> None:
+        """Bind the task, and begin this many episodes together."""
+        self.bind(task)
+        self.reset(np.ones(episodes, bool))
+
+    def read(self, observations: Any) -> Reading:
+        """The observations in mm, rad and N."""
+        return observations if isinstance(observations, Reading) else Reading(observations, self.task)
+
+
+def _given_readings(act: Callable[[Any, Any], NDArray[Any]]) -> Callable[[Any, Any], NDArray[Any]]:
+    """The method, with observations read."""
+
+    @wraps(act)
+    def read_and_act(self: Controller, observations: Any) -> NDArray[Any]:
+        return act(self, self.read(observations))
+
+    return read_and_act
+
+
+class DoNothing(Controller):
+    """Leaves the tendons as they are: the minimum for every other controller to beat."""
+
+    def reset(self, mask: Mask) -> None:
+        """Remember how many episodes and tendons there are."""
+        self.shape = len(mask), self.task.mechanism.n_tendons
+
+    def act(self, observations: Any) -> Array:
+        """No increments, (B, m)."""
+        return np.zeros(self.shape)
+
+
+class FunctionController(Controller):
+    """A function as a controller.
+
+    Args:
+        function: from observations (B, n), or such a dictionary, to actions (B, m). Where it has a method reset, that
+            is called when episodes begin.
+    """
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
+        self.function = function
+
+    def reset(self, mask: Mask) -> None:
+        """Let the function begin new episodes, if it has a memory; raises InvalidInput unless all begin."""
+        if hasattr(self.function, "reset"):
+            _check_all(mask)
+            self.function.reset()
+
+    def act(self, observations: Any) -> NDArray[Any]:
+        """The values of the function, (B, m)."""
+        return np.asarray(self.function(plain(observations)))
+
+
+class EarlierController(Controller):
+    """An object with `begin(task, episodes)` and `act(seen)`, which until 0.1.0 were all of a controller.
+
+    Args:
+        controller: the object. Its `act` is given a Reading.
+    """
+
+    def __init__(self, controller: Any) -> None:
+        self.controller, self.privileged = controller, bool(getattr(controller, "privileged", False))
+        if hasattr(controller, "estimates"):
+            self.estimates = controller.estimates
+
+    def reset(self, mask: Mask) -> None:
+        """Begin all episodes; raises InvalidInput for some of them."""
+        _check_all(mask)
+        self.controller.begin(self.task, len(mask))
+
+    def act(self, observations: Any) -> NDArray[Any]:
+        """Its actions, (B, m)."""
+        actions: NDArray[Any] = self.controller.act(self.read(observations))
+        return actions
+
+
+def _check_all(mask: Mask) -> None:
+    if not mask.all():
+        raise InvalidInput("episodes that begin", int(mask.sum()), f"all {len(mask)}", "It has no reset(mask).")
+
+
+def as_controller(made: Any) -> Controller:
+    """A controller itself, or that of a function, or of an object with begin and act; else raises InvalidInput."""
+    if isinstance(made, Controller):
+        return made
+    if callable(getattr(made, "begin", None)) and callable(getattr(made, "act", None)):
+        return EarlierController(made)
+    if callable(made):
+        return FunctionController(made)
+    raise InvalidInput("controller", made, "a Controller, or a function from observations to actions")
+
+
+def env_for(env: EnvConfig, controller: Any) -> EnvConfig:
+    """The environment as a controller needs it: a privileged one is also given the true state."""
+    if not getattr(controller, "privileged", False):
+        return env
+    settings: Mapping[str, object] = {**env.settings, "privileged": "observation"}
+    return EnvConfig(env.id, env.n_envs, settings)
+
+
+def plain(observations: Any) -> Any:
+    """Observations as the environment gave them, read or not."""
+    return observations.observation if isinstance(observations, Reading) else observations
+
+
+def saturated(actions: NDArray[Any]) -> NDArray[Any]:
+    """Actions within [-1, 1]."""
+    return np.clip(actions, -1.0, 1.0)
+
+
+def restarted(values: Array, mask: Mask, start: Array) -> Array:
+    """Values (B, ...) with those of `start` in the rows of the mask (B,); `start` itself where all begin."""
+    if mask.all():
+        return start
+    return np.where(mask.reshape(-1, *[1] * (start.ndim - 1)), start, values)
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What an agent sees of B episodes, read out of the observation in mm, rad, N when it is asked for.
+class Reading:
+    """The observations of B episodes in mm, rad and N; each quantity is read when it is asked for.
 
     Positions have d coordinates, 2 of a planar chain and 3 of an arm. Only a planar chain shows `poses` of its links.
 
@@ -133,8 +278,8 @@ class Seen:
         if self._task.dimension == 3:
             hanging = [mechanism.gravity(HANGING)]
             return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
-        stretch = mechanism.tendon_lengths(self.joint_angles) - self.commands
-        return limited_tension(mechanism.stiffnesses * stretch, *config.tension_range)
+        lengths = mechanism.tendon_lengths(self.joint_angles)
+        return elastic_tension(lengths, self.commands, mechanism.stiffnesses, *config.tension_range)
 
     def _need(self, *poses: str) -> None:
         if self.sees not in poses:
@@ -185,3 +330,6 @@ class Seen:
             hint = "The environment does not show what this controller needs."
             raise InvalidInput("observation entry", missing[0], f"one of {', '.join(self._places)}", hint)
         return [self._places[name] for name in names]
+
+
+Seen = Reading  # its name until 0.1.0

@@ -1,4 +1,4 @@
-"""Tune the opponents of learning: python -m agents.controllers.tune --world rj_gym/Instrument-v0 --tries 60.
+"""Tune settings of controllers: python -m agents.tuning.controllers --world rj_gym/Instrument-v0 --tries 60.
 
 The first half of the tries are random settings, the others near the best so far; all drive the same episodes of the
 tuning seeds. The best few drive those of the validation seeds, and the best of these is kept in the file, with its
@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.controllers.opponents import TUNED, WORLDS, Opponent, opponents_of
 from agents.controllers.search_space import Settings, drawn_settings, settings_near, with_settings
+from agents.controllers.tuned import TUNED, WORLDS, Tunable, tunable_in
 from agents.evaluation.rollout import run_episodes
 from agents.runs.command_line import exit_code
 from agents.runs.environment import EnvConfig
@@ -46,12 +46,12 @@ class Tuned:
         return {"tries": self.tries, "episodes": self.episodes, **scores, "settings": self.settings}
 
 
-def tune(env_id: str, opponent: Opponent, tries: int, episodes: int, seed: int = 0, say: Any = None) -> Tuned:
-    """Search settings of an opponent of a world.
+def tune(env_id: str, controller: Tunable, tries: int, episodes: int, seed: int = 0, say: Any = None) -> Tuned:
+    """Search settings of a controller in a world.
 
     Args:
         env_id: the world.
-        opponent: what is tuned.
+        controller: the one that is tuned.
         tries: number of settings.
         episodes: number of seeds, of tuning and of validation.
         seed: of the search.
@@ -60,25 +60,25 @@ def tune(env_id: str, opponent: Opponent, tries: int, episodes: int, seed: int =
     rng, found = np.random.default_rng(seed), list[tuple[float, Settings]]()
     for number in range(tries):
         if number < (tries + 1) // 2:
-            settings = drawn_settings(opponent.space, rng)
+            settings = drawn_settings(controller.space, rng)
         else:
             parents = _best(found, _PARENTS)
-            settings = settings_near(opponent.space, parents[rng.integers(len(parents))][1], rng)
-        found.append((last_error(env_id, opponent, settings, TUNING.start, episodes), settings))
+            settings = settings_near(controller.space, parents[rng.integers(len(parents))][1], rng)
+        found.append((last_error(env_id, controller, settings, TUNING.start, episodes), settings))
         if say:
             say(*found[-1])
     chosen = _best(found, _VALIDATED)
-    scores = [last_error(env_id, opponent, settings, VALIDATION.start, episodes) for _, settings in chosen]
+    scores = [last_error(env_id, controller, settings, VALIDATION.start, episodes) for _, settings in chosen]
     place = int(np.argmin(scores))
     tuning, settings = chosen[place]
-    return Tuned(with_settings(opponent.fixed, settings), tuning, scores[place], tries, episodes)
+    return Tuned(with_settings(controller.fixed, settings), tuning, scores[place], tries, episodes)
 
 
-def scored_again(env_id: str, opponent: Opponent, kept: Mapping[str, Any], episodes: int) -> Tuned:
-    """What a file keeps of an opponent, with its scores as they are now, on so many seeds of tuning and validation."""
+def scored_again(env_id: str, controller: Tunable, kept: Mapping[str, Any], episodes: int) -> Tuned:
+    """The entry of a controller in a file, scored again on as many seeds of tuning and of validation."""
     settings = kept["settings"]
     tuning, validation = (
-        last_error(env_id, opponent, settings, first, episodes) for first in (TUNING.start, VALIDATION.start)
+        last_error(env_id, controller, settings, first, episodes) for first in (TUNING.start, VALIDATION.start)
     )
     return Tuned(settings, tuning, validation, kept["tries"], episodes)
 
@@ -88,18 +88,18 @@ def _best(found: Sequence[tuple[float, Settings]], count: int) -> list[tuple[flo
     return sorted(found, key=lambda each: each[0])[:count]
 
 
-def last_error(env_id: str, opponent: Opponent, settings: Settings, first: int, episodes: int) -> float:
+def last_error(env_id: str, controller: Tunable, settings: Settings, first: int, episodes: int) -> float:
     """Mean tip error over the last steps of the episodes of these seeds [mm]."""
-    controller = opponent.make(with_settings(opponent.fixed, settings))
-    found = run_episodes(EnvConfig(env_id), controller, range(first, first + episodes))
+    made = controller.make(with_settings(controller.fixed, settings))
+    found = run_episodes(EnvConfig(env_id), made, range(first, first + episodes))
     return float(found.last_errors.mean())
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 tuned, 2 an error, 130 stopped by Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m agents.controllers.tune", description="Tune controllers.")
+    parser = argparse.ArgumentParser(prog="python -m agents.tuning.controllers", description="Tune controllers.")
     parser.add_argument("--world", required=True, help=f"one of {', '.join(WORLDS)}")
-    parser.add_argument("--opponent", action="append", help="only this one; may be given more than once")
+    parser.add_argument("--controller", "--opponent", action="append", help="only this one; repeatable")
     parser.add_argument(
         "--tries", type=int, default=60, help="settings that are tried, 60; 0: score what is kept again"
     )
@@ -110,12 +110,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    env_id, world = arguments.world, opponents_of(arguments.world)
+    env_id, world = arguments.world, tunable_in(arguments.world)
     tries = as_integer("--tries", arguments.tries, 0, error=ConfigError)
     episodes = as_integer("--episodes", arguments.episodes, 1, error=ConfigError)
-    for name in arguments.opponent or world:
-        as_choice("--opponent", name, list(world), error=ConfigError)
-    for name in arguments.opponent or world:
+    for name in arguments.controller or world:
+        as_choice("--controller", name, list(world), error=ConfigError)
+    for name in arguments.controller or world:
         content: Any = read_yaml(arguments.output) if arguments.output.is_file() else {}
         kept = content.setdefault(env_id, {})
         if tries > 0:
@@ -123,7 +123,7 @@ def _command(arguments: argparse.Namespace) -> int:
         elif name in kept:
             found = scored_again(env_id, world[name], kept[name], episodes)
         else:
-            raise ConfigError("--opponent", name, f"one of {list(kept)}", "It has not been tuned.")
+            raise ConfigError("--controller", name, f"one of {list(kept)}", "It has not been tuned.")
         kept[name] = found.to_dict()
         arguments.output.write_text(dump_yaml(content), encoding="utf-8")
         print(f"{env_id}, {name}: validation {found.validation_mm:.3f} mm, tuning {found.tuning_mm:.3f} mm")
