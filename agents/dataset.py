@@ -83,11 +83,11 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
+    from agents.controllers.controller import load_controller
     from agents.controllers.residual import controllers_in
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
-    from agents.results.entry import load_entrant
     from agents.runs.folder import RunFolder
     from rollingjoint.checks import suggestion
 
@@ -102,7 +102,7 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     if text in known:
         return known[text], here
     if ":" in text:
-        return load_entrant(text), here
+        return load_controller(text), here
     names = [*known, *list_policies()]
     raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", suggestion(text, names))
 

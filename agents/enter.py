@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    from agents.results.entry import comparison_table, enter, load_entrant
+    from agents.controllers.controller import load_controller
+    from agents.results.entry import comparison_table, enter
     from agents.results.file import read_results, write_results
     from agents.results.merging import merged
     from agents.results.record import World
@@ -61,7 +62,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
     name = arguments.name or arguments.controller.rpartition(":")[2]
-    controllers = {name: load_entrant(arguments.controller)}
+    controllers = {name: load_controller(arguments.controller)}
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
     world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
     entered = enter(env, controllers, title, world, training_seed=arguments.training_seed, command=command)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from agents.controllers import baselines, without_baselines
+from agents.controllers import untuned_controllers, why_left_out
 from agents.controllers.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
@@ -54,8 +54,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
     config.check_unused(seeds)
     own = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
-    blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""
-    ours = baselines(poses=not blind) if config.env.is_tracking else {}
+    blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
+    ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
     controllers = {POLICY: load_driving(run, arguments.policy), **own, **ours}
     about = {
         "run": str(run.path),

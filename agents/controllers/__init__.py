@@ -36,8 +36,8 @@ __all__ = [
     "OpenLoop",
     "Predictive",
     "Reading",
-    "baselines",
-    "without_baselines",
+    "untuned_controllers",
+    "why_left_out",
 ]
 
 
@@ -45,7 +45,7 @@ NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
 """Those that need measured poses, of all links of a planar chain."""
 
 
-def baselines(poses: bool = True) -> dict[str, Controller]:
+def untuned_controllers(poses: bool = True) -> dict[str, Controller]:
     """A new one of each that needs no tuning, by its name in reports; without `poses`, of those that need none."""
     each: dict[str, Controller] = {
         "predictive": Predictive(),
@@ -57,9 +57,12 @@ def baselines(poses: bool = True) -> dict[str, Controller]:
     return {name: controller for name, controller in each.items() if poses or name not in NEED_POSES}
 
 
-def without_baselines(config: TaskConfig) -> str:
+def why_left_out(config: TaskConfig) -> str:
     """Why some of them cannot drive a tracking environment, one line; empty where all can."""
     if config.sees_all:
         return ""
     pose, names = config.sensing.pose, ", ".join(NEED_POSES)
     return f"Left out, for they need measured poses, of all links of a chain (sensing.pose is {pose!r}): {names}."
+
+
+baselines, without_baselines = untuned_controllers, why_left_out  # their names until 0.1.0

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
 from rj_gym.core.hardware import AGE
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.errors import InvalidInput
+from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.statics.solve import solve_lengths_batch
 from rollingjoint.transmission import elastic_tension
 
@@ -152,6 +153,25 @@ def as_controller(made: Any) -> Controller:
     if callable(made):
         return FunctionController(made)
     raise InvalidInput("controller", made, "a Controller, or a function from observations to actions")
+
+
+def load_controller(text: str) -> Controller:
+    """The controller that "FILE.py:NAME" or "MODULE:NAME" stands for; this runs the code there.
+
+    NAME is a controller, or a class or function that makes without arguments a controller or a function from
+    observations to actions.
+
+    Raises:
+        ConfigError: code that cannot be imported, or that makes something else.
+    """
+    module, _, name = text.rpartition(":")
+    allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
+    try:
+        found = getattr(imported(module), name)
+        made = found if hasattr(found, "act") and not isinstance(found, type) else found()
+        return as_controller(made)
+    except Exception as error:  # whatever the code there raises
+        raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
 
 
 def env_for(env: EnvConfig, controller: Any) -> EnvConfig:

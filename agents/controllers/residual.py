@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers import baselines
+from agents.controllers import untuned_controllers
 from agents.controllers.controller import Array, Controller, Mask, as_controller, plain, saturated
 from agents.controllers.tuned import WORLDS, tuned_controllers
 from agents.runs.config import TrainConfig
@@ -55,7 +55,7 @@ class BaseController(Controller):
 
 def controllers_in(env_id: str) -> dict[str, Controller]:
     """New controllers by name that can act in this environment without training: untuned and tuned ones."""
-    return baselines() | (tuned_controllers(env_id) if env_id in WORLDS else {})
+    return untuned_controllers() | (tuned_controllers(env_id) if env_id in WORLDS else {})
 
 
 def base_controller(name: str, env_id: str, key: str = "residual") -> BaseController:

@@ -26,7 +26,7 @@ Normalise = Callable[[NDArray[np.float32]], tuple[NDArray[Any], NDArray[Any]]]
 Act = Callable[[torch.Tensor, torch.Tensor | None], tuple[torch.Tensor, torch.Tensor]]
 
 
-class Base(Protocol):
+class ResidualBase(Protocol):
     """A controller to whose actions a residual policy adds its own."""
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
@@ -73,7 +73,7 @@ class DifferentiableEpisodes:
         env: TaskVectorEnv,
         normalise: Normalise,
         lane_gradient: float | None = None,
-        base: Base | None = None,
+        base: ResidualBase | None = None,
     ) -> None:
         self.env, self.normalise, self.lane_gradient, self.base = env, normalise, lane_gradient, base
         self.observing, config = Observing(env.task), env.task.config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from agents.controllers.controller import Controller, as_controller
+from agents.controllers.controller import Controller, load_controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy
 from agents.results.description import description
@@ -24,29 +24,10 @@ from agents.results.record import (
 from agents.results.roster import is_privileged, opponents
 from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
-from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
-from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 
-
-def load_entrant(text: str) -> Controller:
-    """The controller that "FILE.py:NAME" or "MODULE:NAME" stands for; this runs the code there.
-
-    NAME is a controller, or a class or function that makes without arguments a controller or a function from
-    observations to actions.
-
-    Raises:
-        ConfigError: code that cannot be imported, or that makes something else.
-    """
-    module, _, name = text.rpartition(":")
-    allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
-    try:
-        found = getattr(imported(module), name)
-        made = found if hasattr(found, "act") and not isinstance(found, type) else found()
-        return as_controller(made)
-    except Exception as error:  # whatever the code there raises
-        raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
+load_entrant = load_controller  # its name until 0.1.0
 
 
 def enter(

@@ -19,7 +19,6 @@ from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.residual import ResidualVecEnv
-from agents.training.teaching import ControllerTeacher
 from rj_gym.core.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
@@ -69,7 +68,7 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
     arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
-        arguments |= _teacher_argument(config)
+        arguments |= _teacher_argument(config, env)
         _check_observation(config, env.observation_space)
         return algorithm_class(config.algorithm)(
             _policy_class(config, env.observation_space),
@@ -127,10 +126,15 @@ def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
     return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
 
 
-def _teacher_argument(config: TrainConfig) -> dict[str, Any]:
-    """The controller that a distillation imitates, where it names one."""
-    name = config.parameters.get("teacher")
-    return {} if name is None else {"teacher": ControllerTeacher.named(name, config.env)}
+def _teacher_argument(config: TrainConfig, env: VecEnv) -> dict[str, Any]:
+    """The controller that a distillation imitates, where it names one; raises ConfigError if that cannot act there."""
+    name, key = config.parameters.get("teacher"), "parameters.teacher"
+    if name is None:
+        return {}
+    output_size(name, config.env, key)
+    teacher = base_controller(name, config.env.id, key)
+    teacher.bind(env.get_attr("task", [0])[0])
+    return {"teacher": teacher}
 
 
 def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from agents.controllers import OpenLoop
 from agents.controllers.controller import Array, Controller, Mask, Reading
 from agents.runs.environment import EnvConfig
+from agents.viewer.controllers import offered_controllers
 from agents.viewer.drive import Drive, Film
-from agents.viewer.entrants import entrants
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.checks import as_choice, as_vector
 from rollingjoint.errors import InvalidInput
@@ -80,7 +80,7 @@ class Seat:
 
     Args:
         env: the environment. seed: of the episode. way: one of WAYS.
-        beside: names of others, as `entrants` knows them.
+        beside: names of others, of `offered_controllers`.
     """
 
     env: EnvConfig
@@ -101,7 +101,7 @@ class Match:
     def __init__(self, seat: Seat) -> None:
         self.seat = seat
         self.person: Any = WAYS[as_choice("way", seat.way, list(WAYS))]()
-        known = entrants(seat.env) if seat.beside else {}
+        known = offered_controllers(seat.env) if seat.beside else {}
         others = [known[as_choice("controller", name, list(known))] for name in seat.beside]
         self.drives = [Drive(PERSON, seat.env, self.person, seat.seed), *(one.drive(seat.seed) for one in others)]
 

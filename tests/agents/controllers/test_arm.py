@@ -1,4 +1,4 @@
-"""The baselines on the arm: what each is for, and what the model of an arm makes of a tip, commands and tensions."""
+"""Controllers on the arm: what each is for, and what the model of an arm makes of a tip, commands and tensions."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The baselines: what each is for, on seeds on which none was tuned, and the pieces that they share."""
+"""Controllers without tuned settings: what each is for, on seeds on which none was tuned, and shared pieces."""
 
 from functools import cache
 
@@ -7,7 +7,7 @@ import pytest
 import yaml
 from scipy.optimize import least_squares
 
-from agents.controllers import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, baselines
+from agents.controllers import DoNothing, JacobianFeedback, LoadEstimate, OpenLoop, Predictive, untuned_controllers
 from agents.controllers.controller import Reading
 from agents.controllers.measured import estimated_loads, measured_equilibrium
 from agents.controllers.steps import bounded_step, length_responses, nearest_tensions, tension_response
@@ -137,14 +137,14 @@ def test_feedback_keeps_tensions_away_from_slack_and_from_yielding():
     assert np.median(tensions.max(axis=1)) > 13.5
 
 
-@pytest.mark.parametrize("name", baselines())
+@pytest.mark.parametrize("name", untuned_controllers())
 @pytest.mark.parametrize(
     "config",
     [TrackingConfig(), TrackingConfig(mechanism="two_segment"), FlexibleArmConfig(orientation=True)],
     ids=["five_link", "two_segment", "flexible_arm"],
 )
 def test_actions_are_finite_and_within_bounds_whatever_is_seen(name, config):
-    task, controller = task_of(config), baselines()[name]
+    task, controller = task_of(config), untuned_controllers()[name]
     controller.begin(task, 50)
     low, high = task.observation_bounds()
     rng = np.random.default_rng(0)

@@ -12,10 +12,8 @@ import torch
 from agents.controllers.tuned import tuned_controllers
 from agents.learners.episodes import DifferentiableEpisodes
 from agents.runs.config import TrainConfig
-from agents.runs.environment import EnvConfig
 from agents.training.build import build_model, close
 from agents.training.learn import learn
-from agents.training.teaching import ControllerTeacher
 from rollingjoint.errors import ConfigError
 from tests.agents.learners.checks import check_that_a_stopped_run_ends_with_the_same_weights, lanes_of
 
@@ -38,15 +36,17 @@ def settings(rollouts: int, **changes: Any) -> dict[str, Any]:
 
 def test_a_controller_teaches_what_it_does_itself() -> None:
     env, controller = lanes_of(WORLD, 3, episode_steps=4), tuned_controllers(WORLD)["bank of filters"]
-    teacher = ControllerTeacher.named("bank of filters", EnvConfig(WORLD))
+    model = build_model(TrainConfig.from_dict(settings(1, parameters=LESSONS | {"teacher": "bank of filters"})))
+    teacher = model.teacher
+    close(model)
     for seed in (1, 2):
-        observation, info = env.reset(seed=seed)
-        teacher.begin(env)
+        observation, _ = env.reset(seed=seed)
+        teacher.reset(np.ones(3, bool))
         controller.begin(env.task, 3)
         for _ in range(4):
             own = controller.act(observation)
-            np.testing.assert_array_equal(teacher.demonstrate(env, observation, info), own)
-            observation, _, _, _, info = env.step(own)
+            np.testing.assert_array_equal(teacher.act(observation), own)
+            observation, *_ = env.step(own)
     env.close()
 
 

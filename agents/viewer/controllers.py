@@ -21,11 +21,11 @@ POLICY = "policy "  # before the names of shipped policies
 
 
 @dataclass(frozen=True)
-class Entrant:
+class OfferedController:
     """A controller and its environment.
 
     Args:
-        name: of the controller. env: the environment, whose observation may differ from that of other entrants.
+        name: of the controller. env: the environment, whose observation may differ from those of the others.
         make: a new controller.
     """
 
@@ -60,15 +60,15 @@ def worlds() -> Mapping[str, EnvConfig]:
     return found
 
 
-def entrants(env: EnvConfig) -> dict[str, Entrant]:
-    """Who can drive in the episodes of an environment, by name: shipped policies, then baselines and opponents."""
+def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
+    """Those that can drive in an environment, by name: shipped policies, then controllers that are not learned."""
     key = episodes_key(env)
     policies = [_policy(name) for name in list_policies() if _key(name) == key]
     left_out = () if env.arguments()["config"].sees_all else NEED_POSES
     others = [name for name in candidates(env.id) if name not in left_out]
-    found = [Entrant(f"{POLICY}{one.name}", one.environment, partial(load_policy, one.name)) for one in policies]
-    found += [Entrant(name, env, partial(_candidate, env.id, name)) for name in others]
-    return {one.name: one for one in found}
+    learned = [OfferedController(f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name)) for p in policies]
+    offered = [*learned, *(OfferedController(name, env, partial(_candidate, env.id, name)) for name in others)]
+    return {one.name: one for one in offered}
 
 
 @cache

@@ -1,17 +1,15 @@
-"""A teacher for policies that see less: it knows the true state, and how the tip answers every tendon."""
+"""Feedback on the true state and on how the tip answers every tendon: the teacher of policies that see less."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.tangent import Tangent
 from rj_gym.core.tracking_task import TrackingTask
-from rj_gym.core.vector import TaskVectorEnv
 from rollingjoint.errors import ConfigError
 from rollingjoint.transmission import play_inverse
 
@@ -23,8 +21,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class TeacherWeights:
-    """Weights of the Teacher.
+class TrueStateWeights:
+    """Weights of TrueStateFeedback.
 
     Args:
         gain: share of the error that a step removes.
@@ -41,7 +39,14 @@ class TeacherWeights:
     dead_band_mm: float = 0.02
 
 
-class Teacher:
+class TrueState(NamedTuple):
+    """The state of B episodes, and their targets (B, d) [mm]."""
+
+    tangent: Tangent
+    target: Array
+
+
+class TrueStateFeedback:
     """Feedback on the true tip error: damped Gauss-Newton steps with the true rates, through the true play.
 
     The changes d of commands minimise |way - J d|² + stiffen² |wanted - tensions - K d|² + damping² |d|², with
@@ -54,14 +59,16 @@ class Teacher:
         ConfigError: motors with a delay or a rate limit.
     """
 
-    def __init__(self, task: TrackingTask, weights: TeacherWeights | None = None) -> None:
+    privileged = True
+
+    def __init__(self, task: TrackingTask, weights: TrueStateWeights | None = None) -> None:
         self._check_motors(task)
         low, high = task.config.tension_range
         margin = MARGIN * (high - low)
         self.low, self.high = low + margin, high - margin
-        self.weights, self.scale = weights or TeacherWeights(), task.config.action_scale_mm
+        self.weights, self.scale = weights or TrueStateWeights(), task.config.action_scale_mm
         self.stiffens = task.dimension == 2
-        self._target: Array | None = None
+        self._before: Array = np.empty((0, 1))  # targets of the last step
 
     @staticmethod
     def _check_motors(task: TrackingTask) -> None:
@@ -71,18 +78,15 @@ class Teacher:
         if actuation.rate_limit_mm is not None:
             raise ConfigError("actuation.rate_limit_mm", actuation.rate_limit_mm, "null with distill", hint)
 
-    def begin(self, env: TaskVectorEnv) -> None:
-        """Episodes begin: the motion of targets is unknown."""
-        self._target = None
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Begin episodes, (B,): the motion of their targets is unknown."""
+        self._before = np.where(mask[:, None], np.nan, np.nan if mask.all() else self._before)
 
-    def demonstrate(self, env: TaskVectorEnv, observation: Any, info: Mapping[str, Any]) -> Array:
-        """Its actions (B, m) in the true state of the environment."""
-        return self.act(env.tangent(), info["target"])
-
-    def act(self, tangent: Tangent, target: Array) -> Array:
-        """Actions (B, m) in [-1, 1] towards targets (B, d) [mm], ahead with them as they moved in the last step."""
-        before = target if self._target is None else self._target
-        self._target = target.copy()
+    def act(self, observations: TrueState) -> Array:
+        """Actions (B, m) in [-1, 1] towards the targets, ahead with them as they moved in the last step."""
+        tangent, target = observations
+        before = np.where(np.isnan(self._before), target, self._before)
+        self._before = target.copy()
         way = self.weights.gain * (target - tangent.tips) + (target - before)
         tendons = self._released(self._step(tangent, way), tangent)
         ahead = play_inverse(tangent.commands, tendons, tangent.half_play) - tangent.motors
