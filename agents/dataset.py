@@ -21,7 +21,7 @@ from agents.runs.seeds import DATA
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agents.evaluation.controller import Controller
+    from agents.controllers.controller import Controller
     from agents.evaluation.minari_dataset import read_dataset, write_dataset
 
 __all__ = ["main", "read_dataset", "write_dataset"]
@@ -57,9 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.controllers.controller import env_for
     from agents.evaluation.minari_dataset import write_dataset
     from agents.evaluation.recording import ERROR
-    from agents.results.roster import env_for
 
     controller, env = _named(arguments.controller, arguments.env)
     env = env_for(replace(env, settings=apply_overrides(dict(env.settings), arguments.set)), controller)
@@ -83,11 +83,11 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
-    from agents.baselines.residual import controllers_in
+    from agents.controllers.controller import load_controller
+    from agents.controllers.residual import controllers_in
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
-    from agents.results.entry import load_entrant
     from agents.runs.folder import RunFolder
     from rollingjoint.checks import suggestion
 
@@ -102,7 +102,7 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     if text in controllers:
         return controllers[text], env
     if ":" in text:
-        return load_entrant(text), env
+        return load_controller(text), env
     names = [*controllers, *list_policies()]
     raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", suggestion(text, names))
 

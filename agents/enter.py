@@ -1,8 +1,8 @@
 """Score a controller of your own on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
 
-NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
-or one that makes a function from observations to actions. Its episodes go into a results file, which rj results
-merges with others, and a table compares it with the known results of the same episodes. docs/enter.md shows how.
+NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one that
+makes a function from observations to actions. Its episodes go into a results file, which rj results merges with others,
+and a table compares it with the known results of the same episodes. docs/enter.md shows how.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    from agents.results.entry import comparison_table, enter, load_entrant
+    from agents.controllers.controller import load_controller
+    from agents.results.entry import comparison_table, enter
     from agents.results.file import read_results, write_results
     from agents.results.merging import merged
     from agents.results.record import World
@@ -61,7 +62,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
     name = arguments.name or arguments.controller.rpartition(":")[2]
-    controllers = {name: load_entrant(arguments.controller)}
+    controllers = {name: load_controller(arguments.controller)}
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
     world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
     entered = enter(env, controllers, title, world, training_seed=arguments.training_seed, command=command)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from agents.baselines import baselines, without_baselines
-from agents.evaluation.controller import Controller
+from agents.controllers import untuned_controllers, why_left_out
+from agents.controllers.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
@@ -23,7 +23,7 @@ from rollingjoint.errors import ConfigError
 __all__ = ["evaluate_controllers", "main"]
 
 MOMENTS = 11  # of an episode at which floors are drawn
-OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
+OWN = "one more controller to compare, as described in agents.controllers.controller; repeatable"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,8 +54,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
     config.check_unused(seeds)
     additional = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
-    blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""
-    ours = baselines(poses=not blind) if config.env.is_tracking else {}
+    blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
+    ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
     controllers = {POLICY: load_driving(run, arguments.policy), **additional, **ours}
     about = {
         "run": str(run.path),

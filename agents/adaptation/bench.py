@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.adaptation.robot import SEED, Robot
-from agents.evaluation.controller import Array, Seen
+from agents.controllers.controller import Array, Reading
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
 from rollingjoint.checks import as_integer
@@ -71,8 +71,8 @@ class Bench:
         return Recording(seeds, *(np.stack(each, axis=1) for each in zip(*series, strict=True)))
 
     def _measured(self, observation: Any, info: Any, running: NDArray[np.bool_]) -> tuple[Any, ...]:
-        seen = Seen(observation, self.envs.task)
-        return seen.commands, seen.tensions, np.array(info["tip"], float), running
+        reading = Reading(observation, self.envs.task)
+        return reading.commands, reading.tensions, np.array(info["tip"], float), running
 
     def close(self) -> None:
         """Free the environments."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.adaptation.driving import WORLD
-from agents.baselines.opponents import opponents
-from agents.baselines.privileged_teacher import PrivilegedTeacher
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
+from agents.controllers.privileged_feedback import PrivilegedFeedback
+from agents.controllers.tuned import tuned_controllers
 from agents.policies.file import SUFFIX
 from agents.policies.loading import list_policies, load_policy
 from agents.policies.shipped import ShippedPolicy, entry_names
@@ -34,12 +34,12 @@ class Contender:
 
 def contenders() -> dict[str, Contender]:
     """All that ship for Instrument-v0, by name: tuned opponents, policies, and the privileged teacher, so marked."""
-    found = {name: Contender(made) for name, made in opponents(WORLD).items()}
+    found = {name: Contender(made) for name, made in tuned_controllers(WORLD).items()}
     for name in list_policies():
         policy = load_policy(name)
         if policy.env_id == WORLD:
             found[name] = _policy(name, policy)
-    return found | {"privileged teacher": Contender(PrivilegedTeacher())}
+    return found | {"privileged teacher": Contender(PrivilegedFeedback())}
 
 
 def contender(text: str) -> Contender:

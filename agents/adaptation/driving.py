@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from agents.adaptation.robot import Robot, robots
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller, env_for
 from agents.evaluation.rollout import run_episodes, run_with_options
-from agents.results.roster import env_for
 from agents.results.statistics import Bootstrap, Interval
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import ROBOTS

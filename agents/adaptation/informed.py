@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from agents.adaptation.identify import Identified
-from agents.baselines.filter_feedback import FilterFeedback
-from agents.evaluation.controller import Array, Controller, Seen
+from agents.controllers.controller import Array, Controller, Mask, as_controller, plain
+from agents.controllers.filter_feedback import FilterFeedback
 from rj_gym.core.settings import Range
 from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import ConfigError
@@ -17,7 +17,7 @@ _SURE = 2.0  # standard deviations on either side: the error of identified param
 _LEAST = {"play_mm": 0.1, "sheath_friction": 0.02}  # on either side, however sure
 
 
-class Informed:
+class Informed(Controller):
     """A controller that is told of the identified mechanism and of its motors' offsets.
 
     Args:
@@ -26,19 +26,23 @@ class Informed:
     """
 
     def __init__(self, controller: Controller, identified: Identified) -> None:
-        self.controller = _narrowed(controller, identified)
+        self.controller = _narrowed(as_controller(controller), identified)
         self.twin = identified.twin
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Begin episodes of a task with the mechanism and the offsets of the twin as nominal ones."""
+    def bind(self, task: TrackingTask | None) -> None:
+        """Take over a task, whose nominal mechanism and offsets become those of the twin."""
         if task is None:
             raise ConfigError("environment", "not one of rj_gym", "rj_gym/Instrument-v0", "Robots are instruments.")
         self.told = _told(task, self.twin)
-        self.controller.begin(self.told, episodes)
+        self.controller.bind(self.told)
 
-    def act(self, seen: Seen) -> Any:
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,)."""
+        self.controller.reset(mask)
+
+    def act(self, observations: Any) -> Any:
         """The actions, (B, m)."""
-        return self.controller.act(replace(seen, task=self.told))
+        return self.controller.act(plain(observations))
 
 
 def _told(task: TrackingTask, twin: Any) -> TrackingTask:

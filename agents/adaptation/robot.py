@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from rollingjoint.chain.presets import five_link
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.variations import varied_chain

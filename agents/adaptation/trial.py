@@ -17,8 +17,8 @@ from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import Robot
 from agents.adaptation.tuning import tuned
-from agents.baselines.opponents import opponents_of
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
+from agents.controllers.tuned import tunable_in
 from agents.policies.export import export_run
 from agents.policies.shipped import ShippedPolicy
 from agents.results.roster import is_privileged
@@ -123,7 +123,7 @@ def adapted(name: str, candidate: Contender, identified: Identified, plan: Plan)
         with progress_bar(plan.updates, " updates", leave=False) as bar:
             trained = fine_tuned(policy, candidate.settings, identified, settings, lambda loss: bar.update())
         return replace(candidate, controller=trained)
-    if name in opponents_of(WORLD):
+    if name in tunable_in(WORLD):
         with progress_bar(plan.tries, " tries", leave=False) as bar:
             return replace(candidate, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
     return replace(candidate, controller=Informed(candidate.controller, identified))

@@ -11,8 +11,8 @@ from agents.adaptation.driving import WORLD
 from agents.adaptation.identify import Identified
 from agents.adaptation.informed import Informed
 from agents.adaptation.world import likely, simulated_errors
-from agents.baselines.opponents import opponents_of, tuned_settings
-from agents.baselines.search_space import Settings, settings_near, with_settings
+from agents.controllers.search_space import Settings, settings_near, with_settings
+from agents.controllers.tuned import tunable_in, tuned_settings
 
 ROBOTS, EPISODES = 2, 16  # that every try drives in simulation
 _PARENTS = 3  # of the best, near which others are tried
@@ -25,7 +25,7 @@ def tuned(name: str, identified: Identified, tries: int, say: Callable[[float], 
         name: of the opponent. identified: beliefs about the robot.
         tries: 0: as it ships. say: called with the error of every try [mm].
     """
-    opponent, shipped = opponents_of(WORLD)[name], tuned_settings(WORLD, name)
+    opponent, shipped = tunable_in(WORLD)[name], tuned_settings(WORLD, name)
     rng, drawn = np.random.default_rng(identified.number), list(islice(likely(identified, seed=1), ROBOTS))
 
     def made(settings: Settings) -> Informed:

@@ -10,7 +10,7 @@ import numpy as np
 from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.adaptation.identify import Identified
 from agents.adaptation.robot import Robot
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller
 from agents.evaluation.rollout import run_with_options
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import BENCH

@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.recording import ERROR, Recording, record_episodes
 from agents.runs.environment import EnvConfig, make_env, plain_settings
 from agents.runs.files import RunFolderError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from agents.evaluation.policy import model_input
+from agents.controllers.policy import model_input
 from agents.policies.base import PolicyNetwork
 from agents.policies.conversion import algorithm_of, network_of
 from agents.policies.errors import PolicyError

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller, load_controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy
 from agents.results.description import description
@@ -25,59 +21,13 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import env_for, is_privileged, opponents
+from agents.results.roster import is_privileged, opponents
 from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
-from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
-from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 
-
-def load_entrant(text: str) -> Controller:
-    """The controller that "FILE.py:NAME" or "MODULE:NAME" stands for; this runs the code there.
-
-    NAME is a controller, or a class or function that makes without arguments a controller or a function from
-    observations to actions.
-
-    Raises:
-        ConfigError: code that cannot be imported, or that makes something else.
-    """
-    module, _, name = text.rpartition(":")
-    allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
-    try:
-        value = getattr(imported(module), name)
-        entrant = value if _is_controller(value) and not isinstance(value, type) else value()
-    except Exception as error:  # whatever the code there raises
-        raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
-    if _is_controller(entrant):
-        controller: Controller = entrant
-        return controller
-    if callable(entrant):
-        return Function(entrant)
-    raise ConfigError("controller", text, allowed, f"It made {entrant!r}, which has no begin and act.")
-
-
-class Function:
-    """A function from observations to actions as a controller.
-
-    Args:
-        function: from observations (B, entries), or such a dictionary, to actions (B, m). Where it has a method reset,
-            that is called when episodes begin.
-    """
-
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        self.function = function
-
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Let the function begin new episodes, if it has a memory."""
-        if hasattr(self.function, "reset"):
-            self.function.reset()
-
-    def act(self, seen: Seen) -> NDArray[Any]:
-        """The value of the function, (B, m)."""
-        return np.asarray(self.function(seen.observation))
+load_entrant = load_controller  # its name until 0.1.0
 
 
 def enter(
@@ -97,7 +47,7 @@ def enter(
     """
     records = []
     for name, controller in controllers.items():
-        driven = Driven.of(run_episodes(env_for(env, controller), controller, world.seeds), complete=True)
+        driven = Driven.of(run_episodes(env, controller, world.seeds), complete=True)
         run = RunRecord({world.name: driven}, training_seed)
         records.append(ControllerRecord(name, kind, [run], is_privileged(controller)))
     text = description(env.arguments()["config"])
@@ -150,7 +100,3 @@ def comparison_table(entered: Results, others: Results | None, world: World) -> 
 
 def _signed(value: float) -> str:
     return f"{value:+.3f}"
-
-
-def _is_controller(value: object) -> bool:
-    return callable(getattr(value, "begin", None)) and callable(getattr(value, "act", None))

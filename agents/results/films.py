@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film
 from agents.policies.shipped import ShippedPolicy

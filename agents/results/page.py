@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS
 from agents.results.record import ENTRY, POLICY, SHIFT, TEST, VALIDATION, BenchmarkRecord, Results
 from agents.results.standings import Standings

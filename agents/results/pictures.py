@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.pictures import COLOURS, SMALLEST_MM, figure_of, png, tidy
 from agents.evaluation.report import OPEN_LOOP
 from agents.evaluation.score import FLOOR

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.rollout import Episodes
 from agents.evaluation.score import CLOSE_MM
 from rollingjoint.checks import as_choice, as_floats, as_integer

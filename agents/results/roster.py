@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import cast
-
-from agents.baselines.opponents import WORLDS
-from agents.baselines.privileged_teacher import PrivilegedTeacher
-from agents.baselines.residual import controllers_in
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller, env_for
+from agents.controllers.privileged_feedback import PrivilegedFeedback
+from agents.controllers.residual import controllers_in
+from agents.controllers.tuned import WORLDS
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import VALIDATION
-from rj_gym.core.tracking_task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 
 def candidates(env_id: str) -> dict[str, Controller]:
     """New controllers to compare learned ones with in the environment of that id, by name, whether they can or not."""
     controllers = controllers_in(env_id)
-    return controllers | {"privileged teacher": PrivilegedTeacher()} if env_id in WORLDS else controllers
+    return controllers | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else controllers
 
 
 def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
@@ -39,22 +35,13 @@ def is_privileged(controller: object) -> bool:
     return bool(getattr(controller, "privileged", False))
 
 
-def env_for(env: EnvConfig, controller: object) -> EnvConfig:
-    """The environment as a controller needs it: one that is privileged observes the true state, too."""
-    if not is_privileged(controller):
-        return env
-    settings: Mapping[str, object] = {**env.settings, "privileged": "observation"}
-    return EnvConfig(env.id, env.n_envs, settings)
-
-
 def why_impossible(env: EnvConfig, controller: Controller) -> str:
     """The controller's complaint about the first observation of an episode, one line; empty if it acts."""
     envs = make_vector_env(env, 1)
     try:
         observation, _ = envs.reset(seed=[VALIDATION.start])  # type: ignore[arg-type]
-        task = cast(TrackingTask, getattr(envs, "task", None))
-        controller.begin(task, 1)
-        controller.act(Seen(observation, task))
+        controller.begin(getattr(envs, "task", None), 1)
+        controller.act(observation)
     except InvalidInput as error:
         return str(error)
     finally:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.policies.trained import load_trained
 from agents.results.environment import common, episodes_key
 from agents.runs.algorithms import PARAMETERS

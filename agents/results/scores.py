@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller, env_for
 from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import run_episodes
 from agents.evaluation.score import FLOOR
@@ -34,7 +34,7 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import candidates, env_for, is_privileged, opponents
+from agents.results.roster import candidates, is_privileged, opponents
 from agents.results.runs import CHECKPOINT, Benchmark, Recipe, Run, recipe_name, stages
 from agents.results.standings import FEEDBACK
 from agents.results.worlds import Plan, worlds_of

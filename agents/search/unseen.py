@@ -105,14 +105,13 @@ def _row(name: str, errors: Array, policy: Array, seconds: float) -> list[str]:
 
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
-    from agents.evaluation.controller import Seen
     from agents.policies.trained import load_trained
 
     policy, envs = load_trained(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)
     errors = [info["error_mm"]]
     for _ in range(budget - 1):
-        observation, _, _, _, info = envs.step(policy.act(Seen(observation, None)))
+        observation, _, _, _, info = envs.step(policy.act(observation))
         errors.append(info["error_mm"])
     return np.min(errors, axis=0)
 

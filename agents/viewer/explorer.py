@@ -22,6 +22,7 @@ from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
 from rollingjoint.profile import Profile, Surface
+from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
 
@@ -231,7 +232,7 @@ class Explorer:
             return {}
         if drive == TENSIONS:
             return {"tensions": tuple(self.found.tensions.tolist())}
-        commanded = self.found.lengths - self.found.tensions / self.mechanism.stiffnesses
+        commanded = unstretched_length(self.found.lengths, self.found.tensions, self.mechanism.stiffnesses)
         return {"pulls": tuple((self.nominal.neutral_lengths - commanded).tolist())}
 
     def _neutral(self) -> Inputs:

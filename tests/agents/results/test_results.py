@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from scipy.stats import trim_mean
 
-from agents.baselines import baselines
-from agents.baselines.opponents import opponents
+from agents.controllers import baselines
+from agents.controllers.tuned import tuned_controllers
 from agents.evaluate import evaluate_controllers
 from agents.executors.folders import FILES, files_of
 from agents.executors.local import InlineExecutor
@@ -86,7 +86,7 @@ def test_every_task_has_a_row_for_every_configuration_baseline_and_the_floor(pag
     for number in (0, 1):
         assert table(page, "Near", number).keys() == rows | {"ppo_near", "sac_near"}
         blind = rows - baselines().keys() | {"do nothing", "privileged teacher (privileged)"}
-        blind |= opponents("rj_gym/Instrument-v0").keys() | {"apg_drift"}
+        blind |= tuned_controllers("rj_gym/Instrument-v0").keys() | {"apg_drift"}
         assert table(page, "Drift", number).keys() == (blind - {"floor"} if number else blind)  # none with friction
         assert table(page, "Reach", number).keys() == rows | {"ppo_reach"}
     assert list(table(page, "In short"))[2:] == ["[near](#near)", "[reach](#reach)", "[drift](#drift)"]

@@ -15,7 +15,7 @@ from agents.adaptation.contenders import Contender, contender, contenders, marke
 from agents.adaptation.driving import RobotScore, seeds_of
 from agents.adaptation.identify import Identified, Space
 from agents.adaptation.trial import Outcome, Trial
-from agents.baselines import OpenLoop
+from agents.controllers import OpenLoop
 from agents.policies.export import export_policy
 from agents.robots import DEVELOPMENT, TEST_BED, robot, robots, score_on_robots
 from agents.runs.environment import EnvConfig
@@ -108,7 +108,7 @@ def test_a_score_is_the_mean_over_robots_with_an_interval_over_them():
 
 
 def test_contenders_are_found_by_name_file_and_run(tmp_path):
-    (tmp_path / "own.py").write_text("from agents.baselines import DoNothing\n")
+    (tmp_path / "own.py").write_text("from agents.controllers import DoNothing\n")
     assert {"open loop", "probing bank", "privileged teacher"} <= contenders().keys()
     assert marked("x", contenders()["privileged teacher"]) == "x (privileged)"
     assert type(contender(f"{tmp_path}/own.py:DoNothing").controller).__name__ == "DoNothing"
@@ -146,7 +146,7 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "score_on_robots", quick)
     monkeypatch.setattr(trial, "adaptable", lambda name: Contender(None))
     monkeypatch.setattr(trial, "tried", adapted_at_once)
-    own = re.search(r"^```python\n(from agents.baselines import OpenLoop.*?)^```", TEXT, flags=re.M | re.S)
+    own = re.search(r"^```python\n(from agents.controllers import OpenLoop.*?)^```", TEXT, flags=re.M | re.S)
     (tmp_path / "my_controller.py").write_text(own[1])
     monkeypatch.chdir(tmp_path)
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", TEXT, flags=re.M | re.S)).splitlines()

@@ -112,7 +112,7 @@ def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings
         (["--episodes", "0"], "--episodes"),
         (["--seed", "1"], "seeds that training has not used"),
         (["--set", "env.settings.lod=1"], "'load'"),
-        (["--controller", "agents.baselines:Nobody"], "Nobody"),
+        (["--controller", "agents.controllers:Nobody"], "Nobody"),
         (["--controller", "nowhere"], "module:Class"),
     ],
 )

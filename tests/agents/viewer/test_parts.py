@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import JacobianFeedback
 from agents.runs.environment import EnvConfig
 from agents.viewer.clock import Clock
 from agents.viewer.drive import filmed
