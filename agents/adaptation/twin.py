@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from agents.controllers.controller import Array
 from agents.robots.robot import Robot
-from rollingjoint.chain.presets import five_link
+from rollingjoint import five_link
 
 
 @dataclass(frozen=True)
