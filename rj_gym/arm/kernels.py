@@ -29,7 +29,7 @@ from rollingjoint.compiled import (
 )
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
-FX = SPATIAL_LOAD_COLUMNS.index("fx")
+N_COLUMNS, FX = len(SPATIAL_LOAD_COLUMNS), SPATIAL_LOAD_COLUMNS.index("fx")
 
 
 class Rules(NamedTuple):
@@ -82,7 +82,7 @@ class Inputs(NamedTuple):
     actions: Annotated[Floats, "B", "m"]  # not yet clipped
     starts: Annotated[Floats, "B", "J"]  # hinge angles from which the solver starts, rad
     commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
-    loads: Annotated[Floats, "B", "rows", 20]  # weights, and in the last row the payload
+    loads: Annotated[Floats, "B", "rows", N_COLUMNS]  # weights, and in the last row the payload
 
 
 class Solved(NamedTuple):

@@ -65,7 +65,7 @@ class ArmTask(TrackingTask):
         return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
 
     def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
-        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 20)."""
+        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, columns)."""
         rows = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))
         rows[:, 0] = np.append(np.arange(1, arm.n_links), arm.n_links - 1)
         rows[:-1, _PZ] = [-0.5 * bead.spacing for bead in arm.beads]
@@ -73,7 +73,7 @@ class ArmTask(TrackingTask):
         return rows
 
     def load_tables(self, episodes: ArmDraws, step: int) -> Array:
-        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 20)."""
+        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, columns)."""
         nowhere = np.zeros(3)
         tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
         tables[:, :-1, FX : FX + 3] = episodes.weights[:, :, None] * episodes.gravity[:, None]
@@ -81,7 +81,7 @@ class ArmTask(TrackingTask):
         return tables
 
     def base_load_tables(self, episodes: ArmDraws) -> Array:
-        """Loads of the unloaded states: weights alone, tables (E, n - 1, 20)."""
+        """Loads of the unloaded states: weights alone, tables (E, n - 1, columns)."""
         return np.ascontiguousarray(self.load_tables(episodes, 0)[:, :-1])
 
     def checked_options(self, options: Mapping[str, Any] | None) -> ArmOptions:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import joint_table
-from rollingjoint.chain.chain import Chain, Kernels, members, read_only
+from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
 from rollingjoint.errors import InvalidInput, MechanismError
@@ -30,7 +30,7 @@ from rollingjoint.kernels.rolling import (
 )
 from rollingjoint.kernels.rolling import Chain as ChainArrays
 from rollingjoint.kernels.rolling_lanes import memory_alone, solve_alone, solve_pinned, step_side_by_side
-from rollingjoint.load import LOAD_COLUMNS, Load, checked_springs, load_table
+from rollingjoint.load import LOAD_COLUMNS, Load, load_table
 from rollingjoint.profile import LIMIT_TOLERANCE, Profile, Surface
 
 Array = NDArray[np.float64]
@@ -187,8 +187,7 @@ class RollingChain(Chain[Equilibrium]):
     @staticmethod
     def join(parts: Sequence[ChainArrays]) -> ChainArrays:
         """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
-        rows = max(part.standing.shape[1] for part in parts)
-        parts = [part if part.standing.shape[1] == rows else _with_rows(part, rows) for part in parts]
+        parts = with_equal_rows(parts)
         before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
         joined = ChainArrays(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
         return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
@@ -257,12 +256,6 @@ class RollingChain(Chain[Equilibrium]):
             for h in self.hole_points
         ]
 
-    def _checked_springs(self) -> tuple[Load, ...]:
-        try:
-            return checked_springs(self.springs, self.n_links)
-        except InvalidInput as error:
-            raise MechanismError(error.what, error.value, error.allowed) from None
-
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""
         for i, (below, above) in enumerate(itertools.pairwise(self.links)):
@@ -322,8 +315,3 @@ def tendon_arrays(points: Sequence[Array], n_joints: int) -> tuple[Array, Array,
         units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
         directions[:, :crossed, j] = np.concatenate([units[:, :-1], units[:, 1:]], axis=-1)
     return holes, channels, directions
-
-
-def _with_rows(part: ChainArrays, count: int) -> ChainArrays:
-    """The arrays with so many standing rows; those of zeros do nothing."""
-    return part._replace(standing=np.pad(part.standing, ((0, 0), (0, count - part.standing.shape[1]), (0, 0))))

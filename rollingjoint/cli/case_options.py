@@ -13,7 +13,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
-from rollingjoint.statics.history import Start
+from rollingjoint.statics.inputs import Start
 from rollingjoint.statics.least_squares import LARGEST_TENSION
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 

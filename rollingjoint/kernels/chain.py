@@ -1,7 +1,7 @@
 """A chain at one configuration: energy, stiffness and its generators, written once for every class of chains.
 
 A class brings its geometry, its loads and what a joint has of its own (formulas.py), and `register`s the rest.
-Symbols as in docs/theory.md: r = dV/dangle (residual), H = dr/dangle (stiffness).
+Symbols as in docs/theory.md: r = dV/dphi (residual), H = dr/dphi (stiffness).
 """
 
 from __future__ import annotations

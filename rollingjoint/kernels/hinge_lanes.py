@@ -44,7 +44,7 @@ from rollingjoint.kernels.lanes import (
     wide_memory,
 )
 from rollingjoint.kernels.rubbed_block import advance_with_friction, fill_friction, inner_search, store_history
-from rollingjoint.kernels.spatial_loads import dead_moment, evaluate_dead_loads, fill_dead_loads, lever
+from rollingjoint.kernels.spatial_loads import any_spring, dead_moment, evaluate_dead_loads, fill_dead_loads, lever
 from rollingjoint.kernels.tendons import evaluate_tendons, fill_residual
 from rollingjoint.kernels.turns import evaluate_hinge_turns
 from rollingjoint.kernels.vectors import dot, in_space
@@ -134,7 +134,8 @@ def fill_row(block, batch, friction, lane, row, design):
 @part(inline=True)
 def fill_inputs(batch, block, lane, row):
     """Copy one row's inputs into a lane; False where they need the solver for all cases."""
-    usual = batch.chain.model[batch.designs[row]] == EXACT
+    chain, design = batch.chain, batch.designs[row]
+    usual = chain.model[design] == EXACT and not any_spring(chain.standing[design])
     usual = usual and fill_law(batch.laws, block, lane, row)
     usual = usual and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
     return usual and fill_start(batch.starts, block, lane, row)

@@ -21,13 +21,11 @@ from rollingjoint.kernels.descent import most_descent_steps, relax
 from rollingjoint.kernels.formulas import evaluate, formula, stiffness
 from rollingjoint.kernels.hinges import (
     ANCHOR,
-    END_COUPLE,
     FORCE,
-    LINK,
-    MOMENT,
     N_COLUMNS,
     PX,
     SPRING,
+    TORSION,
     Hinges,
     new_hinge_state,
 )
@@ -35,25 +33,14 @@ from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
-from rollingjoint.kernels.spatial_loads import has_springs
+from rollingjoint.kernels.spatial_loads import generator_columns, has_potential
 
-STIFFNESSES = (SPRING,)  # columns of a load table
+STIFFNESSES = (SPRING, TORSION)  # columns of a load table
 _MAX_STAGES = 200
 _SHORTEST_STAGE = 1e-4  # of the whole load
 _ASIDE = 1e-4  # rad
 _WAYS_ASIDE = 4
 _STEPS_PER_ESCAPE = 10  # dense steps that take as long as the eigenvectors of an escape
-
-
-@part
-def _has_potential(chain, loads):
-    if chain.model == END_COUPLE:
-        return False
-    for row in range(loads.shape[0]):
-        for column in range(MOMENT, SPRING):
-            if loads[row, LINK] > 0.0 and loads[row, column] != 0.0:
-                return False
-    return True
 
 
 @part
@@ -126,6 +113,7 @@ def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_
         for row in range(loads.shape[0]):
             for column in range(N_COLUMNS):
                 part_loads[row, column] = loads[row, column] * (share if FORCE <= column < ANCHOR else 1.0)
+            part_loads[row, TORSION] = loads[row, TORSION] * share
         for i in range(n):
             last[i] = state.angle[i]
         status, iterations, worst, left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
@@ -149,12 +137,6 @@ def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_
     return status, count, worst, escapes
 
 
-@part
-def _generator_columns(law, loads):
-    """How many columns fill_generators has."""
-    return law.low.size + (6 if has_springs(loads) else 3)
-
-
 @formula(formulas.new_state, Hinges)
 def state_of(chain, n_joints, n_tendons):
     """An empty HingeState."""
@@ -175,16 +157,16 @@ def load_columns(chain):
 
 @formula(formulas.stiffness_columns, Hinges)
 def stiffness_columns(chain):
-    """That of springs."""
+    """Those of springs."""
     return STIFFNESSES
 
 
 @formula(formulas.solve, Hinges)
 def solve(chain, law, loads, start, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
-    conservative = _has_potential(chain, loads)
+    conservative = has_potential(chain, loads)
     n = long_joints(start.size, conservative)
-    sweep = new_sweep(n, _generator_columns(law, loads))
+    sweep = new_sweep(n, generator_columns(chain.standing, loads) + law.low.size)
     H = np.empty((start.size - n, start.size - n))
     begin(chain, start, state.angle)
     status, count, worst, escapes = _descend(chain, law, loads, conservative, state, H, sweep)
@@ -223,8 +205,8 @@ def _step_aside(angle, way, aside):
 @formula(formulas.solve_step, Hinges)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
     """The step with friction; fills the state and the memory (rubbed_chain); returns what `solve` returns."""
-    conservative, n = _has_potential(chain, loads), start.size
-    columns = _generator_columns(law, loads)
+    conservative, n = has_potential(chain, loads), start.size
+    columns = generator_columns(chain.standing, loads) + law.low.size
     angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)
     for i in range(n):
         angles[i] = start[i]

@@ -1,6 +1,6 @@
 """Arms of beads on elastic hinges: their arrays, poses, gaps and tendon lengths.
 
-Symbols as in docs/theory.md, section 8: a axis, c hinge. Functions of states serve floats and lanes alike.
+Symbols as in docs/theory.md: a axis, c hinge. Functions of states serve floats and lanes alike.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ EXACT, LINEAR, END_COUPLE = range(3)  # tendon models
 
 # Columns of HingeState.pose: rotation matrix row by row, then the origin
 PX, PY, PZ = 9, 10, 11
-# Columns of a load table: body point, world force, world moment, body force, body moment, spring's stiffness and anchor
+# Columns of a load table: body point, world force, world moment, body force, body moment, spring's stiffness and
+# anchor, torsion spring (torsion_springs.py)
 SPATIAL_LOAD_COLUMNS = (
     "link",
     *(f"{what}{axis}" for what in ("p", "f", "m", "b", "n") for axis in "xyz"),
-    *("k", "ax", "ay", "az"),
+    *("k", "ax", "ay", "az", "torsion", "rest", "other"),
 )
-LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR = map(
-    SPATIAL_LOAD_COLUMNS.index, ("link", "px", "fx", "mx", "bx", "nx", "k", "ax")
+LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(
+    SPATIAL_LOAD_COLUMNS.index, ("link", "px", "fx", "mx", "bx", "nx", "k", "ax", "torsion", "rest", "other")
 )
 N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
 N_DEAD = MOMENT  # columns of the table of dead loads of lanes: those of a load table up to the force
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
-# follower force B, moment of follower loads about the origin
-F, XF, M, B, TB, N_SUMS = 0, 3, 12, 15, 18, 21
+# follower force B, moment of follower loads about the origin; moment of torsion springs about the hinge
+F, XF, M, B, TB, TWIST, N_SUMS = 0, 3, 12, 15, 18, 21, 22
 N_DEAD_SUMS = M
 # Columns of Hinges.turns: the segment of a tendon at angle 0, the same in the frames of the links below and above its
 # hinge; what it gains per sin and per 1 - cos in the frame below, and in the frame above; 1 where the channels below
@@ -64,6 +65,7 @@ class Hinges(NamedTuple):
     model: Annotated[Integers, "D"]  # EXACT, LINEAR or END_COUPLE
     tendon_joints: Annotated[Integers, "m"]  # number of hinges a tendon crosses
     turns: Annotated[Floats, "D", "J", "m", N_TURNS]  # segment from the hole below to the hole above
+    standing: Annotated[Floats, "D", "standing", N_COLUMNS] = np.zeros((1, 0, N_COLUMNS))  # load table of its springs
 
 
 class HingeState(NamedTuple):
@@ -157,6 +159,7 @@ def design(chain, which):
         chain.model[which],
         chain.tendon_joints,
         chain.turns[which],
+        chain.standing[which],
     )
 
 

@@ -32,6 +32,13 @@ from rollingjoint.kernels.rolling import (
     X,
     Y,
 )
+from rollingjoint.kernels.torsion_springs import (
+    add_torsion_springs,
+    fill_torsion_generators,
+    row_of,
+    torsion_columns,
+    twisted,
+)
 
 LOAD_COLUMNS = ("link", "px", "py", "fx", "fy", "bx", "by", "moment", "k", "ax", "ay", "torsion", "rest", "other")
 LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(
@@ -48,12 +55,6 @@ DEAD_MOMENT, DEAD_TORSION, DEAD_REST, DEAD_OTHER, N_DEAD = range(BODY, BODY + 5)
 
 
 @part(inline=True)
-def _row(standing, loads, place):
-    """A row of the two tables, the standing one first."""
-    return standing[place] if place < standing.shape[0] else loads[place - standing.shape[0]]
-
-
-@part(inline=True)
 def placed(x, y, cos, sin, px, py):
     """Where a body point is in the world."""
     return x + cos * px - sin * py, y + sin * px + cos * py
@@ -65,24 +66,9 @@ def _dead_energy(x, y, theta, fx, fy, moment):
 
 
 @part(inline=True)
-def _twisted(theta, other, k, rest):
-    """Energy of a torsion spring, its magnitude with that of its terms, and the moment on the first link."""
-    twist = theta - other - rest
-    energy, moment = 0.5 * k * twist * twist, -(k * twist)
-    return energy, energy + abs(moment) * (abs(theta) + abs(other) + abs(rest)), moment
-
-
-@part(inline=True)
-def _span(row):
-    """First joint between the links of a torsion spring, and the one after the last."""
-    link, other = int(row[LINK]), int(row[OTHER])
-    return min(link, other), max(link, other)
-
-
-@part(inline=True)
 def _has_springs(standing, loads):
     for place in range(standing.shape[0] + loads.shape[0]):
-        if _row(standing, loads, place)[SPRING] != 0.0:
+        if row_of(standing, loads, place)[SPRING] != 0.0:
             return True
     return False
 
@@ -91,7 +77,7 @@ def _has_springs(standing, loads):
 def has_potential(standing, loads):
     """Whether no force turns with its link."""
     for place in range(standing.shape[0] + loads.shape[0]):
-        row = _row(standing, loads, place)
+        row = row_of(standing, loads, place)
         if row[BODY] != 0.0 or row[BODY + 1] != 0.0:
             return False
     return True
@@ -100,13 +86,7 @@ def has_potential(standing, loads):
 @part
 def generator_columns(standing, loads):
     """How many columns of a Sweep the loads need: one, two for springs, one for each torsion spring over two joints."""
-    columns = 3 if _has_springs(standing, loads) else 1
-    for place in range(standing.shape[0] + loads.shape[0]):
-        row = _row(standing, loads, place)
-        low, high = _span(row)
-        if row[TORSION] != 0.0 and low > 0 and high - low > 1:
-            columns += 1
-    return columns
+    return (3 if _has_springs(standing, loads) else 1) + torsion_columns(standing, loads, True)
 
 
 @part(inline=True)
@@ -126,7 +106,7 @@ def _add_loads(table, state, energy, magnitude):
         magnitude += abs(term)
         if row[TORSION] != 0.0:
             other = int(row[OTHER])
-            term, size, couple = _twisted(pose[link, THETA], pose[other, THETA], row[TORSION], row[REST])
+            term, size, couple = twisted(pose[link, THETA], pose[other, THETA], row[TORSION], row[REST])
             energy += term
             magnitude += size
             if other > 0:
@@ -189,16 +169,9 @@ def _load_stiffness(sums, contact, i, m):
 
 
 @formula(formulas.add_between_links, Chain)
-def add_torsion_springs(chain, loads, H):
+def add_between_links(chain, loads, H):
     """Add torsion springs to H."""
-    standing = chain.standing
-    for place in range(standing.shape[0] + loads.shape[0]):
-        row = _row(standing, loads, place)
-        if row[TORSION] != 0.0:
-            low, high = _span(row)
-            for i in range(low, high):
-                for m in range(low, high):
-                    H[i, m] += row[TORSION]
+    add_torsion_springs(chain.standing, loads, H)
 
 
 @formula(formulas.fill_load_generators, Chain)
@@ -217,21 +190,7 @@ def fill_load_generators(chain, loads, state, prox, sweep):
             sweep.V[i, 1], sweep.V[i, 2] = cx, cy
             diagonal += sweep.U[i, 1] * cx + sweep.U[i, 2] * cy
         sweep.diagonal[i] = diagonal + formulas.own_stiffness(chain, state, i)
-    column = 3 if springs else 1
-    for place in range(standing.shape[0] + loads.shape[0]):
-        row = _row(standing, loads, place)
-        k, (low, high) = row[TORSION], _span(row)
-        if k == 0.0:
-            continue
-        for i in range(low, high):
-            sweep.diagonal[i] += k
-            if low == 0:
-                sweep.U[i, 0] += k
-        if low > 0 and high - low > 1:
-            for i in range(sums.shape[0]):
-                inside = low <= i < high
-                sweep.U[i, column], sweep.V[i, column] = k if inside else 0.0, 1.0 if inside else 0.0
-            column += 1
+    fill_torsion_generators(standing, loads, True, 3 if springs else 1, sweep)
 
 
 @part(inline=True)
@@ -252,7 +211,7 @@ def fill_dead_loads(standing, loads, table, lane):
     usual, last = True, table.shape[0] - 1
     table[last, 0, lane] = 0.0
     for place in range(last):
-        row = _row(standing, loads, place)
+        row = row_of(standing, loads, place)
         for column in range(BODY):
             table[place, column, lane] = row[column]
         table[place, DEAD_MOMENT, lane], table[place, DEAD_TORSION, lane] = row[MOMENT], row[TORSION]
@@ -292,7 +251,7 @@ def evaluate_dead_loads(table, state):
             other, behind = table[row, DEAD_OTHER], zero
             for k in range(1, n_joints + 1):
                 behind = where(other == float(k), pose[k, THETA], behind)
-            term, size, couple = _twisted(theta, behind, table[row, DEAD_TORSION], table[row, DEAD_REST])
+            term, size, couple = twisted(theta, behind, table[row, DEAD_TORSION], table[row, DEAD_REST])
             energy, magnitude = energy + term, magnitude + size
             turn = turn + couple
             for i in range(n_joints):

@@ -1,7 +1,9 @@
 """Loads on a spatial chain: everything that kernels make of the rows of a load table, and the residual.
 
 A row acts on one body point x of one link: force and moment of fixed direction, force and moment that turn with the
-link, a spring to an anchor. Symbols as in docs/theory.md, section 8: a axis, c hinge. Dead forces alone act in lanes.
+link, a spring to an anchor; its torsion spring acts on that link and another one. The standing rows of a chain, its
+springs, act beside those of a call. Symbols as in docs/theory.md: a axis, c hinge. Dead forces alone act in
+lanes.
 """
 
 from __future__ import annotations
@@ -24,10 +26,14 @@ from rollingjoint.kernels.hinges import (
     MOMENT,
     N_COLUMNS,
     N_DEAD,
+    OTHER,
     POINT,
     PX,
+    REST,
     SPRING,
     TB,
+    TORSION,
+    TWIST,
     XF,
     B,
     F,
@@ -39,16 +45,49 @@ from rollingjoint.kernels.hinges import (
     turned,
 )
 from rollingjoint.kernels.tendons import fill_residual
+from rollingjoint.kernels.torsion_springs import (
+    add_torsion_springs,
+    fill_torsion_generators,
+    row_of,
+    torsion_columns,
+    twisted,
+)
 from rollingjoint.kernels.vectors import about, choose, dot, in_space, minus, plus, times
 
 
 @part(inline=True)
-def has_springs(loads):
-    """Whether the loads hold a spring."""
-    for row in range(loads.shape[0]):
-        if loads[row, SPRING] != 0.0:
+def _has_springs(standing, loads):
+    for place in range(standing.shape[0] + loads.shape[0]):
+        if row_of(standing, loads, place)[SPRING] != 0.0:
             return True
     return False
+
+
+@part(inline=True)
+def any_spring(table):
+    """Whether a load table has a spring or a torsion spring."""
+    for row in range(table.shape[0]):
+        if table[row, SPRING] != 0.0 or table[row, TORSION] != 0.0:
+            return True
+    return False
+
+
+@part
+def has_potential(chain, loads):
+    """Whether all loads and tendons have one: no moments, no follower loads, no end couples. Springs always have."""
+    if chain.model == END_COUPLE:
+        return False
+    for row in range(loads.shape[0]):
+        for column in range(MOMENT, SPRING):
+            if loads[row, LINK] > 0.0 and loads[row, column] != 0.0:
+                return False
+    return True
+
+
+@part
+def generator_columns(standing, loads):
+    """How many columns of a Sweep the loads need: three, three for springs, one for each torsion spring over hinges."""
+    return (6 if _has_springs(standing, loads) else 3) + torsion_columns(standing, loads, False)
 
 
 @part(inline=True)
@@ -78,15 +117,16 @@ def _add_force(sums, i, at, force):
 @part
 def evaluate_table(chain, loads, state):
     """Fill the sums of loads beyond each hinge, end couples among them; returns (energy, magnitude of its terms)."""
-    springs = has_springs(loads)
+    springs = _has_springs(chain.standing, loads)
     _clear(state.sums)
     state.held[0, K] = 0.0  # enough to say that there are none
     energy, magnitude = _add_loads(loads, state)
     if springs:
         _clear(state.held)
-        spring_energy = _add_springs(loads, state)
+        spring_energy = _add_springs(loads, state) + _add_springs(chain.standing, state)
         energy, magnitude = energy + spring_energy, magnitude + spring_energy
         _accumulate(state.held)
+    energy, magnitude = _add_torsion_springs(chain.standing, loads, state, energy, magnitude)
     if chain.model == END_COUPLE:
         _add_end_couples(chain, state)
     _accumulate(state.sums)
@@ -135,6 +175,32 @@ def _add_springs(loads, state):
         for column in range(10):
             held[link - 1, column] += k * products[column]
     return energy
+
+
+@part
+def _add_torsion_springs(standing, loads, state, energy, magnitude):
+    """Add the moments of torsion springs to the sums; returns energy and magnitude with theirs."""
+    for place in range(standing.shape[0] + loads.shape[0]):
+        row = row_of(standing, loads, place)
+        if row[TORSION] == 0.0:
+            continue
+        link, other = int(row[LINK]), int(row[OTHER])
+        term, size, couple = twisted(_turn_of(state, link), _turn_of(state, other), row[TORSION], row[REST])
+        energy, magnitude = energy + term, magnitude + size
+        if link > 0:
+            state.sums[link - 1, TWIST] += couple
+        if other > 0:
+            state.sums[other - 1, TWIST] -= couple
+    return energy, magnitude
+
+
+@part(inline=True)
+def _turn_of(state, link):
+    """Sum of the angles of the hinges below a link."""
+    turn = 0.0
+    for i in range(link):
+        turn += state.angle[i]
+    return turn
 
 
 @part(inline=True)
@@ -232,14 +298,15 @@ def _add_followers(state, i, H):
 
 
 @formula(formulas.add_between_links, Hinges)
-def add_nothing(chain, loads, H):
-    """No load acts between two links."""
+def add_between_links(chain, loads, H):
+    """Add torsion springs to H."""
+    add_torsion_springs(chain.standing, loads, H)
 
 
 @formula(formulas.fill_load_generators, Hinges)
 def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first, and s, c × a in three of their own."""
-    springs = has_springs(loads)
+    springs = _has_springs(chain.standing, loads)
     for i in range(state.angle.size):
         w, axis = lever(state, i), in_space(state.axis, i, 0)
         sweep.diagonal[i] = prox + formulas.own_stiffness(chain, state, i) - dot(w, axis)
@@ -251,6 +318,7 @@ def fill_load_generators(chain, loads, state, prox, sweep):
             for a in range(3):
                 sweep.U[i, a] += p[a]
                 sweep.U[i, 3 + a], sweep.V[i, 3 + a] = s[a], arm[a]
+    fill_torsion_generators(chain.standing, loads, False, 6 if springs else 3, sweep)
 
 
 @part(inline=True)
@@ -264,6 +332,7 @@ def fill_dead_loads(loads, table, lane):
             usual = usual and resolvable(loads[row, column])
         for column in range(MOMENT, SPRING + 1):
             usual = usual and (loads[row, column] == 0.0 or (loads[row, LINK] == 0.0 and column < SPRING))
+        usual = usual and loads[row, TORSION] == 0.0
     return usual
 
 
@@ -313,7 +382,7 @@ def evaluate_residual(chain, state):
     """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
     scale = 0.0
     for i in range(state.angle.size):
-        moment = dot(in_space(state.axis, i, 0), load_moment(state, i))
+        moment = dot(in_space(state.axis, i, 0), load_moment(state, i)) + state.sums[i, TWIST]
         spring = chain.springs[i] * (state.angle[i] - chain.joints[i, 2])
         size = fill_residual(chain.tendon_joints, state, i, spring, moment)
         if chain.model == END_COUPLE:  # they are among the loads

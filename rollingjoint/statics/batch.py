@@ -19,7 +19,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
-from rollingjoint.statics.history import History, Start, checked_history, start_of
+from rollingjoint.statics.inputs import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
 

@@ -2,12 +2,12 @@
 
     p ← clip(p, q - h, q + h)                           play (backlash) of half width h
     T = clip(k (l - p), low, high),  then p ← l - T / k     the motor holds at `low` and gives way at `high`
-    T_motor = T exp(φ u),  u = (p - q) / h                  friction of the bent sheath, by the capstan's law
+    T_motor = T exp(ν ζ),  ζ = (p - q) / h                  friction of the bent sheath, by the capstan's law
 
 A motor at q [mm] moves its tendon through play: p is the unstretched length that the tendon is left with [mm]. A tendon
 of length l [mm] and stiffness k [N/mm] then has the tension T [N] where the sheath ends, and its motor measures
-T_motor [N]. u is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
-play is crossed; φ is the coefficient of friction times the turn of the sheath.
+T_motor [N]. ζ is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
+play is crossed; ν is the coefficient of friction times the turn of the sheath.
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
@@ -86,7 +86,7 @@ def play_inverse(tendon: ArrayLike, move: ArrayLike, half_width: ArrayLike) -> A
 
 
 def sheath_direction(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Array:
-    """u, within [-1, 1]: where in the play a tendon is; 0 without play, where no friction is modelled.
+    """ζ, within [-1, 1]: where in the play a tendon is; 0 without play, where no friction is modelled.
 
     Args:
         tendon: p [mm]. motor: q [mm]. half_width: h, 0 or more [mm].
@@ -95,10 +95,10 @@ def sheath_direction(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike)
 
 
 def sheath_ratio(friction: ArrayLike, direction: ArrayLike) -> Array:
-    """Tension that the motor measures over the one that arrives behind the sheath: exp(φ u).
+    """Tension that the motor measures over the one that arrives behind the sheath: exp(ν ζ).
 
     Args:
-        friction: φ, 0 or more. direction: u.
+        friction: ν, 0 or more. direction: ζ.
     """
     return _filled(kernels.sheath_ratios, friction, direction)
 

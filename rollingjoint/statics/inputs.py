@@ -1,4 +1,4 @@
-"""Histories of steps with friction: what a caller gives, checked."""
+"""Checked inputs of the solvers: starts and histories, limits of tensions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from rollingjoint.chain.stacks import designs_of
 from rollingjoint.checks import as_floats, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
+
+Array = NDArray[np.float64]
 
 Start = ArrayLike | Solution | None
 """Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
@@ -31,7 +33,7 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
     return getattr(history, "angles", None)
 
 
-def angles_of(mechanism: AnyChain, start: Start, history: History) -> NDArray[np.float64]:
+def angles_of(mechanism: AnyChain, start: Start, history: History) -> Array:
     """Joint angles to start from, (n - 1,) [rad], to be read at once: they may be the caller's.
 
     Raises:
@@ -89,3 +91,26 @@ def _floats(values: object) -> np.ndarray:
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.flags.c_contiguous:
         return values
     return as_floats("history", values, "numbers")
+
+
+def broadcast_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[ArrayLike, ArrayLike]:
+    """`tension_limits_of` to be broadcast: two floats, the usual ones, stay as they are, in a fifth of the time."""
+    if type(limits) is tuple and len(limits) == 2 and type(limits[0]) is float and type(limits[1]) is float:
+        return limits
+    low, high = tension_limits_of(limits, n_tendons)
+    return low, high
+
+
+def tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
+    """Minimum and maximum tension of every tendon, (2, m) [N]; InvalidInput for anything else."""
+    both = np.empty((2, n_tendons))
+    allowed = f"(lowest, highest), numbers or {n_tendons} values each"
+    try:
+        for side, values in zip(both, limits, strict=True):
+            array = as_floats("tension_limits", values, allowed)
+            if array.shape not in ((), (n_tendons,)):
+                raise InvalidInput("tension_limits", limits, allowed)
+            side[:] = array
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput("tension_limits", limits, allowed) from None
+    return both
