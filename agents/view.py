@@ -14,7 +14,7 @@ from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from rollingjoint.chain.presets import PRESETS
+from rollingjoint import PRESETS
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 

@@ -21,7 +21,7 @@ from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
 from agents.adaptation.driving import MOST_EPISODES
 from agents.adaptation.robot import Robot
 from agents.controllers.controller import Array
-from rollingjoint.chain.presets import five_link
+from rollingjoint import five_link
 
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
 EVALUATIONS = 15  # at most, each with its derivatives

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.controller import Array
-from rollingjoint.chain.presets import five_link
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import RollingChain, five_link
 from rollingjoint.chain.variations import varied_chain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput

@@ -16,8 +16,8 @@ from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
 from rj_gym.core.hardware import AGE
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint import solve_lengths_batch
 from rollingjoint.errors import ConfigError, InvalidInput
-from rollingjoint.statics.solve import solve_lengths_batch
 from rollingjoint.transmission import elastic_tension
 
 Array = NDArray[np.float64]

@@ -14,12 +14,9 @@ import numpy as np
 from agents.controllers.controller import HANGING, Array, Mask, Reading, restarted
 from agents.controllers.steps import choose
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
-from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import Equilibrium, HingeChain, HingeEquilibrium, RollingChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
-from rollingjoint.statics.solve import solve_lengths_batch
 from rollingjoint.transmission import unstretched_length
 
 _LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))

@@ -14,11 +14,10 @@ from agents.controllers.measured import measured_by, unstretched
 from agents.controllers.steps import choose, nearest_tensions
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.core.tracking_task import TrackingTask
+from rollingjoint import CapstanFriction, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_positive
 from rollingjoint.errors import InvalidInput
-from rollingjoint.friction import CapstanFriction
-from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 
 
 class OpenLoop(Controller):

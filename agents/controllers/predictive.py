@@ -8,7 +8,7 @@ from agents.controllers.controller import Array, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.measured import unstretched
 from agents.controllers.steps import choose, nearest_tensions
-from rollingjoint.statics.solve import solve_lengths_batch
+from rollingjoint import solve_lengths_batch
 
 
 class LoadEstimate(JacobianFeedback):

@@ -14,10 +14,8 @@ from agents.controllers.kernels import cross_play
 from agents.controllers.measured import hanging_loads, loads_along, measured_equilibrium
 from agents.controllers.steps import FeedbackSettings, pulling_in
 from rj_gym.core.observation import load_scale
-from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import HingeChain, RollingChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
-from rollingjoint.statics.solve import solve_lengths_batch
 
 
 @dataclass(frozen=True)

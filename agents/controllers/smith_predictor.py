@@ -9,9 +9,8 @@ import numpy as np
 from agents.controllers.controller import Array, Mask, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.measured import measured_equilibrium, unstretched
-from rollingjoint.chain.equilibrium import Equilibrium
+from rollingjoint import Equilibrium, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
-from rollingjoint.statics.solve import solve_lengths_batch
 
 
 @dataclass

@@ -10,12 +10,12 @@ import numpy as np
 
 from agents.controllers.controller import Array, Mask, restarted, saturated
 from rj_gym.core.settings import Range, Settings
+from rollingjoint import solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_number
 from rollingjoint.load import Load
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
-from rollingjoint.statics.solve import solve_tensions_batch
 
 KEEP = 3.0  # mm/N: what a tension beyond the margin weighs, more than any error
 _MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing

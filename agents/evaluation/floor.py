@@ -29,11 +29,10 @@ from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
 from rj_gym.core.registry import task_of
+from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain, Chain
-from rollingjoint.chain.status import Status
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
-from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
 from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from agents.evaluation.recording import ERROR, Recording, record_episodes
 from agents.runs.environment import EnvConfig, make_env, plain_settings
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import DATA, TEST, VALIDATION
-from rollingjoint.chain.presets import PRESETS, preset
+from rollingjoint import PRESETS, preset
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError, naming_extras
 from rollingjoint.io.mechanism_file import mechanism_to_dict

@@ -9,7 +9,7 @@ from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, Payload
 from rj_gym.core.config import FrictionConfig, TaskConfig
 from rj_gym.core.registry import task_of
 from rj_gym.planar.config import LoadConfig, RandomizationConfig
-from rollingjoint.chain.hinge import HingeChain
+from rollingjoint import HingeChain
 
 
 def description(config: TaskConfig) -> str:

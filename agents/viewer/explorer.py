@@ -16,12 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from rollingjoint import CapstanFriction, WorldForce, solve_lengths, solve_tensions, solve_tensions_batch
-from rollingjoint.chain.presets import PRESETS
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import (
+    PRESETS,
+    CapstanFriction,
+    Profile,
+    RollingChain,
+    Surface,
+    WorldForce,
+    solve_lengths,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
-from rollingjoint.profile import Profile, Surface
 from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]

@@ -15,12 +15,10 @@ from agents.controllers.filters.levers import ArmLoads, arm_levers, chain_levers
 from agents.controllers.filters.model import Model, Part, process_part
 from agents.controllers.measured import hanging_loads, loads_along
 from rj_gym.core.tracking_task import TrackingTask
-from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import HingeChain, RollingChain, solve_tensions_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS
 from rollingjoint.statics.sensitivity import joint_response
-from rollingjoint.statics.solve import solve_tensions_batch
 
 _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 _BEYOND = 1.2  # times the largest load: how far an estimate may go
