@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
 import gymnasium
@@ -116,10 +117,17 @@ class EnvConfig:
 
 
 def plain_settings(config: TaskConfig) -> dict[str, Any]:
-    """All settings of a tracking environment except the mechanism, as plain values."""
+    """All settings of a tracking environment except the mechanism, as plain values.
+
+    Raises:
+        ConfigError: own terms, which are functions and have no place in a file.
+    """
     either_task: Any = config
+    if config.terms != type(config.terms)():
+        hint = "Register an id of your own that brings them (docs/your_task.md)."
+        raise ConfigError("terms", "own functions", "none in a file", hint)
     values = asdict(replace(either_task, mechanism=""))
-    del values["mechanism"]
+    del values["mechanism"], values["terms"]
     return values
 
 
@@ -130,11 +138,21 @@ def make_env(config: EnvConfig, **arguments: Any) -> gymnasium.Env:
 
 
 def make_vector_env(config: EnvConfig, count: int, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """A native vector environment of rj_gym with `count` copies; for other ids, scalar ones stepped in turn."""
-    if not config.is_ours:
+    """A native vector environment of rj_gym with `count` copies; for ids without one, scalar ones stepped in turn."""
+    if not (config.is_ours or _is_native(config)):
         return gymnasium.vector.SyncVectorEnv([partial(make_env, config, **arguments)] * count)
     with making(config):
         return gymnasium.make_vec(config.id, count, "vector_entry_point", **config.arguments(), **arguments)
+
+
+def _is_native(config: EnvConfig) -> bool:
+    """Whether an id that is registered elsewhere names a vector environment of rj_gym."""
+    module, _, name = config.id.rpartition(":")
+    if module:
+        import_module(module)  # as Gymnasium does for such an id; the command line has named it
+    spec = gymnasium.registry.get(name)
+    entry = None if spec is None else spec.vector_entry_point
+    return isinstance(entry, str) and entry.startswith("rj_gym:")
 
 
 @contextmanager
