@@ -45,8 +45,8 @@ class OpenLoop(Controller):
         """Begin episodes, (B,): nothing is planned in them."""
         task, model = self.task, measured_by(self.task)
         self.loads = model.nominal_loads
-        own = self.REST_TENSION if model.stiffens else task.config.start_tension
-        rest = np.clip(own if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
+        default = self.REST_TENSION if model.stiffens else task.config.start_tension
+        rest = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
         self.rest = np.full((len(mask), task.mechanism.n_tendons), rest)
         self.tensions = restarted(self.tensions, mask, self.rest)
         self.target = restarted(self.target, mask, np.full((len(mask), task.dimension), np.nan))
@@ -139,12 +139,12 @@ class FrictionOpenLoop(OpenLoop):
             mu = mu[episodes[episodes < len(mu)].astype(int)]
         if mu.ndim and mu.shape != shape:
             raise InvalidInput("shape of mu", mu.shape, f"(), or (E, {shape[1]}) for all E episodes")
-        made: dict[tuple[float, ...], Any] = {}
+        mechanisms: dict[tuple[float, ...], Any] = {}
         rows = [tuple(row) for row in np.broadcast_to(mu, shape).tolist()]
         for row in rows:
-            if row not in made:
-                made[row] = with_friction(task, row)
-        return [made[row] for row in rows]
+            if row not in mechanisms:
+                mechanisms[row] = with_friction(task, row)
+        return [mechanisms[row] for row in rows]
 
 
 def with_friction(task: TrackingTask, mu: Sequence[float]) -> Any:

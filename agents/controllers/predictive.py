@@ -44,12 +44,12 @@ class Predictive(LoadEstimate):
 
     def increments(self, reading: Reading, way: Array) -> Array:
         """Changes of the commanded lengths that move the predicted tip by `way` (B, d), (B, m) both [mm]."""
-        now, loads = self.measured.loaded(reading)
-        commands, wanted = unstretched(now), self.planned(reading, loads)
-        found, moves = now, np.zeros_like(now.tensions)
+        model, loads = self.measured.loaded(reading)
+        commands, wanted = unstretched(model), self.planned(reading, loads)
+        predicted, moves = model, np.zeros_like(model.tensions)
         for _ in range(self.STEPS):
-            trial = moves + self.step(found, way - (found.tip - now.tip), wanted, moves)
-            tried = solve_lengths_batch(self.task.mechanism, commands + trial, loads, found)
-            usable = np.asarray(tried.ok)
-            found, moves = choose(usable, tried, found), np.where(usable[:, None], trial, moves)
+            trial = moves + self.step(predicted, way - (predicted.tip - model.tip), wanted, moves)
+            candidate = solve_lengths_batch(self.task.mechanism, commands + trial, loads, predicted)
+            usable = np.asarray(candidate.ok)
+            predicted, moves = choose(usable, candidate, predicted), np.where(usable[:, None], trial, moves)
         return moves

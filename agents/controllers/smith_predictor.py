@@ -53,10 +53,11 @@ class SmithPredictor(JacobianFeedback):
         limits = self.task.config.tension_range
         self.past = [(self.play.tendons, np.clip(reading.tensions, *limits)), *self.past][: self._remembered]
         picture = self._look(reading)
-        then = measured_equilibrium(self.task.mechanism, picture)
-        commands = unstretched(then) + self.play.tendons - picture.tendons
-        self.model: Equilibrium = solve_lengths_batch(self.task.mechanism, commands, then.loads, then, limits)
-        predicted = self.model.tip + self.TRUST * (picture.tip - then.tip)
+        past_model = measured_equilibrium(self.task.mechanism, picture)
+        commands = unstretched(past_model) + self.play.tendons - picture.tendons
+        loads, mechanism = past_model.loads, self.task.mechanism
+        self.model: Equilibrium = solve_lengths_batch(mechanism, commands, loads, past_model, limits)
+        predicted = self.model.tip + self.TRUST * (picture.tip - past_model.tip)
         return reading.target - np.where(np.asarray(self.model.ok)[:, None], predicted, picture.tip)
 
     def increments(self, reading: Reading, way: Array) -> Array:
@@ -72,10 +73,10 @@ class SmithPredictor(JacobianFeedback):
         """The last pictures, with those that are new in this step."""
         ages = np.minimum(np.rint(reading.picture_age).astype(int), len(self.past) - 1)
         tendons, tensions = (np.stack(series)[ages, np.arange(len(ages))] for series in zip(*self.past, strict=True))
-        now = Picture(reading.joint_angles, tensions, reading.tip, tendons)
+        current = Picture(reading.joint_angles, tensions, reading.tip, tendons)
         if self.picture is None:
-            self.picture = now
+            self.picture = current
         new, self._blind = (reading.picture_is_new | self._blind)[:, None], np.zeros_like(self._blind)
-        for name, values in vars(now).items():
+        for name, values in vars(current).items():
             setattr(self.picture, name, np.where(new, values, getattr(self.picture, name)))
         return self.picture

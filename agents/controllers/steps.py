@@ -197,20 +197,21 @@ def nearest_tensions(
     low, high = np.log(np.maximum(limits, 1e-3))
     pull, calm = (_PULL * mechanism.length) ** 2, np.log(rest)
     best = np.clip(np.log(starts), low, high)
-    found: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
-    least, damping = _cost(found, targets, pull, best - calm), np.full(len(best), 1e-3)
+    equilibria: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
+    lowest, damping = _cost(equilibria, targets, pull, best - calm), np.full(len(best), 1e-3)
     going = np.ones((len(best), 1), bool)
     for _ in range(most_steps):
-        rates = tension_response(found) * np.exp(best)[:, None]
+        rates = tension_response(equilibria) * np.exp(best)[:, None]
         hessian = np.swapaxes(rates, 1, 2) @ rates
         size = pull + damping * np.trace(hessian, axis1=1, axis2=2)
         hessian += size[:, None, None] * np.eye(best.shape[1])
-        slope = np.einsum("bim,bi->bm", rates, found.tip - targets) + pull * (best - calm)
+        slope = np.einsum("bim,bi->bm", rates, equilibria.tip - targets) + pull * (best - calm)
         step = going * bounded_step(hessian, slope, low - best, high - best)
-        tried = solve_tensions_batch(mechanism, np.exp(best + step), loads, found)
-        cost = _cost(tried, targets, pull, best + step - calm)
-        better = cost < least
-        best, least, found = best + step * better[:, None], np.where(better, cost, least), choose(better, tried, found)
+        trial = solve_tensions_batch(mechanism, np.exp(best + step), loads, equilibria)
+        cost = _cost(trial, targets, pull, best + step - calm)
+        better = cost < lowest
+        best, lowest = best + step * better[:, None], np.where(better, cost, lowest)
+        equilibria = choose(better, trial, equilibria)
         damping *= np.where(better, 0.1, 10.0)
         going = np.abs(step).max(axis=1, keepdims=True) > _CLOSE
         if not going.any():
@@ -218,7 +219,7 @@ def nearest_tensions(
     return np.exp(best)
 
 
-def _cost(equilibria: Solution, targets: Array, pull: float, away: Array) -> Array:
+def _cost(equilibria: Solution, targets: Array, pull: float, deviation: Array) -> Array:
     """What is minimised, (B,) [mm²]."""
-    cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(away**2, axis=1)
+    cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(deviation**2, axis=1)
     return np.where(equilibria.ok, cost, np.inf)

@@ -19,7 +19,7 @@ SINGULAR = 1e-9  # N·mm/rad: pivots below are those of no stable equilibrium
 NARROW = 1e-6  # mm: half the width of a play that is none
 
 
-class Places(NamedTuple):
+class StateLayout(NamedTuple):
     """Where in a state its parts begin; the load is at 0."""
 
     offsets: int
@@ -45,7 +45,7 @@ class Play(NamedTuple):
     by_place: Annotated[Floats, "R", "m"]  # and by where they began
 
 
-class Solved(NamedTuple):
+class ModelEquilibria(NamedTuple):
     """Equilibria of the model, R rows, and what their derivatives are made of."""
 
     usable: Annotated[Floats, "R"]  # bool
@@ -64,7 +64,7 @@ class Levers(NamedTuple):
     tips: Annotated[Floats, "R", "d", "J"]  # d tip / d joint angle, mm/rad
 
 
-class Linear(NamedTuple):
+class Derivatives(NamedTuple):
     """How link angles, tensions and the tip of an equilibrium change with the state."""
 
     angles: Annotated[Floats, "R", "J", "states"]  # none where the model's pictures show none
