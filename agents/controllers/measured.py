@@ -110,9 +110,7 @@ def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
             chain, which have little moment.
     """
     moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
-    arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]
-    links = arm.shape[1]
-    rows = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * np.tri(links)[..., None]  # joint i carries links k > i
+    rows = np.ascontiguousarray(np.swapaxes(measured.pose_jacobian[:, 1:, :2], -1, -2))
     columns = np.swapaxes(rows, -1, -2)
     forces = np.linalg.solve(columns @ rows + noise**2 * np.eye(2), columns @ moments[:, None, :, None])
     remainder = moments[:, None] - (rows @ forces)[..., 0]
