@@ -41,12 +41,11 @@ class SmithPredictor(JacobianFeedback):
     TRUST = 0.5  # of a measured tip against that of the measured angles
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): no picture, nothing measured."""
+        """Begin episodes, (B,): nothing measured; their first observation has a picture."""
         super().reset(mask)
         if mask.all():
             self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first
             self.picture: Picture | None = None
-        self._blind = mask.copy()  # whose first picture is still to come
 
     def error(self, reading: Reading) -> Array:
         """Target minus predicted tip, (B, 2) [mm]."""
@@ -76,7 +75,6 @@ class SmithPredictor(JacobianFeedback):
         current = Picture(reading.joint_angles, tensions, reading.tip, tendons)
         if self.picture is None:
             self.picture = current
-        new, self._blind = (reading.picture_is_new | self._blind)[:, None], np.zeros_like(self._blind)
         for name, values in vars(current).items():
-            setattr(self.picture, name, np.where(new, values, getattr(self.picture, name)))
+            setattr(self.picture, name, np.where(reading.picture_is_new[:, None], values, getattr(self.picture, name)))
         return self.picture
