@@ -1,6 +1,6 @@
 """The model of a mechanism at its measurements, with or without an estimate of the load; one class per kind of chain.
 
-Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is that of the model.
+Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is the model's.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LARGEST = 3.0  # rad of tilt, N of payload: bounds of the estimate
 
 
 class MeasuredModel(Protocol):
-    """What controllers ask of a model, B episodes side by side.
+    """A model of B episodes side by side at their measurements.
 
     Attributes:
         nominal_loads: those that the model knows of: none, or the weight of an arm that hangs.
@@ -38,7 +38,7 @@ class MeasuredModel(Protocol):
     stiffens: bool
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): forget what was estimated in them."""
+        """Begin episodes, (B,): forget their estimates."""
 
     def unloaded(self, reading: Reading) -> Solution:
         """The model where it was measured, the load unknown."""
@@ -69,7 +69,7 @@ class MeasuredChain:
         self.mechanism: RollingChain = task.mechanism
 
     def reset(self, mask: Mask) -> None:
-        """Nothing: it remembers nothing."""
+        """Do nothing, for it has no memory."""
 
     def unloaded(self, reading: Reading) -> Equilibrium:
         """The model at the measured pose and tensions, B rows."""
@@ -99,7 +99,7 @@ def measured_equilibrium(mechanism: RollingChain, reading: Measurement) -> Equil
 
 
 def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
-    """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
+    """Load tables (B, 1, 11): the force at one link's origin that best explains the unbalanced moments of the tendons.
 
     Statics: the moment of a force at joint i is that about its contact point. For every link the force that explains
     the moments best is found by regularised least squares; the most likely link is chosen.
@@ -144,7 +144,7 @@ def loads_along(table: Array, directions: Array, payloads: Array) -> Array:
 
 
 class MeasuredArm:
-    """An arm under its commands: under nominal gravity, or under the gravity and payload that explain what is measured.
+    """An arm under its commands: under nominal gravity, or under the gravity and payload that explain the measurements.
 
     Every step refines three numbers: the vector by which the direction of gravity is turned from the nominal one (two
     numbers), and the payload at the tip, which acts along gravity.
@@ -230,7 +230,7 @@ class MeasuredArm:
         return np.concatenate([model.tip - reading.tip, model.tensions - reading.tensions], axis=1) / self._spreads
 
     def _unlikely(self, reading: Reading, model: HingeEquilibrium, estimate: Array) -> Array:
-        """What is minimised, (B,)."""
+        """The cost of an estimate, (B,)."""
         deviation = estimate / np.array([self.TILT, self.TILT, self.PAYLOAD])
         cost = np.sum(self._misses(reading, model) ** 2, axis=1) + np.sum(deviation**2, axis=1)
         return np.where(model.ok, cost, np.inf)

@@ -1,4 +1,4 @@
-"""The model inverse, without feedback; also of a model whose tendons rub in their holes."""
+"""The model inverse, without feedback; also of a model with friction of its tendons."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class OpenLoop(Controller):
         self.target = self.tensions = np.empty(0)
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): nothing is planned in them."""
+        """Begin episodes, (B,), without plans."""
         task, model = self.task, measured_by(self.task)
         self.loads = model.nominal_loads
         default = self.REST_TENSION if model.stiffens else task.config.start_tension
@@ -73,7 +73,7 @@ class OpenLoop(Controller):
 
 
 class FrictionOpenLoop(OpenLoop):
-    """The model command where tendons rub: what the way there leaves of an error in the model is aimed off for.
+    """The model command where tendons rub: it aims off for the error that the way there leaves in the model.
 
     It carries the model along its own commands, friction and all, and looks neither at the pose nor at the load.
 

@@ -35,9 +35,9 @@ class LoadEstimate(JacobianFeedback):
 class Predictive(LoadEstimate):
     """One-step model-predictive control under the estimated load.
 
-    What Jacobian feedback minimises with a linear model, this one minimises with the whole one: a few Gauss-Newton
-    steps, each from the equilibrium that the model predicts for the increments so far. What the model does not explain
-    of the measured tip is taken to stay as it is.
+    It minimises the cost of Jacobian feedback with the whole model in place of a linear one: a few Gauss-Newton
+    steps, each from the equilibrium that the model predicts for the increments so far. The part of the
+    measured tip that the model does not explain is taken to stay as it is.
     """
 
     STEPS = 3  # after which increments change by less than sensors can tell

@@ -15,7 +15,7 @@ from rollingjoint.chain.solution import Solution
 
 @dataclass
 class Picture:
-    """What was measured when the last pictures of B episodes were taken; rows change as new ones come.
+    """Measurements at the last pictures of B episodes; rows change as new ones come.
 
     Args:
         joint_angles: (B, n - 1) [rad]. tensions: (B, m) [N]. tip: (B, 2) [mm].
@@ -31,8 +31,8 @@ class Picture:
 class SmithPredictor(JacobianFeedback):
     """Jacobian feedback on the pose now, which the model predicts from the last picture and the commands since then.
 
-    The load is unknown: the moments that balance the tendons at the time of the picture are taken to stay. Of what the
-    model's tip was off in the picture, the prediction keeps the share TRUST.
+    The load is unknown: the moments that balance the tendons at the time of the picture are taken to stay. Of the error
+    of the model's tip in the picture, the prediction keeps the share TRUST.
 
     Args:
         settings: as of JacobianFeedback; with pictures that are never late it is the same controller.
@@ -41,7 +41,7 @@ class SmithPredictor(JacobianFeedback):
     TRUST = 0.5  # of a measured tip against that of the measured angles
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): nothing measured; their first observation has a picture."""
+        """Begin episodes, (B,): their first observation has a picture."""
         super().reset(mask)
         if mask.all():
             self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first

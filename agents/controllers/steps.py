@@ -17,7 +17,7 @@ from rollingjoint.checks import as_number
 from rollingjoint.load import Load
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
-KEEP = 3.0  # mm/N: what a tension beyond the margin weighs, more than any error
+KEEP = 3.0  # mm/N: weight of a tension beyond the margin, above any error's
 _MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
 
 
@@ -56,12 +56,12 @@ class FeedbackSettings(Settings):
 
     Args:
         gain: share of the error that a step removes: less than 1 averages noise.
-        stiffen: weight of tensions [mm/N]: weak beside the error, strong enough to end at high tensions in an episode.
+        stiffen: weight of tensions [mm/N]: weak against the error, strong enough to end at high tensions in an episode.
         damping: the smallest response of the tip to lengths that is used [mm/mm].
         far: more damping far from the target, where the response will have changed on arrival [1/mm].
         crossing: share of the play's half width by which a motor goes ahead of a tendon that it moves.
         dead_band_mm: moves of a tendon that are not worth crossing the play for [mm].
-        half_width_mm: of the play, where nothing estimates it [mm].
+        half_width_mm: of the play, where no filter estimates it [mm].
         rest_tension: mean tension for which feedback on filters goes where high ones do not stiffen, as in an arm [N].
     """
 
@@ -139,9 +139,9 @@ def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
 
 
 def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
-    """The equilibria of `one` in these rows, those of `other`, under as many loads, elsewhere.
+    """The equilibria of `one` in these rows, of `other`, with equally many loads, elsewhere.
 
-    Where both have friction, so has the choice; their mechanisms are those of `one`.
+    Where both have friction, so has the choice; it has the mechanisms of `one`.
     """
     chosen: dict[str, Any] = {
         name: restarted(getattr(other, name), rows, getattr(one, name)) for name in _array_names(one)
@@ -168,7 +168,7 @@ def _times(matrices: Array, vectors: Array) -> Array:
     return (matrices @ vectors[..., None])[..., 0]
 
 
-_PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
+_PULL = 1e-3  # of the mechanism's length: tip error that a factor e between a tension and its rest may cost
 _CLOSE = 1e-6  # of a tension: smaller steps end the search
 
 
@@ -220,6 +220,6 @@ def nearest_tensions(
 
 
 def _cost(equilibria: Solution, targets: Array, pull: float, deviation: Array) -> Array:
-    """What is minimised, (B,) [mm²]."""
+    """The cost of tensions, (B,) [mm²]."""
     cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(deviation**2, axis=1)
     return np.where(equilibria.ok, cost, np.inf)

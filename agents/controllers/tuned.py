@@ -163,7 +163,7 @@ WORLDS: Mapping[str, Mapping[str, Tunable]] = {
 
 
 def tuned_controllers(env_id: str) -> dict[str, Controller]:
-    """New controllers with their tuned settings, by name: those of tuned.yaml in this world.
+    """New controllers with their tuned settings, by name, as in tuned.yaml.
 
     Raises:
         ConfigError: a world without any.

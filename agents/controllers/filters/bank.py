@@ -1,4 +1,4 @@
-"""A bank of extended Kalman filters: what tensions and pictures say of load, play and friction."""
+"""A bank of extended Kalman filters: load, play and friction from tensions and pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rj_gym.core.tracking_task import TrackingTask
 
 
 class Bank:
-    """Filters side by side, one per hypothesis, weighed by how likely they make what is measured.
+    """Filters side by side, one per hypothesis, weighed by the likelihood of the measurements.
 
     Every filter carries on the commands behind its play by the play's own law, and estimates the load, the offsets of
     the commands, the stiffnesses of the tendons, and, where pictures show it, how far the model's tip is off. A late
@@ -20,11 +20,11 @@ class Bank:
 
     Args:
         task: of which it knows the settings and the nominal mechanism.
-        settings: what it assumes.
+        settings: its assumptions.
 
     Attributes:
         weights: of the hypotheses, (N, H), of sum 1. tips: under each of them, (N, H, d) [mm].
-        belief: of this step. linear: derivatives of the model. model: that of its filters.
+        belief: of this step. linear: derivatives of the model. model: the one of its filters.
     """
 
     def __init__(self, task: TrackingTask, settings: FilterSettings) -> None:
@@ -36,14 +36,14 @@ class Bank:
         self._past: list[FilterStep] = []  # the newest first
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (N,): nothing is measured in them."""
+        """Begin episodes, (N,), without measurements."""
         self._episodes, self._fresh, H = len(mask), mask.copy(), len(self.hypotheses)
         if mask.all():
             self._past = []
             self.weights, self.tips = np.full((len(mask), H), 1.0 / H), np.zeros((len(mask), H, self._dimension))
 
     def take_in(self, reading: Reading) -> Estimate:
-        """The estimate after what is seen of the episodes in this step."""
+        """The estimate after the measurements of this step."""
         step = self._next_moment(reading)
         self._past = [step, *self._past[: self._moments - 1]]
         linearised = self._filters.take_tensions(step.belief, step.motors, step.tensions)

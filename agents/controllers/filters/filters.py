@@ -1,4 +1,4 @@
-"""Extended Kalman filters on the model of a mechanism: forecasts, and what tensions and pictures change."""
+"""Extended Kalman filters on the model of a mechanism: forecasts, and updates by tensions and pictures."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Beliefs:
 
 @dataclass
 class FilterStep:
-    """A step: what was measured in it, and what is believed after its tensions.
+    """A step: its measurements, and the beliefs after its tensions.
 
     Args:
         motors: measured positions, (N, m) [mm].
@@ -73,7 +73,7 @@ class FilterStep:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The model where it was solved: what is believed since then is a linear step away.
+    """The model where it was solved; later beliefs are a linear step away.
 
     Args:
         prediction: the model. states: under which it was solved, (R, states).
@@ -84,12 +84,12 @@ class Linearised:
 
 
 class Filters:
-    """What all filters of a bank share; every method changes the beliefs that it is given.
+    """The filters of a bank; every method changes the beliefs that it is given.
 
     Args:
         task: of which they know the settings and the nominal mechanism.
-        settings: what they assume.
-        hypotheses: what they differ in.
+        settings: their assumptions.
+        hypotheses: their differences.
     """
 
     def __init__(self, task: TrackingTask, settings: FilterSettings, hypotheses: Hypotheses) -> None:
@@ -156,7 +156,7 @@ class Filters:
         return linearised
 
     def solve(self, belief: Beliefs) -> Linearised:
-        """The model under what is believed, which takes over its joint angles."""
+        """The model under the beliefs, which take over its joint angles."""
         prediction = self.model.predict(belief.states, belief.play, belief.angles)
         usable = prediction.solved.usable[:, None]
         belief.angles = np.where(usable, prediction.equilibria.joint_angles, belief.angles)

@@ -22,9 +22,9 @@ from rollingjoint.compiled import TendonLaw
 
 
 class StatePart(NamedTuple):
-    """Some numbers of a state before anything is measured, and what a step does to them; (H, size) or less.
+    """Some numbers of a state before any measurement, and their change in a step; (H, size) or less.
 
-    memory: what a step leaves of them. walk: standard deviation of what it adds.
+    memory: factor of a step. walk: standard deviation that it adds.
     """
 
     size: int
@@ -37,10 +37,10 @@ class StatePart(NamedTuple):
 
 @dataclass(frozen=True)
 class Prediction:
-    """The model under B x H states: R rows, hypotheses beside each other.
+    """The model under B x H states: R rows, the hypotheses of an episode adjacent.
 
     Args:
-        equilibria: those of the model. link_angles: those that pictures show, (R, J) [rad]; J is 0 where none.
+        equilibria: of the model. link_angles: as pictures show them, (R, J) [rad]; J is 0 where none.
         solved, linear: equilibria and their derivatives, as the kernels take them.
     """
 
@@ -59,7 +59,7 @@ class FilterModel(ABC):
 
     Attributes:
         places: of the parts of a state. n_tendons: m. n_angles: how many link angles pictures may show.
-        radius: that of the circle about 0 in which the first two numbers of a load lie, in their unit.
+        radius: of the circle about 0 in which the first two numbers of a load lie, in their unit.
         stiffens: whether higher tensions stiffen the mechanism, so that they are worth going for.
     """
 
@@ -99,7 +99,7 @@ class FilterModel(ABC):
 
     @abstractmethod
     def _load_tables(self, states: Array) -> Array:
-        """Those of rows, (R, rows, columns)."""
+        """Load tables, (R, rows, columns)."""
 
     @abstractmethod
     def _fill_levers(self, equilibria: Any, states: Array, levers: Levers) -> None:
@@ -139,7 +139,7 @@ class FilterModel(ABC):
 
 @dataclass(frozen=True)
 class SharedRows:
-    """What all batches of as many rows share."""
+    """Arguments of the solver that all batches of equal size share."""
 
     chain: Any
     designs: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""What filters believe before anything is measured, and how much of it a step leaves."""
+"""The beliefs of filters before any measurement, and their change in a step."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _UNBOUNDED = (-math.inf, math.inf)
 
 @dataclass(frozen=True)
 class Prior:
-    """The distribution of states at the start, and what happens to them from step to step.
+    """The distribution of states at the start, and its change from step to step.
 
     Args:
         means, variances: of the states at the start, (H, states).
-        memory: what a step leaves of every state, (states,). walk: variances of what it adds, (states,).
+        memory: factors of a step, (states,). walk: variances that it adds, (states,).
         low, high: beyond which no estimate of a state goes, (states,).
     """
 
@@ -35,7 +35,7 @@ class Prior:
 
     @classmethod
     def of(cls, task: TrackingTask, model: FilterModel, settings: FilterSettings, hypotheses: Hypotheses) -> Prior:
-        """That of a task's settings, of what the filters assume and of what they differ in."""
+        """The prior of a task's settings, of assumptions and hypotheses."""
         H, m = hypotheses.half_widths.shape
         play, friction = assumed_ranges(task.config, settings)
         stiffening = _SPREADS * settings.stiffness_sd
@@ -76,7 +76,7 @@ def start_measurement(
         tension: at the start [N].
         sd: standard deviation of the lengths [mm].
     Returns:
-        How far they are expected from where the model has them, with commands off by nothing, (R, m) [mm], the
+        How far they are expected from where the model has them, without offsets of commands, (R, m) [mm], the
         derivatives of that (R, m, states), measured (R, m), variances (R, m).
     """
     at, (rows, m), L = model.places, played.shape, model.N_LOAD
