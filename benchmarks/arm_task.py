@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from rj_gym import FlexibleArmConfig, FlexibleArmVectorEnv
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint import solve_lengths, solve_tensions, solve_tensions_batch
 from rollingjoint.statics.sensitivity import dposes_dtensions
 

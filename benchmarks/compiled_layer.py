@@ -164,21 +164,21 @@ def pins() -> tuple[str, float, float]:
 
 STEP = """
 import gymnasium, rj_gym
-from functools import partial
+from rj_gym.tracking.kernels import StepKernels
 env = gymnasium.make("rj_gym/RollingJoint-v0").unwrapped
 env.reset(seed=0)
-buffer = next(value for value in vars(env).values() if hasattr(value, "_bind_step"))
-flat = buffer._seen.ctypes.data
+buffer = env._buffer
+kernels, flat = buffer._kernels, buffer._seen.ctypes.data
 """
 
 
 def address() -> tuple[str, float, float]:
     """A step's compiled part: solve called from Python between two kernels, and by the kernel itself."""
-    from_python = "apart = Pinned(buffer._pinned._kept._replace(solver=0, problem=0))\n"
-    from_python += "def work():\n    buffer._step.func(apart.address, flat, 0, 1)\n"
-    from_python += "    buffer._solve(0, 1)\n    buffer._finish(flat, 0, 1)\n"
+    from_python = "apart = StepKernels(kernels._pinned._kept._replace(solver=0, problem=0))\n"
+    from_python += "def work():\n    apart.step(flat, 0, 1)\n"
+    from_python += "    buffer.solver.alone(0, 1)\n    kernels.finish(flat, 0, 1)\n"
     slow = warm(STEP + from_python + "print(least(work, 2000))", 1)
-    return "compiled step", slow, warm(STEP + "print(least(lambda: buffer._step(flat, 0, 1), 2000))", 1)
+    return "compiled step", slow, warm(STEP + "print(least(lambda: kernels.step(flat, 0, 1), 2000))", 1)
 
 
 def simd() -> tuple[str, float, float]:

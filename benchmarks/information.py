@@ -28,7 +28,7 @@ from agents.controllers.controller import Controller
 from agents.controllers.tuned import tuned_controllers
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import WorldForce, five_link, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.variations import ChainVariations
 from rollingjoint.load import load_table

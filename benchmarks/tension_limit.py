@@ -28,7 +28,7 @@ from agents.results.wording import mm, share, with_interval
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import TENSION_LIMITS
 from agents.shipped import load_policy
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint.tables import markdown_table
 
 Array = NDArray[np.float64]

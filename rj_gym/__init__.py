@@ -3,17 +3,18 @@
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
 rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains whose tip is
 not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an arm
-whose tip is not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch; it and the arms are imported when one
-is first asked for.
+whose tip is not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch and is imported when it is first asked
+for.
 
 Modules:
-    arm: the arm's tracking task.
-    core: what every task shares.
+    core: shared by all tasks.
     design: the design task.
-    planar: the planar tracking task.
-    rendering: what the drawings of all tasks share.
+    former_names: where pickles of earlier versions find their classes.
+    registry: the table of registered environments, their settings and tasks.
+    rendering: colours, lines and the window of the drawings of all tasks.
     sb3: the native vector environments for Stable-Baselines3.
     torch_env: the planar tracking tasks as torch tensors on a device.
+    tracking: the tracking tasks.
     vector_checker: a checker of Gymnasium vector environments.
     warmup: their kernels, for `rj warmup`.
 """
@@ -22,12 +23,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rj_gym.core.config import FrictionConfig, RewardConfig, TargetConfig, TaskConfig
-from rj_gym.core.observation import Entry
-from rj_gym.core.registry import TABLE, late, register_envs, settings_of, task_of
-from rj_gym.core.sensing import ActuationConfig, SensingConfig
-from rj_gym.planar.config import LoadConfig, RandomizationConfig, TrackingConfig
-from rj_gym.planar.env import (
+from rj_gym import former_names as _former_names  # noqa: F401 (pickles name modules that are there)
+from rj_gym.core.task import Entry
+from rj_gym.registry import TABLE, late, register_envs, settings_of, task_of
+from rj_gym.tracking.config import (
+    ArmRandomizationConfig,
+    ArmRewardConfig,
+    ArmTargetConfig,
+    FlexibleArmConfig,
+    FrictionConfig,
+    GravityConfig,
+    LoadConfig,
+    PayloadConfig,
+    RandomizationConfig,
+    RewardConfig,
+    TargetConfig,
+    TaskConfig,
+    TrackingConfig,
+)
+from rj_gym.tracking.env import (
+    ArmInstrumentEnv,
+    FlexibleArmEnv,
+    FlexibleArmGoalEnv,
     InstrumentEnv,
     InstrumentShiftEnv,
     LatePoseEnv,
@@ -35,8 +52,14 @@ from rj_gym.planar.env import (
     RollingJointGoalEnv,
     SlowCameraEnv,
 )
-from rj_gym.planar.observation import observation_entries
-from rj_gym.planar.vector import (
+from rj_gym.tracking.observation import observation_entries
+from rj_gym.tracking.observation import observation_entries as arm_observation_entries
+from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
+from rj_gym.tracking.terms import Drawn, Observed, Start, Step, Terms
+from rj_gym.tracking.vector import (
+    ArmInstrumentVectorEnv,
+    FlexibleArmGoalVectorEnv,
+    FlexibleArmVectorEnv,
     InstrumentShiftVectorEnv,
     InstrumentVectorEnv,
     LatePoseVectorEnv,
@@ -44,22 +67,16 @@ from rj_gym.planar.vector import (
     RollingJointVectorEnv,
     SlowCameraVectorEnv,
 )
-from rj_gym.planar.worlds import InstrumentConfig, InstrumentShiftConfig, LatePoseConfig, SlowCameraConfig
+from rj_gym.tracking.worlds import (
+    ArmInstrumentConfig,
+    InstrumentConfig,
+    InstrumentShiftConfig,
+    LatePoseConfig,
+    SlowCameraConfig,
+)
 from rj_gym.vector_checker import check_vector_env
 
 if TYPE_CHECKING:
-    from rj_gym.arm.config import (
-        ArmRandomizationConfig,
-        ArmRewardConfig,
-        ArmTargetConfig,
-        FlexibleArmConfig,
-        GravityConfig,
-        PayloadConfig,
-    )
-    from rj_gym.arm.env import ArmInstrumentEnv, FlexibleArmEnv, FlexibleArmGoalEnv
-    from rj_gym.arm.observation import arm_observation_entries
-    from rj_gym.arm.vector import ArmInstrumentVectorEnv, FlexibleArmGoalVectorEnv, FlexibleArmVectorEnv
-    from rj_gym.arm.worlds import ArmInstrumentConfig
     from rj_gym.design.config import DesignConfig, DesignRewardConfig
     from rj_gym.design.env import CurvatureDesignEnv
     from rj_gym.design.observation import design_observation_entries
@@ -79,6 +96,8 @@ __all__ = [
     "CurvatureDesignVectorEnv",
     "DesignConfig",
     "DesignRewardConfig",
+    "Drawn",
+    "Entry",
     "FlexibleArmConfig",
     "FlexibleArmEnv",
     "FlexibleArmGoalEnv",
@@ -96,6 +115,7 @@ __all__ = [
     "LatePoseEnv",
     "LatePoseVectorEnv",
     "LoadConfig",
+    "Observed",
     "PayloadConfig",
     "RandomizationConfig",
     "RewardConfig",
@@ -107,7 +127,10 @@ __all__ = [
     "SlowCameraConfig",
     "SlowCameraEnv",
     "SlowCameraVectorEnv",
+    "Start",
+    "Step",
     "TargetConfig",
+    "Terms",
     "TrackingConfig",
     "arm_observation_entries",
     "check_vector_env",
@@ -130,18 +153,15 @@ def privileged_entries(config: TaskConfig) -> list[Entry]:
     return task_of(config).privileged_entries()
 
 
-_ARM_SETTINGS = ("ArmRandomizationConfig", "ArmRewardConfig", "ArmTargetConfig", "GravityConfig", "PayloadConfig")
 _LATE = {
-    **{name: module for row in TABLE for name, module in row.classes.items()},
-    **dict.fromkeys(_ARM_SETTINGS, "rj_gym.arm.config"),
+    **{name: module for row in TABLE if not row.tracks for name, module in row.classes.items()},
     "DesignRewardConfig": "rj_gym.design.config",
-    "arm_observation_entries": "rj_gym.arm.observation",
     "design_observation_entries": "rj_gym.design.observation",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """What not every program needs, imported when it is first asked for; the design task needs torch."""
+    """The design task, which needs torch, imported when it is first asked for."""
     if name in _LATE:
         return late(_LATE[name], name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,23 +8,11 @@ import rj_gym  # noqa: F401 (registers the environments)
 from rollingjoint.warmup import Group
 
 
-def planar_environments() -> None:
-    """Take a step of planar chains."""
-    _step("rj_gym/RollingJoint-v0")
-
-
-def arm_environments() -> None:
-    """Take a step of arms."""
-    _step("rj_gym/FlexibleArm-v0")
-
-
-def _step(env_id: str) -> None:
-    envs = gymnasium.make_vec(env_id, 2, "vector_entry_point")
+def environments() -> None:
+    """Take a step of planar chains; a step of arms is made of the same kernels and of the arm's solver."""
+    envs = gymnasium.make_vec("rj_gym/RollingJoint-v0", 2, "vector_entry_point")
     envs.reset(seed=0)
     envs.step(envs.action_space.sample())
 
 
-GROUPS = (
-    Group("the planar environments", planar_environments, after="the planar solver of batches", family="planar"),
-    Group("the arm's environments", arm_environments, after="the arm's solver", family="arm"),
-)
+GROUPS = (Group("the environments", environments, after="the planar solver of batches", family="planar"),)

@@ -18,7 +18,7 @@ ARCHITECTURE, CONVERGENCE = PAGES["docs/architecture.md"], PAGES["docs/convergen
 PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 RUN_ELSEWHERE = {
-    "docs/environment.md": "rj_gym/planar/test_docs.py",
+    "docs/environment.md": "rj_gym/tracking/test_docs.py",
     "docs/training.md": "agents/test_docs.py",
     "docs/enter.md": "agents/test_enter.py",
 }

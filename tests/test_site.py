@@ -14,7 +14,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from rj_gym.core.registry import TABLE
+from rj_gym.registry import TABLE
 from tests.conftest import sources_first
 
 ROOT = Path(__file__).parent.parent

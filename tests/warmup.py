@@ -9,7 +9,7 @@ def controllers() -> None:
     """Let the opponents of learning act in the world of instruments and in that of slow cameras."""
     from agents.controllers.tuned import tuned_controllers
     from agents.runs.environment import EnvConfig
-    from rj_gym.core.registry import task_of
+    from rj_gym.registry import task_of
 
     for env_id in ("rj_gym/Instrument-v0", "rj_gym/SlowCamera-v0"):
         for controller in tuned_controllers(env_id).values():

@@ -10,7 +10,7 @@ from agents.adaptation.identify import Identified
 from agents.controllers.controller import Array, Controller, Mask, as_controller, plain
 from agents.controllers.filter_feedback import FilterFeedback
 from rj_gym.core.settings import Range
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
 _SURE = 2.0  # standard deviations on either side: how far what was identified may be off

@@ -14,7 +14,7 @@ from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.robots.robot import Robot
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import BENCH
-from rj_gym.planar.vector import InstrumentVectorEnv
+from rj_gym.tracking.vector import InstrumentVectorEnv
 
 
 class LikelyRobots(InstrumentVectorEnv):

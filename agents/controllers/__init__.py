@@ -25,7 +25,7 @@ from agents.controllers.controller import Controller, DoNothing, FunctionControl
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.open_loop import OpenLoop
 from agents.controllers.predictive import LoadEstimate, Predictive
-from rj_gym.core.config import TaskConfig
+from rj_gym.tracking.config import TaskConfig
 
 __all__ = [
     "Controller",

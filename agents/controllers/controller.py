@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
-from rj_gym.core.hardware import AGE
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.arrays import AGE
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint import solve_lengths_batch
 from rollingjoint.errors import ConfigError, InvalidInput
 from rollingjoint.transmission import elastic_tension

@@ -14,7 +14,7 @@ from agents.controllers.filters.hypotheses import FilterSettings
 from agents.controllers.kernels import Outlook, cross_play, damped_increments, look_ahead
 from agents.controllers.steps import KEEP, FeedbackSettings, TargetMotion, pulling_in, tensions_within_margin
 from rj_gym.core.settings import Settings
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_choice, as_number
 
 PATTERNS = ("apart", "together")

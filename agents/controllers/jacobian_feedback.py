@@ -18,7 +18,7 @@ from agents.controllers.steps import (
     pulling_in,
     tensions_within_margin,
 )
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.solution import Solution
 from rollingjoint.transmission import play_step
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.controllers.controller import HANGING, Array, Mask, Reading, restarted
 from agents.controllers.steps import choose
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint import Equilibrium, HingeChain, HingeEquilibrium, RollingChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table

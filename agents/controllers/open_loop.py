@@ -13,7 +13,7 @@ from agents.controllers.controller import Array, Controller, Mask, Reading, rest
 from agents.controllers.measured import measured_by, unstretched
 from agents.controllers.steps import choose, nearest_tensions
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint import CapstanFriction, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.checks import as_positive

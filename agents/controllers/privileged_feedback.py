@@ -13,7 +13,7 @@ from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import cross_play
 from agents.controllers.measured import hanging_loads, loads_along, measured_equilibrium
 from agents.controllers.steps import FeedbackSettings, pulling_in
-from rj_gym.core.observation import load_scale
+from rj_gym.tracking.observation import load_scale
 from rollingjoint import HingeChain, RollingChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
 

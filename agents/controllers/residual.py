@@ -16,7 +16,7 @@ from agents.controllers.controller import Array, Controller, Mask, as_controller
 from agents.controllers.tuned import WORLDS, tuned_controllers
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError, RollingJointError
 

@@ -28,7 +28,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain, Chain
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError

@@ -18,7 +18,7 @@ from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint.checks import as_integer
 from rollingjoint.tables import markdown_table, text_table
 

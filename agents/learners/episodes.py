@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from agents.learners.motion import Motion, Motors, at_rest, moved, single
 from agents.learners.observing import Observing
-from rj_gym.core.tangent import Tangent
 from rj_gym.core.vector import TaskVectorEnv
+from rj_gym.tracking.tangent import Tangent
 
 SMOOTH = 1e-4  # mm²: under the root of the error, so that its gradient is bounded at the target
 

@@ -1,7 +1,7 @@
 """One step of motors, tendons, tensions and tip, as a node with a derivative written by hand.
 
 Values are those of the environment; derivatives follow from the play operator and from the rates of the equilibrium
-(`rj_gym.core.tangent.Tangent`). One node takes the place of some forty of torch's.
+(`rj_gym.tracking.tangent.Tangent`). One node takes the place of some forty of torch's.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rj_gym.core.tangent import Tangent
+from rj_gym.tracking.tangent import Tangent
 from rollingjoint.transmission import play_contact, play_place, sheath_direction, sheath_ratio
 
 Array = NDArray[np.float32]

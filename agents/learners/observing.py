@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 
 from agents.learners.motion import Motion
-from rj_gym.core.hardware import AGE, LAG_TENSION
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.arrays import AGE, LAG_TENSION
+from rj_gym.tracking.task import TrackingTask
 
 _PAST = re.compile(r"(?P<name>.*), lag (?P<lag>\d+)")
 _KINDS = {"action": "action", "command": "motor", "tension": "tension"}

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.tangent import Tangent
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.tangent import Tangent
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 from rollingjoint.transmission import play_inverse
 

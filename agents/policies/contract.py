@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import Any, cast
 
 from agents.policies.shipped import ShippedPolicy
-from rj_gym.core.observation import Entry
-from rj_gym.core.registry import task_of
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.core.task import Entry
+from rj_gym.registry import task_of
+from rj_gym.tracking.task import TrackingTask
 
 CONTRACT = 1  # version of the keys
 WIDTH = 220  # of printed lines: an entry with its normaliser

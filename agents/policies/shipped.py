@@ -22,9 +22,9 @@ from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
 from rj_gym import IDS, settings_of
-from rj_gym.core.config import TaskConfig
-from rj_gym.core.registry import task_of
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import TaskConfig
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checked_yaml import mapping, text
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict

@@ -5,10 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rj_gym.arm.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
-from rj_gym.core.config import FrictionConfig, TaskConfig
-from rj_gym.core.registry import task_of
-from rj_gym.planar.config import LoadConfig, RandomizationConfig
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import (
+    ArmRandomizationConfig,
+    FlexibleArmConfig,
+    FrictionConfig,
+    LoadConfig,
+    PayloadConfig,
+    RandomizationConfig,
+    TaskConfig,
+)
 from rollingjoint import HingeChain
 
 

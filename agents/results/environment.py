@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.results.record import BenchmarkRecord
 from agents.runs.environment import EnvConfig, plain_settings
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 
 OWN_MATTER = ("reward", "observe_history", "privileged")

@@ -20,7 +20,7 @@ from agents.runs.environment import EnvConfig
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import PROCESSOR, RunFolder
 from rj_gym import IDS
-from rj_gym.core.config import TaskConfig
+from rj_gym.tracking.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
 SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as agents.campaign names it

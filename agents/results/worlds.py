@@ -10,8 +10,7 @@ from agents.results.description import load_range
 from agents.results.environment import changed, setting
 from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION, BenchmarkRecord, World
 from agents.runs.environment import EnvConfig
-from rj_gym.core.config import FrictionConfig
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.tracking.config import FrictionConfig, TrackingConfig
 from rollingjoint.errors import RollingJointError
 
 HEAVIER = 1.5  # times the largest load of training

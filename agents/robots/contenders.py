@@ -19,7 +19,7 @@ from agents.results.roster import is_privileged
 from agents.robots.driving import WORLD
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from rj_gym.core.config import TaskConfig
+from rj_gym.tracking.config import TaskConfig
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
 

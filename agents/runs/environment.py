@@ -19,7 +19,7 @@ from rollingjoint.errors import ConfigError
 if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
 
-    from rj_gym.core.config import TaskConfig
+    from rj_gym.tracking.config import TaskConfig
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class EnvConfig:
         """Plain settings with defaults written in and the mechanism as its numbers; as given if not a tracking task."""
         if not self.is_tracking:
             return dict(self.settings)
-        from rj_gym.core.registry import task_of
+        from rj_gym.registry import task_of
         from rollingjoint.io.mechanism_file import mechanism_to_dict
 
         config = self.arguments()["config"]

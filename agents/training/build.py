@@ -19,7 +19,7 @@ from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.residual import ResidualVecEnv
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
 

@@ -20,7 +20,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.training.asymmetric import ACTOR
-from rj_gym.core.observation import Entry
+from rj_gym.core.task import Entry
 
 KERNEL = 3
 

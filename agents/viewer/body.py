@@ -10,7 +10,7 @@ import viser.transforms
 from numpy.typing import ArrayLike
 
 from agents.viewer.solids import Strand, frames, solids
-from rj_gym.rendering.canvas import BASE, LINK, Color, tension_color
+from rj_gym.rendering import BASE, LINK, Color, tension_color
 
 
 class Body:

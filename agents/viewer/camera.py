@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.viewer.solids import Array
-from rj_gym.rendering.tracking import TrackingScene
+from rj_gym.tracking.render import TrackingScene
 from rollingjoint import RollingChain
 
 FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.viewer.designs import Points
 from agents.viewer.solids import Array
-from rj_gym.rendering.canvas import FAINT, GRID, Color
+from rj_gym.rendering import FAINT, GRID, Color
 
 COLOURS: Sequence[Color] = ((176, 184, 196), (86, 180, 233), (213, 94, 0))
 """Of the kinds of points."""

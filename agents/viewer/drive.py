@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agents.controllers.controller import Array, Controller, Mask, as_controller, env_for, restarted
 from agents.evaluation.rollout import LAST_STEPS
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.rendering.tracking import TrackingScene
+from rj_gym.tracking.render import TrackingScene
 from rollingjoint.errors import InvalidInput
 
 

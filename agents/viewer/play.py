@@ -14,7 +14,7 @@ from agents.controllers.controller import Array, Controller, Mask, Reading
 from agents.runs.environment import EnvConfig
 from agents.viewer.controllers import offered_controllers
 from agents.viewer.drive import Drive, Film
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_choice, as_vector
 from rollingjoint.errors import InvalidInput
 

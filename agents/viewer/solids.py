@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rj_gym.rendering.tracking import TrackingScene
+from rj_gym.tracking.render import TrackingScene
 from rollingjoint import HingeChain, Link, RollingChain
 
 Array = NDArray[np.float64]

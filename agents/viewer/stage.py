@@ -13,8 +13,8 @@ from agents.evaluation.pictures import COLOURS
 from agents.viewer.body import Body
 from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
-from rj_gym.rendering.canvas import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
-from rj_gym.rendering.tracking import TrackingScene
+from rj_gym.rendering import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
+from rj_gym.tracking.render import TrackingScene
 from rollingjoint import HingeChain, RollingChain
 
 GRAVITY: Color = (120, 90, 160)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.controller import Array
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 KEYS: Mapping[str, tuple[str, int]] = {
     "L": ("right", 1),

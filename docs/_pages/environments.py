@@ -14,8 +14,8 @@ import gymnasium
 import replays
 
 import rj_gym
-from rj_gym.core.registry import TABLE, Registration
 from rj_gym.core.settings import Settings
+from rj_gym.registry import TABLE, Registration
 
 CHAIN_TASKS = ("fixed_target", "moving_target", "drifting_load", "stepping_load", "noisy", "two_segment")
 TASKS = {  # of the results page, by the stem of the classes
@@ -160,8 +160,8 @@ def facts(row: Registration) -> str:
         "action space": f"`{env.action_space}`",
         "observation space": f"`{space(env.observation_space)}`",
         "classes": " ".join(f"[{name}][rj_gym.{name}]" for name in row.classes),
-        "needs": 'torch: `pip install ".[design]"`' if row.folder == "design" else "nothing but the base install",
-        "guide": f"[{GUIDES[row.folder]}](../{GUIDES[row.folder]})",
+        "needs": 'torch: `pip install ".[design]"`' if row.family == "design" else "nothing but the base install",
+        "guide": f"[{GUIDES[row.family]}](../{GUIDES[row.family]})",
     }
     env.close()
     return "\n".join(["| | |", "|:--|:--|", *(f"| {name} | {value} |" for name, value in rows.items())])

@@ -1,17 +1,23 @@
-"""What callers give to environments, checked: seeds; numbers, masks and pictures of lanes, modes."""
+"""Calls of environments, checked: seeds, options, lanes, modes and saved states; and one call at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from rollingjoint.checks import as_integer
-from rollingjoint.errors import InvalidInput, naming_extras
+from rollingjoint.checks import as_floats, as_integer
+from rollingjoint.errors import InvalidInput, RollingJointError, naming_extras
+
+Array = NDArray[np.float64]
 
 MOST_LANES = 2**20  # some gigabytes of arrays
+LARGEST = 1e12  # in millimetres and newtons; the solvers take no more
+HINT = "Take it from get_state() of an environment with these settings and this many lanes."
 
 
 def checked_count(num_envs: object) -> int:
@@ -90,3 +96,86 @@ def _listed(values: object) -> Sequence[object] | None:
     if isinstance(values, np.ndarray) and values.ndim:
         return values.tolist()
     return values if isinstance(values, Sequence) and not isinstance(values, str | bytes) else None
+
+
+def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
+    """The options, empty for None; InvalidInput unless they are a dictionary with known keys."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(known)}")
+    for key in options:
+        if key not in known:
+            raise InvalidInput("reset options key", key, f"one of {', '.join(known)}")
+    return options
+
+
+def finite_floats(what: str, value: object) -> Array:
+    """The values as an array; InvalidInput for anything but numbers of size LARGEST at most."""
+    array = as_floats(what, value, "numbers")
+    if not np.all(np.abs(array) <= LARGEST):
+        raise InvalidInput(what, value, f"finite numbers from -{LARGEST:g} to {LARGEST:g}")
+    return array
+
+
+def checked_parts(state: object, names: Sequence[str], where: str = "state") -> Mapping[str, Any]:
+    """The parts of a state by name; raises InvalidInput unless it is a mapping with these keys and no others."""
+    if not isinstance(state, Mapping) or set(state) != set(names):
+        given = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
+        raise InvalidInput(where, given, f"a mapping with the keys {', '.join(sorted(names))}", HINT)
+    return state
+
+
+def checked_array(name: str, values: object, like: NDArray[Any]) -> NDArray[Any]:
+    """The array, of the shape and type of `like`; raises InvalidInput for any other: kernels check neither."""
+    if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (like.shape, like.dtype):
+        given = (values.dtype.name, values.shape) if isinstance(values, np.ndarray) else type(values).__name__
+        raise InvalidInput(f"state: {name}", given, f"an array {like.dtype.name} {like.shape}", HINT)
+    return values
+
+
+def check_whole(name: str, values: NDArray[Any], low: float, high: float) -> None:
+    """Raise InvalidInput unless all values are whole numbers from low to high: kernels use them as indices."""
+    good = (values >= low) & (values <= high) & (values == np.rint(values))
+    if not good.all():
+        raise InvalidInput(f"state: {name}", values[~good][0], f"whole numbers from {low:g} to {high:g}", HINT)
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class EnvironmentInUse(RollingJointError, RuntimeError):
+    """A call of an environment while another call of it is running; nothing has changed."""
+
+
+class Usable(Protocol):
+    """An object with methods that are used alone."""
+
+    _calls: dict[str, Any]  # the running call, if there is one; empty at first
+
+
+Self = TypeVar("Self", bound=Usable)
+
+
+def used_alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
+    """The method, which raises EnvironmentInUse while another such method of the same object is running.
+
+    A mark and no lock: no caller waits. `setdefault` marks in one step, whichever threads come together.
+    """
+
+    @functools.wraps(method)
+    def alone(self: Self, *args: P.args, **kwargs: P.kwargs) -> R:
+        calls, call = self._calls, object()
+        try:
+            if calls.setdefault("running", call) is not call:
+                raise EnvironmentInUse(
+                    f"{type(self).__name__}.{method.__name__}: another call of this environment is running. "
+                    "Use it from one thread at a time, or make one environment per thread."
+                )
+            return method(self, *args, **kwargs)
+        finally:
+            if calls.get("running") is call:
+                calls.clear()
+
+    return alone

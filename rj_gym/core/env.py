@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, SupportsFloat
 
 import gymnasium
@@ -15,16 +15,16 @@ from rj_gym.core.arguments import checked_render_mode, checked_seed
 from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.info import only_lane
-from rj_gym.core.registry import task_of
 from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.spaces import goal_observation, observation_space, observed
+from rj_gym.core.task import Task
 from rollingjoint.errors import InvalidInput
 
 _ALONE = np.zeros(1, np.int64)
 
 
 class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
-    """Base of the scalar environments; a task's class names its settings and episode buffer.
+    """Base of the scalar environments; a class names its settings, task and episode buffer.
 
     Args:
         render_mode: None, "human" or "rgb_array"; the latter two need pygame, which the extra `plot` brings.
@@ -37,6 +37,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 12}  # noqa: RUF012 (Gymnasium's own form)
     settings: ClassVar[type[Settings]]
+    task_class: ClassVar[Callable[[Any], Task]]
     buffer: ClassVar[type[EpisodeBuffer]]
     goal: ClassVar[bool] = False
 
@@ -46,12 +47,13 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         config: Settings | Mapping[str, Any] | None = None,
         **overrides: Any,
     ) -> None:
-        self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
+        self.task: Any = type(self).task_class(made_settings(self.settings, config, overrides, self.goal))
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self.observation_space = observation_space(self.task, self.goal)
         self._buffer = self.buffer(self.task, 1, self.goal)
         self._steps, self._last_status = self.config.episode_steps, self.task.last_status
+        self._own_ends = self.task.own_ends
         self._plain = not self.goal and not self.task.observes_truth
         self._begun = False
         self._over = True
@@ -68,7 +70,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
         Args:
             seed: of the environment's random numbers.
-            options: what to hold fixed; see the task's checked_options.
+            options: values to fix; see the task's checked_options.
         Raises:
             InvalidInput: a seed or options that cannot be used; nothing has changed then.
         """
@@ -101,6 +103,8 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         vector, readings = self._buffer.step_alone(action)
         numbers = readings.tolist()
         terminated, truncated = numbers[STATUS] > self._last_status, numbers[STEP] >= self._steps
+        if self._own_ends and not terminated:
+            terminated = bool(self.task.terminated(readings[None])[0])
         self._over = terminated or truncated
         if self.render_mode is not None:
             self._show(readings)

@@ -23,12 +23,12 @@ NO_ROWS: Rows = np.zeros(0, np.int64)
 class EpisodeBuffer(ABC):
     """Room for B episodes of a task, in arrays that are kept from step to step; a scalar environment has one lane.
 
-    Every call changes the arrays: copy what is handed out.
+    Every call changes the arrays: copy their parts before you keep them.
 
     Args:
         task: the task.
         capacity: B.
-        goal: whether observations leave out what a goal says.
+        goal: whether observations leave out target and errors.
     """
 
     readings: Array  # (B, columns), see Task
@@ -64,7 +64,7 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
-        """New episodes in these lanes, one per generator: what was drawn, and observations (len(rows), entries)."""
+        """New episodes in these lanes, one per generator: info["sampled"], and observations (len(rows), entries)."""
 
     def tangent(self) -> Any:
         """How the last step answers its actions; raises InvalidInput for tasks that are not tracking."""
@@ -84,7 +84,7 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:
-        """What a picture of one lane shows; trail (steps, dimension) [mm] is where its tip has been."""
+        """The scene of one lane's picture; trail (steps, dimension) [mm] is where its tip has been."""
 
     @abstractmethod
     def renderer(self) -> Any:

@@ -2,109 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.columns import (
-    EFFORT,
-    ERROR,
-    FAILURE,
-    FORCE,
-    LINK,
-    SMOOTHNESS,
-    STATUS,
-    STICKING,
-    TARGET,
-    TENSIONS,
-    TIP,
-    TRACKING,
-    WORK,
-)
-from rj_gym.core.kernels import friction_columns
 from rollingjoint.chain.status import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STATUS_NAMES = [status.name for status in Status]
-STATUS_NAMES = np.array(_STATUS_NAMES, dtype=object)
+STATUS_NAMES = np.array([status.name for status in Status], dtype=object)
 """Name of every status."""
-
-
-class Places(NamedTuple):
-    """Columns of readings."""
-
-    tip: slice
-    target: slice
-    force: slice
-    tensions: slice
-    command: slice
-
-    @classmethod
-    def of(cls, dimension: int, n_tendons: int) -> Self:
-        """Those of a task's readings."""
-        middle, end = TENSIONS + n_tendons, TENSIONS + 2 * n_tendons
-        tip, target, force = (slice(first, first + dimension) for first in (TIP, TARGET, FORCE))
-        return cls(tip, target, force, slice(TENSIONS, middle), slice(middle, end))
-
-
-_TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "failure": FAILURE}
-
-
-def state_info(readings: Array, places: Places) -> dict[str, Any]:
-    """What info says in every step of every tracking task, arrays (B, ...): parts of the readings, and copies."""
-    tip, target, force, tensions, command = places
-    return {
-        "error_mm": readings[:, ERROR],
-        "status": STATUS_NAMES[readings[:, STATUS].astype(np.intp)],
-        "tip": readings[:, tip],
-        "target": readings[:, target],
-        "load": {"link": readings[:, LINK].astype(np.int64), "force": readings[:, force]},
-        "tensions": readings[:, tensions],
-        "command": readings[:, command],
-    }
-
-
-def friction_info(readings: Array, n_joints: int, n_tendons: int) -> dict[str, Any]:
-    """What info says of friction in every step, arrays (B, ...): parts of the readings, and copies."""
-    own = readings[:, readings.shape[1] - friction_columns(n_joints, n_tendons) :]
-    shape, middle = (len(own), n_joints, n_tendons), STICKING + n_joints * n_tendons
-    return {
-        "sticking": own[:, STICKING:middle].reshape(shape) > 0.5,
-        "gap_tensions": own[:, middle:].reshape(shape),
-        "dissipated_work": own[:, WORK],
-    }
-
-
-def reward_info(readings: Array) -> dict[str, Array]:
-    """The terms of the reward, (B,) each: parts of the readings."""
-    return {name: readings[:, column] for name, column in _TERMS.items()}
-
-
-def single_info(readings: Array, numbers: list[float], parts: Callable[[Array], Sequence[Array]]) -> dict[str, Any]:
-    """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,).
-
-    `parts` takes those at Places from the readings: `operator.itemgetter`, which is faster than one subscript each.
-    """
-    tip, target, force, tensions, command = parts(readings)
-    return {
-        "error_mm": numbers[ERROR],
-        "status": _STATUS_NAMES[int(numbers[STATUS])],
-        "tip": tip,
-        "target": target,
-        "load": {"link": int(numbers[LINK]), "force": force},
-        "tensions": tensions,
-        "command": command,
-        "reward_terms": {
-            "tracking": numbers[TRACKING],
-            "effort": numbers[EFFORT],
-            "smoothness": numbers[SMOOTHNESS],
-            "failure": numbers[FAILURE],
-        },
-    }
 
 
 def only_lane(info: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,33 +9,27 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rj_gym.core.task import Task
-from rj_gym.core.tracking_task import TrackingTask
 
-
-def observation_space(task: Task, goal: bool) -> spaces.Space[Any]:
-    """Space of one lane's observation; goals are those of a TrackingTask."""
+def observation_space(task: Any, goal: bool) -> spaces.Space[Any]:
+    """Space of one lane's observation; privileged states and goals belong to tracking tasks."""
     vector = _box(*task.observation_bounds(goal))
     if task.observes_truth:
-        assert isinstance(task, TrackingTask)
         return spaces.Dict(observation=vector, privileged=_box(*task.privileged_bounds()))
     if not goal:
         return vector
-    assert isinstance(task, TrackingTask)
     bound = task.goal_bounds()
     return spaces.Dict(observation=vector, achieved_goal=_box(-bound, bound), desired_goal=_box(-bound, bound))
 
 
-def observed(task: Task, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
+def observed(task: Any, vector: NDArray[np.float32], readings: NDArray[np.float64]) -> Any:
     """The observation from its vector (..., entries) and the readings (..., columns)."""
     if task.observes_truth:
-        assert isinstance(task, TrackingTask)
         return {"observation": vector, "privileged": task.privileged(readings)}
     return vector
 
 
 def goal_observation(
-    task: TrackingTask, vector: NDArray[np.float32], readings: NDArray[np.float64]
+    task: Any, vector: NDArray[np.float32], readings: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float32]]:
     """The Goal variant's observation from its vector (..., entries) and the readings (..., columns)."""
     return {

@@ -4,43 +4,57 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.columns import STATUS
 from rj_gym.core.generators import Random
 from rj_gym.core.info import every_lane
-from rj_gym.core.kernels import AT_LIMIT
-from rj_gym.core.observation import Entry
+from rollingjoint.chain.status import Status
 
 Array = NDArray[np.float64]
 
+POSITION_BOUND = 2.0
+"""Largest coordinate of an observed position, in lengths of the mechanism."""
+
+
+class Entry(NamedTuple):
+    """One number of the observation: its name, its unit in words, and its bounds."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
 
 class Task(ABC):
-    """What an environment of one configuration asks; no method changes anything.
+    """The task of an environment of one configuration; no method changes it.
 
-    Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are those of
-    rj_gym/core/kernels.py.
+    Readings are the numbers that rewards and infos are made of, (B, columns); the first columns are in
+    rj_gym/core/columns.py.
 
     Attributes:
         config: its settings. length: of the mechanism [mm].
         action_size: numbers of an action.
         dimension: number of coordinates of the position that pictures trace; 0 where they trace none.
         last_status: the largest status with which an episode continues.
-        observes_truth: whether observations are a Dict with the privileged state of a TrackingTask.
+        own_ends: whether episodes may end for a reason besides their status.
+        observes_truth: whether observations are a Dict with the privileged state of a tracking task.
     """
 
     dimension: ClassVar[int] = 0
-    last_status: ClassVar[int] = AT_LIMIT
+    last_status: ClassVar[int] = int(Status.AT_LIMIT)
     observes_truth: bool = False
+    own_ends: bool = False
     config: Any
     length: float
     action_size: int
 
     @abstractmethod
     def entries(self, goal: bool = False) -> list[Entry]:
-        """The entries of the observation vector; `goal` leaves out what a goal says."""
+        """The entries of the observation vector; `goal` leaves out target and errors."""
 
     @abstractmethod
     def sample(self, rngs: Random, fixed: Any = None) -> Any:
@@ -48,11 +62,16 @@ class Task(ABC):
 
     @abstractmethod
     def checked_options(self, options: Mapping[str, Any] | None) -> Any:
-        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        """Values that the options of a reset fix; raises InvalidInput for options that cannot be used."""
 
     @abstractmethod
     def state_info(self, readings: Array) -> dict[str, Any]:
-        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
+
+    def terminated(self, readings: Array) -> NDArray[np.bool_]:
+        """Which episodes have terminated, (B,), from readings (B, columns)."""
+        ended: NDArray[np.bool_] = readings[:, STATUS] > self.last_status
+        return ended
 
     @abstractmethod
     def reward_info(self, readings: Array) -> dict[str, Array]:

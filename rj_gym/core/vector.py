@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,30 +15,22 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core.arguments import (
+    checked_array,
     checked_autoreset_mode,
     checked_count,
     checked_lanes,
     checked_mask,
+    checked_parts,
     checked_render_mode,
     checked_seeds,
+    used_alone,
 )
-from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
-from rj_gym.core.episodes import EpisodeBuffer
-from rj_gym.core.generators import Generators
+from rj_gym.core.columns import REWARD, STEP, TIP
+from rj_gym.core.env import TaskEnv
+from rj_gym.core.generators import Generators, check_generator_states, generator_states, set_generator_states
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
-from rj_gym.core.registry import task_of
 from rj_gym.core.settings import Settings, made_settings
-from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
-from rj_gym.core.state import (
-    check_generator_states,
-    checked_array,
-    checked_parts,
-    generator_states,
-    set_generator_states,
-)
-from rj_gym.core.tangent import Tangent
-from rj_gym.rendering.tracking import with_own_arrays
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -46,7 +39,7 @@ Vectors = NDArray[np.float32]
 
 
 class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
-    """Base of the native vector environments; a task's class names its settings and episode buffer.
+    """Base of the native vector environments; a class names the scalar environment of its lanes.
 
     It computes on several threads itself; used from several threads at once, the later call raises EnvironmentInUse.
 
@@ -66,9 +59,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "render_fps": 12,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    settings: ClassVar[type[Settings]]
-    buffer: ClassVar[type[EpisodeBuffer]]
-    goal: ClassVar[bool] = False
+    scalar: ClassVar[type[TaskEnv]]
 
     def __init__(
         self,
@@ -82,7 +73,8 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._calls: dict[str, Any] = {}
         self._renderer: Any = None  # these first: Gymnasium 1.1 closes even what the following refuses
         self.num_envs = checked_count(num_envs)
-        self.task: Any = task_of(made_settings(self.settings, config, overrides, self.goal))
+        self.goal = self.scalar.goal
+        self.task: Any = self.scalar.task_class(made_settings(self.scalar.settings, config, overrides, self.goal))
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.render_lanes = checked_lanes(render_lanes, self.num_envs)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
@@ -92,7 +84,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators = Generators([None] * self.num_envs)
-        self._buffer = self.buffer(self.task, self.num_envs, self.goal)
+        self._buffer = self.scalar.buffer(self.task, self.num_envs, self.goal)
         self._begun = False
         self._over: Mask = np.ones(self.num_envs, bool)
         self._trail: list[Array] = []
@@ -157,7 +149,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         readings = self._buffer.readings.copy()
         self._remember(readings)
         terminated, truncated = (
-            readings[:, STATUS] > self.task.last_status,
+            self.task.terminated(readings),
             readings[:, STEP] >= self.config.episode_steps,
         )
         terminated[fresh] = False
@@ -171,16 +163,15 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return observations, rewards, terminated, truncated, infos
 
     @used_alone
-    def tangent(self) -> Tangent:
-        """The state of all lanes and how it answers the tendons' commands: of tracking tasks, after reset or step.
+    def tangent(self) -> Any:
+        """A Tangent, the state of all lanes and how it answers the tendons' commands: of tracking tasks.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
         """
         if not self._begun:
             raise ResetNeeded("No episode is running: call reset() before tangent().")
-        tangent: Tangent = self._buffer.tangent()
-        return tangent
+        return self._buffer.tangent()
 
     @used_alone
     def get_state(self) -> dict[str, Any]:
@@ -223,7 +214,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     @used_alone
     def scene(self, lane: int = 0) -> Any:
-        """What a picture of this lane would show, in arrays that no later step changes.
+        """The scene of this lane's picture, in arrays that no later step changes.
 
         Of tracking tasks it is a TrackingScene. Its trail is kept in mode "rgb_array" only.
 
@@ -232,7 +223,9 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """
         if not self._begun:
             raise ResetNeeded("There is nothing to draw yet: call reset() before scene().")
-        return with_own_arrays(self._scene(lane))
+        scene = self._scene(lane)
+        arrays = {name: value.copy() for name, value in vars(scene).items() if isinstance(value, np.ndarray)}
+        return replace(scene, **arrays)
 
     @used_alone
     def close_extras(self, **kwargs: Any) -> None:
@@ -255,13 +248,13 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         return replaced
 
     def _begin(self, rows: NDArray[np.int64], fixed: Any = None) -> tuple[dict[str, Any], Vectors]:
-        """New episodes in these lanes: what was drawn, spread over all lanes, and the vectors of these lanes."""
+        """New episodes in these lanes: info["sampled"], spread over all lanes, and the vectors of these lanes."""
         rngs = self._generators if len(rows) == self.num_envs else self._generators.of(rows)
         sampled, vectors = self._buffer.restart(rows, rngs, fixed)
         return spread_info(sampled, rows, self.num_envs), vectors
 
     def _advance(self, fresh: NDArray[np.int64]) -> tuple[Vectors, dict[str, Any] | None]:
-        """One step, in which ended lanes restart: all vectors, and what was drawn, None where no lane restarted."""
+        """One step, in which ended lanes restart: all vectors, and info["sampled"], None where no lane restarted."""
         if len(fresh) == self.num_envs:
             sampled, vectors = self._begin(fresh)
             return vectors, sampled
@@ -333,8 +326,6 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
 class GoalTaskVectorEnv(TaskVectorEnv):
     """Base of the Goal vector environments; a task's class lists it before its plain environment."""
-
-    goal: ClassVar[bool] = True
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> NDArray[np.float64]:
         """Reward for goals (..., d), (...); info is not used. Raises InvalidInput for other goals."""

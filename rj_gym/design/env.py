@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.settings import Settings
+from rj_gym.core.task import Task
 from rj_gym.design.config import DesignConfig
 from rj_gym.design.episodes import DesignEpisodeBuffer
+from rj_gym.design.task import DesignTask
 
 
 class CurvatureDesignEnv(TaskEnv):
@@ -78,4 +81,5 @@ class CurvatureDesignEnv(TaskEnv):
 
     metadata = TaskEnv.metadata | {"render_fps": 4}
     settings: ClassVar[type[Settings]] = DesignConfig
+    task_class: ClassVar[Callable[[Any], Task]] = DesignTask
     buffer: ClassVar[type[EpisodeBuffer]] = DesignEpisodeBuffer

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import ERROR, STEP
 from rj_gym.core.episodes import NO_ROWS, EpisodeBuffer, Observation, Rows
 from rj_gym.core.generators import Random
-from rj_gym.core.state import checked_array, checked_parts
 from rj_gym.design.observation import observation_values
 from rj_gym.design.render import DesignCanvas, DesignScene
 from rj_gym.design.sampling import DesignDraws, blank_draws
 from rj_gym.design.task import TERMS, DesignTask, Judged, reward_terms
-from rj_gym.rendering.canvas import Screen
+from rj_gym.rendering import Screen
 from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput
 

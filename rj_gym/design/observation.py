@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.observation import POSITION_BOUND, Entry
+from rj_gym.core.task import POSITION_BOUND, Entry
 from rj_gym.design.config import DesignConfig
 from rj_gym.design.sampling import DesignDraws
 from rollingjoint.design import MARGINS

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.core.options import LARGEST, checked_keys
+from rj_gym.core.arguments import LARGEST, checked_keys
 from rj_gym.design.config import DesignConfig
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.rendering.canvas import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
+from rj_gym.rendering import BACKGROUND, EDGE, FAINT, INK, LOAD, TARGET, Canvas, Color, blend
 from rollingjoint.chain.outline import link_outline, to_world
 from rollingjoint.chain.rolling import RollingChain
 

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.columns import ERROR, STATUS
-from rj_gym.core.draws import blocks_of
-from rj_gym.core.generators import Random
+from rj_gym.core.generators import Random, blocks_of
 from rj_gym.core.info import STATUS_NAMES
-from rj_gym.core.observation import Entry
-from rj_gym.core.task import Task
+from rj_gym.core.task import Entry, Task
 from rj_gym.design.config import DesignConfig, DesignRewardConfig
 from rj_gym.design.observation import design_observation_entries
 from rj_gym.design.options import DesignOptions, checked_options

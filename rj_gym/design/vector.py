@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from rj_gym.core.episodes import EpisodeBuffer
-from rj_gym.core.settings import Settings
+from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import TaskVectorEnv
-from rj_gym.design.config import DesignConfig
-from rj_gym.design.episodes import DesignEpisodeBuffer
+from rj_gym.design.env import CurvatureDesignEnv
 
 
 class CurvatureDesignVectorEnv(TaskVectorEnv):
@@ -20,5 +18,4 @@ class CurvatureDesignVectorEnv(TaskVectorEnv):
     """
 
     metadata = TaskVectorEnv.metadata | {"render_fps": 4}
-    settings: ClassVar[type[Settings]] = DesignConfig
-    buffer: ClassVar[type[EpisodeBuffer]] = DesignEpisodeBuffer
+    scalar: ClassVar[type[TaskEnv]] = CurvatureDesignEnv

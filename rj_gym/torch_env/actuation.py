@@ -1,13 +1,12 @@
-"""Motors between actions and tendons, in torch: the formulas of rj_gym/core/hardware.py for all lanes."""
+"""Motors between actions and tendons, in torch: the formulas of rj_gym/tracking/kernels.py for all lanes."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from rj_gym.core.hardware import ASKED, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR
-from rj_gym.planar.kernels import Rules
 from rj_gym.torch_env.lanes import Lanes
+from rj_gym.tracking.arrays import ASKED, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR, Rules
 from rollingjoint.differentiable.transmission import motor_yield, play_step
 
 

@@ -16,15 +16,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rj_gym.core.arguments import checked_autoreset_mode, checked_count, checked_mask, checked_seeds
+from rj_gym.core.arguments import checked_autoreset_mode, checked_count, checked_mask, checked_seeds, used_alone
 from rj_gym.core.columns import FORCE, REWARD, STATUS, STEP
 from rj_gym.core.generators import Generators
 from rj_gym.core.info import spread_info
-from rj_gym.core.registry import late, settings_of
 from rj_gym.core.settings import made_settings
-from rj_gym.core.sole_use import used_alone
 from rj_gym.core.spaces import observation_space
-from rj_gym.planar.task import PlanarTask
+from rj_gym.registry import settings_of
 from rj_gym.torch_env import infos as tensor_infos
 from rj_gym.torch_env.host import HostEpisodes
 from rj_gym.torch_env.lanes import Lanes
@@ -32,6 +30,7 @@ from rj_gym.torch_env.observing import Observer, goal_reward, goals, reached
 from rj_gym.torch_env.refusals import check_mechanism, check_task, checked_device, checked_id
 from rj_gym.torch_env.sensing import Sensors
 from rj_gym.torch_env.stepping import Prepared, Solved, finished, prepare
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.differentiable import SideBySide
 from rollingjoint.errors import InvalidInput
 
@@ -77,8 +76,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         row = checked_id(env_id)
         self.num_envs = checked_count(num_envs)
         self.device = checked_device(device)
-        native = late(row.classes[f"{row.stem}VectorEnv"], f"{row.stem}VectorEnv")
-        self.goal = bool(native.goal)
+        self.goal = bool(row.env_class.goal)
         self.task = PlanarTask(made_settings(settings_of(env_id), config, overrides, self.goal))
         check_task(self.task)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rj_gym.planar.episodes import PlanarEpisodeBuffer
+from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rollingjoint.chain.stacks import stack
 
 Array = NDArray[np.float64]
@@ -17,13 +17,13 @@ SOLVED = ("joint_angles", "responses", "poses", "tensions", "lengths", "status",
 """What a step reads of a solve, by the names of the compiled solver's results."""
 
 
-class HostEpisodes(PlanarEpisodeBuffer):
+class HostEpisodes(TrackingEpisodeBuffer):
     """The native episode buffer, in which lanes begin their episodes; where they go on is known on the device alone."""
 
     @property
     def load_tables(self) -> Array:
         """The loads of all lanes, (B, 1, columns), with links and without forces that are up to date."""
-        return self._loads
+        return self.solver.loads
 
     @property
     def varies(self) -> bool:
@@ -33,7 +33,7 @@ class HostEpisodes(PlanarEpisodeBuffer):
     @property
     def tables(self) -> tuple[Any, Rows]:
         """The tables of the mechanisms as a stack of designs, and which of these each lane has, (B,)."""
-        return stack(self.mechanisms), self._rows
+        return stack(self.solver.mechanisms), self.solver.rows
 
     def solve_lanes(self, rows: Rows, commands: Array, forces: Array, starts: Array) -> dict[str, NDArray[Any]]:
         """Equilibria of some lanes as the native environment finds them, SOLVED by name, (len(rows), ...).
@@ -46,13 +46,10 @@ class HostEpisodes(PlanarEpisodeBuffer):
             forces: (R, 2) [N].
             starts: joint angles to start from, (R, J) [rad].
         """
-        self._laws.command[rows] = commands
-        self._laws.low[rows], self._laws.high[rows] = self.task.config.tension_range
-        self._loads[rows, 0, self._FORCE] = forces
-        self._starts[rows] = starts
-        for row in rows.tolist():
-            self._solve(row, row + 1)
-        found = {name: getattr(self._results, name)[rows] for name in SOLVED if len(getattr(self._results, name))}
+        laws, results = self.solver.laws, self.solver.results
+        laws.low[rows], laws.high[rows] = self.task.config.tension_range
+        self.solver.solve_lanes(rows, commands, forces, starts)
+        found = {name: getattr(results, name)[rows] for name in SOLVED if len(getattr(results, name))}
         if "contacts" in found:
             found["contacts"] = found["contacts"][..., :2]
         return found

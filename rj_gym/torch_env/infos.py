@@ -1,4 +1,4 @@
-"""Infos as tensors, in Gymnasium's vector form: names as in rj_gym/core/info.py, a status as the number of a Status."""
+"""Infos as tensors, in Gymnasium's vector form: names as in rj_gym/tracking/task.py, a status as a Status's number."""
 
 from __future__ import annotations
 

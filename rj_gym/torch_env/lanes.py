@@ -15,10 +15,10 @@ from rj_gym.torch_env.host import HostEpisodes
 
 @dataclass(frozen=True)
 class Lanes:
-    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/planar/kernels.py.
+    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/tracking/arrays.py.
 
-    From `half_play` on those of rj_gym/core/hardware.py, with no lanes where motors and sensors are not active. Rings
-    over steps are queues here, the newest step first; as an episode begins, both hold the same.
+    From `half_play` on those of Hardware there, with no lanes where motors and sensors are not active.
+    Rings over steps are queues here, the newest step first; as an episode begins, both hold the same.
     """
 
     angles: Tensor

@@ -1,4 +1,4 @@
-"""Observations as tensors: the formulas of rj_gym/planar/measuring.py and rj_gym/core/hardware.py."""
+"""Observations as tensors: the formulas of rj_gym/tracking/measuring.py."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import torch
 from torch import Tensor
 
 from rj_gym.core.columns import ERROR, STEP, TARGET, TIP
-from rj_gym.core.hardware import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION
-from rj_gym.core.observation import POSITION_BOUND
-from rj_gym.planar.kernels import Rules
-from rj_gym.planar.task import PlanarTask
+from rj_gym.core.task import POSITION_BOUND
 from rj_gym.torch_env.lanes import Lanes
 from rj_gym.torch_env.sensing import link_entries, load_entries, seen_poses, tendons
+from rj_gym.tracking.arrays import AGE, LAG_TENSION, NEW, POSITION, TAKEN, TENSION, Rules
+from rj_gym.tracking.planar import PlanarTask
 
 
 @dataclass(frozen=True)

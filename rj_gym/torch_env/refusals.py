@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from rj_gym.core.registry import TABLE, Registration
 from rj_gym.core.settings import Settings
-from rj_gym.planar.task import PlanarTask
+from rj_gym.registry import TABLE, Registration
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.differentiable import SideBySide
 from rollingjoint.errors import InvalidInput
 
@@ -40,7 +40,7 @@ _INSTEAD = 'gymnasium.make_vec(id, num_envs, "vector_entry_point") has it, on th
 
 def checked_id(env_id: object) -> Registration:
     """The row of a planar tracking task in the table of environments; raises InvalidInput."""
-    planar = {row.env_id: row for row in TABLE if row.folder == "planar"}
+    planar = {row.env_id: row for row in TABLE if row.family == "planar"}
     if not isinstance(env_id, str) or env_id not in planar:
         raise InvalidInput("env_id", env_id, f"one of {', '.join(planar)}", _INSTEAD)
     return planar[env_id]

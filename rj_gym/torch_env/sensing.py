@@ -1,4 +1,4 @@
-"""What is measured in torch, for all lanes: the formulas of rj_gym/core/hardware.py and rj_gym/planar/measuring.py."""
+"""What is measured in torch, for all lanes: the formulas of rj_gym/tracking/measuring.py."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import torch
 from torch import Tensor
 
 from rj_gym.core.columns import FORCE, LINK, STEP, TARGET, TENSIONS, TIP
-from rj_gym.core.hardware import MOTOR, TAKEN
-from rj_gym.planar.kernels import Rules
 from rj_gym.torch_env.lanes import Lanes, at_step
+from rj_gym.tracking.arrays import MOTOR, TAKEN, Rules
 from rollingjoint.differentiable.transmission import sheath_direction, sheath_ratio
 
 

@@ -1,4 +1,4 @@
-"""The formulas of a step in torch, for all lanes: those of rj_gym/planar/kernels.py and rj_gym/core/kernels.py."""
+"""The formulas of a step in torch, for all lanes: those of rj_gym/tracking/kernels.py."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from rj_gym.core.columns import (
     TIP,
     TRACKING,
 )
-from rj_gym.core.hardware import ASKED
-from rj_gym.planar.kernels import FX, FY, PREDICTABLE, Rules
 from rj_gym.torch_env.actuation import moved_motors, settled_motors
 from rj_gym.torch_env.lanes import Lanes, at_step
 from rj_gym.torch_env.sensing import tendons
+from rj_gym.tracking.arrays import ASKED, Rules
+from rj_gym.tracking.kernels import PREDICTABLE
 from rollingjoint.chain.status import Status
 from rollingjoint.differentiable import Settled
 from rollingjoint.differentiable.transmission import unstretched_length
@@ -45,7 +45,7 @@ class Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Solved:
-    """What comes out of the solve of a step; names, shapes and units of rj_gym/planar/kernels.py."""
+    """What comes out of the solve of a step; names, shapes and units of rj_gym/tracking/arrays.py."""
 
     joint_angles: Tensor
     responses: Tensor
@@ -76,7 +76,7 @@ def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     near = turns.abs().amax(-1, keepdim=True) < PREDICTABLE
     forces = at_step(lanes.forces, readings[:, STEP])
     loads = lanes.loads.clone()
-    loads[:, 0, FX : FY + 1] = readings[:, FORCE : FORCE + 2] = forces
+    loads[:, 0, rules.force_column : rules.force_column + 2] = readings[:, FORCE : FORCE + 2] = forces
     starts = torch.where(near, lanes.angles + turns, lanes.angles)
     return Prepared(torch.stack([taken, lanes.actions[:, 0]], 1), motors, commands, starts, loads, readings)
 

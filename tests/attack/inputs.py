@@ -19,7 +19,7 @@ from agents.runs.folder import RunFolder
 from agents.search.config import load_search
 from agents.training.campaign import load_campaign
 from agents.tuning.study import load_study
-from rj_gym.core.registry import settings_of
+from rj_gym.registry import settings_of
 from rollingjoint import RollingJointError
 from rollingjoint.cli import main as rj
 from rollingjoint.io.mechanism_file import load_mechanism

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 def watch_solver(buffer, before=lambda: None, after=lambda: None):
     """From now on, call these around every solve of an episode buffer."""
-    solve = buffer._solve
+    solve = buffer.solver.alone
 
     def watched(first, last):
         before()
         solve(first, last)
         after()
 
-    buffer._solve = SimpleNamespace(entry=0, pins=0, solve_the_rest=watched)
-    buffer._bind_step()
+    buffer.solver.alone = SimpleNamespace(entry=0, pins=0, solve_the_rest=watched)
+    buffer._bind()

@@ -8,7 +8,7 @@ from agents.controllers.controller import Mask, Reading
 from agents.controllers.filters.estimate import Estimate, average
 from agents.controllers.filters.filters import Filters, FilterStep, Integers, Linearised
 from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 
 class Bank:

@@ -14,7 +14,7 @@ from agents.controllers.filters.kernels import Play
 from agents.controllers.filters.model import Prediction
 from agents.controllers.filters.models import model_of
 from agents.controllers.filters.prior import Prior, start_measurement
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 Integers = NDArray[np.int64]
 

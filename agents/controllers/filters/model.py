@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.controllers.controller import Array
 from agents.controllers.filters import kernels
 from agents.controllers.filters.kernels import Derivatives, Levers, ModelEquilibria, Play, StateLayout
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.stacks import designs_of

@@ -14,7 +14,7 @@ from agents.controllers.filters.kernels import Levers
 from agents.controllers.filters.levers import ArmLoads, arm_levers, chain_levers, turn_gravity
 from agents.controllers.filters.model import FilterModel, StatePart, process_part
 from agents.controllers.measured import hanging_loads, loads_along
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 from rollingjoint import HingeChain, RollingChain, solve_tensions_batch
 from rollingjoint.chain.solution import Solution
 from rollingjoint.load import LOAD_COLUMNS

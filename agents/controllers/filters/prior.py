@@ -10,7 +10,7 @@ import numpy as np
 from agents.controllers.controller import Array
 from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses, assumed_ranges
 from agents.controllers.filters.model import FilterModel, StatePart
-from rj_gym.core.tracking_task import TrackingTask
+from rj_gym.tracking.task import TrackingTask
 
 _SPREADS = 3.0  # standard deviations: how far an estimate of a tendon's stiffness may go
 _UNBOUNDED = (-math.inf, math.inf)

@@ -18,7 +18,7 @@ from agents.viewer.html import coloured, html_table
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.solids import strands
 from agents.viewer.stage import FAINT, colour_of
-from rj_gym.rendering.canvas import LINK, Color, blend
+from rj_gym.rendering import LINK, Color, blend
 from rollingjoint.checked_yaml import dump_yaml
 from rollingjoint.io.mechanism_file import mechanism_to_dict
 

@@ -15,8 +15,8 @@ from agents.viewer.html import code_block
 from agents.viewer.rooms.messages import Messages
 from agents.viewer.solids import Array, front, in_space, strands
 from agents.viewer.stage import FAINT, add_grid
-from rj_gym.rendering.canvas import FAINT as GREY
-from rj_gym.rendering.canvas import LINK, LOAD, Color
+from rj_gym.rendering import FAINT as GREY
+from rj_gym.rendering import LINK, LOAD, Color
 from rollingjoint import PRESETS
 from rollingjoint.checks import as_choice
 from rollingjoint.io.mechanism_file import load_mechanism

@@ -14,8 +14,8 @@ from agents.controllers.steps import nearest_tensions
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
-from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import FlexibleArmConfig
 from rollingjoint import flexible_arm, solve_tensions_batch
 
 ARM = "rj_gym/FlexibleArm-v0"

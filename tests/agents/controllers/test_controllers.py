@@ -15,10 +15,9 @@ from agents.evaluation.floor import episode_floor
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import TUNING
-from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.registry import task_of
-from rj_gym.planar.config import TrackingConfig
-from rj_gym.planar.vector import RollingJointVectorEnv
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import FlexibleArmConfig, TrackingConfig
+from rj_gym.tracking.vector import RollingJointVectorEnv
 from rollingjoint import BodyWrench, solve_lengths_batch, solve_tensions, solve_tensions_batch
 from rollingjoint.chain.presets import preset, small_arm, uniform
 from rollingjoint.errors import InvalidInput

@@ -14,13 +14,10 @@ from agents.controllers.filters.kernels import Play, StateLayout
 from agents.controllers.filters.levers import turn_gravity
 from agents.controllers.filters.models import model_of
 from agents.controllers.privileged_feedback import privileged
-from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.arm.vector import ArmInstrumentVectorEnv
-from rj_gym.arm.worlds import ArmInstrumentConfig
-from rj_gym.core.registry import task_of
-from rj_gym.planar.config import TrackingConfig
-from rj_gym.planar.vector import RollingJointVectorEnv
-from rj_gym.planar.worlds import InstrumentConfig, SlowCameraConfig
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import FlexibleArmConfig, TrackingConfig
+from rj_gym.tracking.vector import ArmInstrumentVectorEnv, RollingJointVectorEnv
+from rj_gym.tracking.worlds import ArmInstrumentConfig, InstrumentConfig, SlowCameraConfig
 from rollingjoint.errors import ConfigError
 
 EXACT = {"stiffness_spread": 0.0, "link_tolerance_mm": 0.0, "link_tolerance_rad": 0.0, "actuator_offset_mm": 0.0}

@@ -20,8 +20,8 @@ from agents.controllers.tuned import WORLDS, tunable_in, tuned_controllers
 from agents.evaluation.rollout import run_episodes
 from agents.runs.environment import EnvConfig
 from agents.tuning import controllers as tune
-from rj_gym.core.registry import task_of
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.registry import task_of
+from rj_gym.tracking.config import TrackingConfig
 from rollingjoint import solve_lengths_batch
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.errors import ConfigError, InvalidInput

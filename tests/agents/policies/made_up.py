@@ -8,7 +8,7 @@ from agents.policies.network import Network
 from agents.policies.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.policies.shipped import ShippedPolicy, entry_names, standalone
 from rj_gym import settings_of
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 
 FLAT, GOAL = "rj_gym/RollingJoint-v0", "rj_gym/RollingJointGoal-v0"
 ARM, ARM_GOAL = "rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0"

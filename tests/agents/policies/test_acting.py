@@ -10,8 +10,8 @@ from agents.policies.file import pack, unpack
 from agents.policies.network import Network, PolicyError
 from agents.policies.shipped import ShippedPolicy
 from rj_gym import TrackingConfig
-from rj_gym.core.registry import task_of
-from rj_gym.planar.task import PlanarTask
+from rj_gym.registry import task_of
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.io.mechanism_file import load_mechanism
 from tests.agents.policies.made_up import ARM, FILE, FLAT, GOAL, random_network, random_policy
 

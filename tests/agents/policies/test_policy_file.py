@@ -12,7 +12,7 @@ from agents.policies.loading import FOLDER
 from agents.policies.network import PolicyError
 from agents.policies.shipped import ShippedPolicy
 from agents.shipped import load_policy
-from rj_gym.planar.task import PlanarTask
+from rj_gym.tracking.planar import PlanarTask
 from rollingjoint.errors import RollingJointError
 from tests.agents.policies.made_up import ARM, ARM_GOAL, FILE, FLAT, GOAL, random_policy
 

@@ -21,9 +21,7 @@ from agents.results.worlds import AXES, NOTES, TASK_NOTES, Plan, task_note, worl
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
-from rj_gym.arm.config import FlexibleArmConfig
-from rj_gym.core.config import FrictionConfig
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.tracking.config import FlexibleArmConfig, FrictionConfig, TrackingConfig
 
 
 def test_what_a_learner_remembers_makes_no_other_task_but_what_is_measured_does():

@@ -13,7 +13,7 @@ from agents.runs.config import TrainConfig
 from agents.training.build import build_model
 from agents.training.convolution import PastConvolution, past_places
 from agents.training.learn import learn
-from rj_gym.core.observation import Entry
+from rj_gym.core.task import Entry
 from rollingjoint.errors import ConfigError
 
 INSTRUMENT = "rj_gym/Instrument-v0"

@@ -17,7 +17,7 @@ from agents.viewer.drive import filmed
 from agents.viewer.html import code_block, coloured, html_table, markdown
 from agents.viewer.solids import frames, in_space, solids, strands, strands_of
 from agents.viewer.steering import KEYS, nudge, pulls
-from rj_gym.core.registry import task_of
+from rj_gym.registry import task_of
 from rollingjoint import CapstanFriction, preset, solve_tensions
 from rollingjoint.chain.outline import link_outline, to_world
 

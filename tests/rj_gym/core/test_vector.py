@@ -113,7 +113,7 @@ def test_a_failed_solve_ends_its_lane_only():
     env.reset(seed=0)
 
     def fail_in_lane_1():  # but its restart, in a room of its own, succeeds
-        env._buffer._results.status[1] = Status.NOT_CONVERGED
+        env._buffer.solver.results.status[1] = Status.NOT_CONVERGED
 
     watch_solver(env._buffer, after=fail_in_lane_1)
     observations, rewards, terminated, truncated, infos = env.step(np.zeros((3, 2)))
@@ -209,7 +209,7 @@ def arrays_in(value):
 
 def internal_arrays(env):
     lanes = env._buffer
-    return [*lanes.state, *lanes.course, lanes._actions, lanes._loads, *lanes._results]
+    return [*lanes.state, *lanes.course, lanes._actions, lanes.solver.loads, *lanes.solver.results]
 
 
 def test_stepping_before_reset_is_refused():

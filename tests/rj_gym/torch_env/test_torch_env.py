@@ -205,9 +205,9 @@ def test_a_failed_solve_ends_its_lane_as_in_the_native_environment(world, mode):
     ours, native = pair(env_id, lanes=3, autoreset_mode=mode, reward={"failure_penalty": 7.3}, **settings)
     ours.reset(seed=0), native.reset(seed=0)
     buffer, host, solve = native.unwrapped._buffer, ours._host, ours._solver.solve
-    watch_solver(buffer, after=lambda: buffer._results.status.put(1, Status.NOT_CONVERGED))
-    solve_alone = host._solve
-    host._solve = lambda *rows: (solve_alone(*rows), host._results.status.put(1, Status.NOT_CONVERGED))
+    watch_solver(buffer, after=lambda: buffer.solver.results.status.put(1, Status.NOT_CONVERGED))
+    solve_alone = host.solver.alone
+    host.solver.alone = lambda *rows: (solve_alone(*rows), host.solver.results.status.put(1, Status.NOT_CONVERGED))
     others = torch.tensor([True, False, True])
     ours._solver.solve = lambda *inputs: (found := solve(*inputs))._replace(arrived=found.arrived & others)
     ended = []

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rj_gym.planar.config import TrackingConfig
+from rj_gym.tracking.config import TrackingConfig
 from tests.rollingjoint.command import rj
 
 RUNS = str(Path(__file__).parents[3] / "examples" / "data" / "two_runs_calibrated.yaml")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rollingjoint as rj
-from rj_gym.planar.config import RandomizationConfig, TrackingConfig
+from rj_gym.tracking.config import RandomizationConfig, TrackingConfig
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.identify import Measurements, Run, Step, identify, load_measurements
 from rollingjoint.identify.fit import fit

@@ -1,0 +1,121 @@
+"""The table of registered environments: for every id its classes, its settings and its task."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any, overload
+
+import gymnasium
+
+from rj_gym.core.settings import Settings
+from rj_gym.core.task import Task
+from rj_gym.tracking.config import TaskConfig
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Registration:
+    """One environment id; the modules that it names are imported when they are first needed.
+
+    Args:
+        env_id: the id.
+        stem: of its classes: <stem>Env in the folder's env.py, and <stem>VectorEnv in its vector.py for make_vec.
+        family: of mechanisms: "planar" or "arm" for the tracking tasks, or "design".
+        settings: the class of its settings, in the folder's `settings_module`.
+        settings_module: config, or worlds: other defaults of the settings in config.
+    """
+
+    env_id: str
+    stem: str
+    family: str
+    settings: str
+    settings_module: str = "config"
+
+    @property
+    def tracks(self) -> bool:
+        """Whether the task is to track a target with the tip."""
+        return self.family != "design"
+
+    @property
+    def folder(self) -> str:
+        """The package that its classes are in."""
+        return "rj_gym.tracking" if self.tracks else "rj_gym.design"
+
+    @property
+    def classes(self) -> dict[str, str]:
+        """The names of its classes and the modules that they are in."""
+        modules = {f"{self.stem}Env": "env", f"{self.stem}VectorEnv": "vector", self.settings: self.settings_module}
+        return {name: f"{self.folder}.{module}" for name, module in modules.items()}
+
+    @property
+    def settings_class(self) -> Any:
+        """The class of its settings."""
+        return late(self.classes[self.settings], self.settings)
+
+    @property
+    def env_class(self) -> Any:
+        """The class of its scalar environment."""
+        return late(f"{self.folder}.env", f"{self.stem}Env")
+
+
+TABLE = tuple(
+    Registration(f"rj_gym/{stem}-v0", stem, family, *settings)
+    for stem, family, *settings in (
+        ("RollingJoint", "planar", "TrackingConfig"),
+        ("RollingJointGoal", "planar", "TrackingConfig"),
+        ("FlexibleArm", "arm", "FlexibleArmConfig"),
+        ("FlexibleArmGoal", "arm", "FlexibleArmConfig"),
+        ("Instrument", "planar", "InstrumentConfig", "worlds"),
+        ("InstrumentShift", "planar", "InstrumentShiftConfig", "worlds"),
+        ("SlowCamera", "planar", "SlowCameraConfig", "worlds"),
+        ("LatePose", "planar", "LatePoseConfig", "worlds"),
+        ("ArmInstrument", "arm", "ArmInstrumentConfig", "worlds"),
+        ("CurvatureDesign", "design", "DesignConfig"),
+    )
+)
+
+
+def register_envs() -> None:
+    """Register every id that is not registered yet."""
+    for row in TABLE:
+        if row.env_id not in gymnasium.registry:
+            gymnasium.register(
+                row.env_id,
+                entry_point=f"{row.folder}.env:{row.stem}Env",
+                vector_entry_point=f"{row.folder}.vector:{row.stem}VectorEnv",
+                disable_env_checker=True,  # the environments themselves check their input and the order of calls
+                order_enforce=False,
+            )
+
+
+def settings_of(env_id: str) -> type[Settings]:
+    """The class of the settings of a registered id; raises ConfigError for another id."""
+    for row in TABLE:
+        if row.env_id == env_id:
+            kind: type[Settings] = row.settings_class
+            return kind
+    raise ConfigError("environment", env_id, f"one of {', '.join(row.env_id for row in TABLE)}")
+
+
+@overload
+def task_of(config: TaskConfig) -> TrackingTask: ...
+@overload
+def task_of(config: Settings) -> Task: ...
+def task_of(config: Settings) -> Any:
+    """The task of these settings.
+
+    Raises:
+        ConfigError, MechanismError: settings of no task, or a mechanism that cannot be loaded.
+    """
+    names = [kind.__name__ for kind in type(config).__mro__]
+    for row in TABLE:
+        if row.settings in names:
+            return row.env_class.task_class(config)
+    raise ConfigError("settings", config, f"of {', '.join(dict.fromkeys(row.settings for row in TABLE))}")
+
+
+def late(module: str, name: str) -> Any:
+    """An attribute of a module, which is imported when this is called."""
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,126 @@
+"""How the last step of a tracking task answers its motors: derivatives for learners that differentiate an episode."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.columns import TENSIONS, TIP
+from rj_gym.tracking.arrays import MOTOR, Hardware
+from rj_gym.tracking.kernels import AT_LIMIT
+from rj_gym.tracking.solver import LaneSolver
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint.chain.batch import free_joints, stiffnesses
+from rollingjoint.transmission import at_limit
+
+Array = NDArray[np.float64]
+
+REACH = 1e-4  # mm: of the forward differences
+FREE_OF_LIMITS = 100.0  # times the largest tension: of motors that never give way
+
+
+class Tangent(NamedTuple):
+    """The state of B lanes after a step, and how it answers the commands of the m tendons; fresh arrays.
+
+    A tendon's command p follows the position q of its motor through play: |p - q| <= half_play. The motor measures
+    T exp(sheath u), u = (p - q) / half_play. `held` tendons are at a tension limit and stay there: motors and
+    commands move with their lengths, and have no effect.
+    """
+
+    motors: Array  # q, (B, m) mm
+    commands: Array  # p, (B, m) mm
+    tensions: Array  # T, (B, m) N
+    tips: Array  # (B, d) mm
+    poses: Array  # of the entries `TrackingTask.pictured`, (B, k), mm and 1
+    half_play: Array  # (B, m) mm
+    sheath: Array  # (B, m)
+    held: NDArray[np.bool_]  # (B, m)
+    tip_rates: Array  # d tip / d command, (B, d, m) mm/mm
+    pose_rates: Array  # d pose / d command, (B, k, m) mm/mm, 1/mm
+    tension_rates: Array  # d tension / d command, (B, m, m) N/mm
+    length_rates: Array  # d length / d command, (B, m, m) mm/mm
+
+
+def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Hardware, offsets: Array) -> Tangent:
+    """The Tangent of all lanes; solves them anew from where they are, without an effect on later steps.
+
+    With friction, of steps that would follow: holes that stick go on sticking, the others sliding.
+
+    Args:
+        task, solver: of the lanes.
+        state: where they are, a RunningEpisodes. hardware: their motors.
+        offsets: added by motors to commands, (B, m) [mm].
+    """
+    m, d, readings = task.action_size, task.dimension, state.readings.copy()
+    low, high = task.config.tension_range
+    tensions, commands = readings[:, TENSIONS : TENSIONS + m], readings[:, TENSIONS + m : TENSIONS + 2 * m]
+    limited = at_limit(tensions, low, high)
+    solver.laws.low[:] = np.where(limited, tensions, 0.0)  # tendons at a limit are held at it
+    solver.laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)
+    rates = _rates(task, solver, state.angles, commands + offsets)
+    solver.laws.low[:], solver.laws.high[:] = low, high
+    active, zeros = len(hardware.motors) > 0, np.zeros_like(tensions)
+    return Tangent(
+        motors=hardware.motors[:, MOTOR].copy() if active else commands,
+        commands=commands,
+        tensions=tensions,
+        tips=readings[:, TIP : TIP + d],
+        poses=task.pictured_values(state.poses),
+        half_play=hardware.half_play.copy() if active else zeros,
+        sheath=hardware.sheath.copy() if active else zeros,
+        held=limited,
+        tip_rates=rates[:, :d],
+        pose_rates=rates[:, d + 2 * m :],
+        tension_rates=rates[:, d : d + m],
+        length_rates=rates[:, d + m : d + 2 * m],
+    )
+
+
+def _rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array:
+    """Tip, tensions, lengths and poses by d command, (B, d + 2 m + k, m), at commands `held`; 0 where unknown."""
+    rates = _implicit_rates(task, solver, angles, held) if task.dimension == 3 else None
+    if rates is not None:
+        return rates
+    each, usable = [], np.ones(len(held), bool)
+    for change in np.vstack([np.zeros(held.shape[1]), REACH * np.eye(held.shape[1])]):
+        solver.solve_near(held + change, angles)
+        results = solver.results
+        tips = task.tips(results.poses)[:, : task.dimension]
+        each.append(np.hstack([tips, results.tensions, results.lengths, task.pictured_values(results.poses)]))
+        usable &= results.status <= AT_LIMIT
+    forward = np.stack([(changed - each[0]) / REACH for changed in each[1:]], axis=-1)
+    return np.where(usable[:, None, None], forward, 0.0)
+
+
+def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array | None:
+    """The rates of arms by the implicit function theorem: a linear system costs less than forward differences.
+
+    None where arms cannot be solved together, and at the edge of buckling.
+    """
+    batches = solver.batches()
+    if len(batches) > 1:
+        return None
+    solver.solve_near(held, angles)
+    results, eye = solver.results, np.eye(held.shape[1])
+    H, torques = stiffnesses(task.mechanism.kernels, batches[0], solver.friction)
+    usable, free = results.status <= AT_LIMIT, free_joints(batches[0])
+    free &= usable[:, None]
+    H = np.where(free[:, :, None] & free[:, None], H, np.eye(H.shape[1]))
+    try:
+        turns = np.linalg.solve(H, np.where(free[..., None], torques * results.elastic[:, None], 0.0))
+    except np.linalg.LinAlgError:
+        return None
+    lengths = np.swapaxes(results.rates, 1, 2) @ turns
+    tensions = results.elastic[..., None] * (lengths - eye)
+    tips = _tip_rates(batches[0]) @ turns
+    rates = np.concatenate([tips, tensions, lengths, tips[:, : len(task.pictured)]], axis=1)
+    return np.where(usable[:, None, None], rates, 0.0)
+
+
+def _tip_rates(solved: Any) -> Array:
+    """d tip / d joint angle of arms, (B, 3, J) [mm/rad]."""
+    poses, axes = solved.results.poses, solved.chain.axes[solved.designs]
+    turning = (poses[:, :-1, :3, :3] @ axes[..., None])[..., 0]
+    return np.swapaxes(np.cross(turning, poses[:, -1:, :3, 3] - poses[:, :-1, :3, 3]), 1, 2)
