@@ -1,4 +1,4 @@
-"""Controllers that know what was identified of the robot that they drive."""
+"""Controllers that know the identified parameters of the robot that they drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rj_gym.core.settings import Range
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
-_SURE = 2.0  # standard deviations on either side: how far what was identified may be off
+_SURE = 2.0  # standard deviations on either side: the error of identified parameters
 _LEAST = {"play_mm": 0.1, "sheath_friction": 0.02}  # on either side, however sure
 
 
@@ -22,7 +22,7 @@ class Informed(Controller):
 
     Args:
         controller: any; where it has filters, they assume the identified play and sheath friction, too.
-        identified: what the bench showed.
+        identified: the result of the bench.
     """
 
     def __init__(self, controller: Controller, identified: Identified) -> None:

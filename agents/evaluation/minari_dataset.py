@@ -143,7 +143,7 @@ def recorded_by(where: str | Path) -> tuple[str, Mapping[str, Any]]:
     Raises:
         RunFolderError: another dataset, or none.
     """
-    allowed = "a dataset that agents.dataset wrote"
+    allowed = "a dataset that rj dataset wrote"
     try:
         metadata = minari.MinariDataset(_place(where)[0] / "data").storage.metadata
         return str(metadata.get("algorithm_name", "recorded")), metadata[ENVIRONMENT]

@@ -64,7 +64,7 @@ def policy_in_run(path: Path) -> ShippedPolicy:
 def _exported(run: RunFolder, files: PolicyFiles, name: str, unpickle: bool) -> ShippedPolicy:
     config = run.config()
     if config.residual is not None:
-        allowed, hint = "null: a policy that acts alone", "agents.evaluate scores the run folder with its controller."
+        allowed, hint = "null: a policy that acts alone", "rj evaluate scores the run folder with its controller."
         raise PolicyError("residual", config.residual, allowed, hint)
     if not unpickle:
         trained = read_trained(files)

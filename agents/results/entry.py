@@ -1,4 +1,4 @@
-"""A controller of somebody's own among the results: its episodes as a record, and its row beside the others."""
+"""A user's controller among the results: its episodes as a record, and its row in the table."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def enter(
     training_seed: int | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """What controllers do in the episodes of a world, as results of one benchmark.
+    """Results of one benchmark: the episodes of controllers in a world.
 
     Args:
         env: a tracking environment. controllers: by name. title: of the benchmark, where no other results give one.
-        kind: of the controllers. training_seed: of what was trained. command: that made the results.
+        kind: of the controllers. training_seed: of a learned controller. command: that made the results.
     """
     records = []
     for name, controller in controllers.items():
@@ -56,10 +56,12 @@ def enter(
 
 
 def shipped(env: EnvConfig, title: str, world: World) -> Results:
-    """What is shipped, in the same episodes: policies that were trained for this task, and opponents."""
+    """Shipped policies that were trained for this task, and opponents, in the same episodes."""
     key = episodes_key(env)
     policies = [load_policy(name) for name in list_policies()]
-    ours: dict[str, Controller] = {one.name: one for one in policies if episodes_key(one.environment) == key}
+    ours: dict[str, Controller] = {
+        policy.name: policy for policy in policies if episodes_key(policy.environment) == key
+    }
     able, _ = opponents(env)
     return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])
 
@@ -68,7 +70,7 @@ def known_in(results: Results, env: EnvConfig, world: World) -> Results | None:
     """The benchmark of this environment in the results, if it has these episodes."""
     key = episodes_key(env)
     for record in results.benchmarks:
-        same = any((one.name, one.seeds) == (world.name, world.seeds) for one in record.worlds)
+        same = any((candidate.name, candidate.seeds) == (world.name, world.seeds) for candidate in record.worlds)
         if same and episodes_key(environment_of(record)) == key:
             return Results([record])
     return None
@@ -80,11 +82,18 @@ def comparison_table(entered: Results, others: Results | None, world: World) -> 
     (name,) = entered.benchmarks[0].names()
     standing = Standings(record, record.world(world.name))
     rows = []
-    for one in sorted(standing.names, key=lambda each: standing.mean(each).value):
-        found = standing.summary(one)
-        figures = [with_interval(figure, mm) for figure in (found.mean, found.iqm, found.median, found.p95)]
-        difference = "" if one == name else with_interval(standing.compare(name, one).difference, _signed)
-        rows.append([f"{one} <--" if one == name else one, *figures, difference, f"{standing.runs(one)}"])
+    for controller in sorted(standing.names, key=lambda controller: standing.mean(controller).value):
+        summary = standing.summary(controller)
+        figures = [with_interval(figure, mm) for figure in (summary.mean, summary.iqm, summary.median, summary.p95)]
+        difference = "" if controller == name else with_interval(standing.compare(name, controller).difference, _signed)
+        rows.append(
+            [
+                f"{controller} <--" if controller == name else controller,
+                *figures,
+                difference,
+                f"{standing.runs(controller)}",
+            ]
+        )
     head = ["controller", "mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]", f"{name} minus it [mm]", "runs"]
     return text_table(head, rows, ruled=True)
 

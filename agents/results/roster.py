@@ -1,4 +1,4 @@
-"""Which opponents can drive in an environment: those that find in its observation what they need."""
+"""The opponents that can drive in an environment: its observation has every entry that they need."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rollingjoint.errors import InvalidInput
 
 def candidates(env_id: str) -> dict[str, Controller]:
     """New controllers to compare learned ones with in the environment of that id, by name, whether they can or not."""
-    known = controllers_in(env_id)
-    return known | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else known
+    controllers = controllers_in(env_id)
+    return controllers | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else controllers
 
 
 def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
@@ -31,12 +31,12 @@ def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
 
 
 def is_privileged(controller: object) -> bool:
-    """Whether a controller sees what no robot shows: it says so by an attribute `privileged`."""
+    """True for a controller that sees the true state, which no robot shows: it has a true attribute `privileged`."""
     return bool(getattr(controller, "privileged", False))
 
 
 def why_impossible(env: EnvConfig, controller: Controller) -> str:
-    """What the controller says against the first observation of an episode, one line; empty if it acts."""
+    """The controller's complaint about the first observation of an episode, one line; empty if it acts."""
     envs = make_vector_env(env, 1)
     try:
         observation, _ = envs.reset(seed=[VALIDATION.start])  # type: ignore[arg-type]

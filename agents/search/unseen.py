@@ -53,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="page with the two marks")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)), consent_of(arguments))
+    command = typed_command("python -m agents.search.unseen", argv)
+    return exit_code(lambda: _command(arguments, command), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:

@@ -14,11 +14,10 @@ from tqdm import tqdm
 from agents.controllers.residual import controller_of
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.policies.trained import policy_of
-from agents.runs.command_line import progress_bar
+from agents.runs.command_line import STOPPING, progress_bar
 from agents.runs.config import TrainConfig
-from agents.runs.evaluations import COLUMNS, in_words
+from agents.runs.environment import COLUMNS, in_words
 from agents.runs.folder import RunFolder
-from agents.runs.processes import STOPPING
 from agents.training import checkpoint
 from agents.training.checkpoint import Moment, save_policy
 

@@ -80,7 +80,7 @@ class Designs:
 
     @classmethod
     def read(cls, folder: Path) -> Designs:
-        """The designs in a folder of agents.search; raises RunFolderError where no run in it is finished."""
+        """The designs in a folder of rj search; raises RunFolderError where no run in it is finished."""
         return cls(Search.read(folder))
 
     @property

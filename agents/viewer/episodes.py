@@ -22,7 +22,7 @@ from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import InvalidInput
 
 SEEDS = range(10_000, 10_200)
-"""The episodes that agents.evaluate plays by default."""
+"""The episodes that rj evaluate plays by default."""
 
 RANKS = ("best", "median", "worst")
 
@@ -129,7 +129,7 @@ class Recorded(Episodes):
 
 
 def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> Driven:
-    """Episodes of the policy in a run folder, read as agents.evaluate reads it.
+    """Episodes of the policy in a run folder, read as rj evaluate reads it.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
@@ -168,7 +168,7 @@ def episodes_of(name: str) -> list[Episodes]:
 
 
 def recorded_episodes(path: Path) -> list[Recorded]:
-    """The episodes in a file that the viewer wrote, or in a folder that agents.dataset wrote; one per controller.
+    """The episodes in a file that the viewer wrote, or in a folder that rj dataset wrote; one per controller.
 
     Raises:
         InvalidInput: anything else.

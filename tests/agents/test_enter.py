@@ -42,9 +42,9 @@ def test_it_compares_with_the_file_that_agents_results_writes():
 
 def test_every_command_and_program_of_the_page_runs(workshop, capsys):
     for command in "".join(blocks("bash")).splitlines():
-        python, option, module, *arguments = shlex.split(command)
-        assert (python, option) == ("python", "-m")
-        assert {"agents.enter": enter, "agents.results": results}[module].main(arguments) == 0
+        rj, name, *arguments = shlex.split(command)
+        assert rj == "rj"
+        assert {"enter": enter, "results": results}[name].main(arguments) == 0
     printed = capsys.readouterr().out
     assert "3000000 to 3000007" in printed and "9000000 to 9000011" in printed
     page = (workshop / "my_page/results.md").read_text()
@@ -165,7 +165,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
         (["my_controller.py:Careful", "--env", "rj_gym/CurvatureDesign-v0"], "a tracking environment of rj_gym"),
         (["my_controller.py:Careful", "--set", "load.magnitud=3"], "magnitud"),
         (["my_controller.py:Careful", "--training-seed", "-1"], "--training-seed"),
-        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that agents.results wrote"),
+        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that rj results wrote"),
         (["nowhere.py:Careful"], "FILE.py:NAME"),
     ],
 )

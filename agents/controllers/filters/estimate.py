@@ -26,7 +26,7 @@ def average(weights, solved, linear, play, states, changes, at, tips, estimate):
     """Fill tips (B, H, d) [mm] of all hypotheses, and the estimate.
 
     weights: (B, H), of sum 1. states, play: now. changes: of the states since the model was solved, (R, states).
-    at: Places.
+    at: StateLayout.
     """
     n_episodes, n_hypotheses = weights.shape
     m = solved.tensions.shape[1]

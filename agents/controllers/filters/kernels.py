@@ -76,7 +76,7 @@ class Derivatives(NamedTuple):
 def linearise(solved, levers, play, stiffnesses, at, linear):
     """Fill the derivatives; zero where an equilibrium is not usable, so that no state changes there.
 
-    stiffnesses: of the tendons of every row, (R, m) [N/mm]. at: Places.
+    stiffnesses: of the tendons of every row, (R, m) [N/mm]. at: StateLayout.
     """
     n_rows, n_joints, m = solved.rates.shape
     causes = at.offsets + m
@@ -167,7 +167,7 @@ def expect_tensions(solved, linear, play, states, motors, at, expected, columns)
 
     NaN, and derivatives of zero, where an equilibrium is not usable.
 
-    motors: their positions, (N, m) [mm]; the hypotheses of an episode are adjacent. at: Places.
+    motors: their positions, (N, m) [mm]; the hypotheses of an episode are adjacent. at: StateLayout.
     """
     n_rows, m = solved.tensions.shape
     hypotheses = n_rows // len(motors)

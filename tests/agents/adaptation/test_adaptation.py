@@ -11,11 +11,13 @@ import torch
 from agents import adapt
 from agents.adaptation import bench, trial, tuning
 from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
+from agents.adaptation.contenders import Contender
+from agents.adaptation.driving import WORLD, seeds_of
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
-from agents.adaptation.identify import Identified, _Misfit, identify
+from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
 from agents.adaptation.informed import Informed
+from agents.adaptation.robot import robot
 from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
-from agents.adaptation.twin import BELIEFS, Space
 from agents.adaptation.world import LikelyRobots, likely
 from agents.controllers.controller import Controller, Reading
 from agents.controllers.tuned import tuned_controllers
@@ -23,9 +25,6 @@ from agents.learners.episodes import Played
 from agents.learners.recurrent import RecurrentActor
 from agents.policies.conversion import actor_of, recurrent_network
 from agents.policies.shipped import ShippedPolicy, entry_names, standalone
-from agents.robots.contenders import Contender
-from agents.robots.driving import WORLD, seeds_of
-from agents.robots.robot import robot
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
 from rollingjoint.errors import ConfigError, InvalidInput

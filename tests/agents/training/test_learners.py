@@ -305,7 +305,7 @@ def test_residual_policy_is_not_exported(tmp_path):
     settings = config(**RESIDUAL)
     run = RunFolder.create(tmp_path / "run", settings, [])
     save_policy(build_model(settings), run.policy_files("best"))
-    with pytest.raises(PolicyError, match=r"agents\.evaluate scores the run folder"):
+    with pytest.raises(PolicyError, match=r"rj evaluate scores the run folder"):
         export_run(run, "best", "own")
 
 

@@ -122,7 +122,7 @@ def test_plots_have_round_ticks_inside_their_axes():
 def commands():
     """The commands of the documentation that end by themselves."""
     page = Path("docs/view.md").read_text("utf-8")
-    return re.findall(r"^python -m agents\.view (.* --record .*)$", page, re.MULTILINE)
+    return re.findall(r"^rj view (.* --record .*)$", page, re.MULTILINE)
 
 
 @pytest.mark.slow

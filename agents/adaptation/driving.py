@@ -1,4 +1,4 @@
-"""Episodes on robots that nobody modelled, and the score of a controller."""
+"""Episodes on robots outside the training distribution, and the score of a controller."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from agents.adaptation.robot import Robot, robots
 from agents.controllers.controller import Array, Controller, env_for
 from agents.evaluation.rollout import run_episodes, run_with_options
 from agents.results.statistics import Bootstrap, Interval
-from agents.results.wording import mm, with_interval
-from agents.robots.robot import Robot, robots
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import ROBOTS
 from rollingjoint.checks import as_integer
-from rollingjoint.tables import text_table
 
 WORLD = "rj_gym/Instrument-v0"
 MOST_EPISODES = 1_000  # of a robot
 _LANES = 256
-RUBBING = {"friction": {"mu": 0.0, "shared": False}}  # what controllers can read of it: that nothing rubs
+RUBBING = {"friction": {"mu": 0.0, "shared": False}}  # controllers read from it that there is no friction
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def score_on_robots(
     settings: Mapping[str, Any] | None = None,
     known: bool = False,
 ) -> RobotScore:
-    """Drive every robot through episodes of its own, many side by side, with targets and loads of Instrument-v0.
+    """Drive every robot through its episodes, many side by side, with targets and loads of Instrument-v0.
 
     The controller is told that it drives rj_gym/Instrument-v0: the nominal mechanism, and the ranges of that world.
 
@@ -79,34 +77,22 @@ def score_on_robots(
     errors = np.concatenate([_errors(rubbing, controller, block, episodes) for block in blocks])
     if not known:
         return RobotScore(errors)
-    seeds = [seed for one in listed for seed in seeds_of(one, episodes)]
+    seeds = [seed for robot in listed for seed in seeds_of(robot, episodes)]
     return RobotScore(errors, run_episodes(env, controller, seeds).last_errors.mean(axis=1).reshape(errors.shape))
 
 
-def seeds_of(one: Robot, episodes: int) -> range:
+def seeds_of(robot: Robot, episodes: int) -> range:
     """Seeds of a robot's episodes: their targets, loads and noise, and where in the play its tendons begin."""
-    first = ROBOTS.start + MOST_EPISODES * one.number
+    first = ROBOTS.start + MOST_EPISODES * robot.number
     return range(first, first + episodes)
-
-
-def score_table(scores: Mapping[str, RobotScore]) -> str:
-    """One row per controller, for a terminal, the best first: mean over robots, best, median and worst robot."""
-    rows = []
-    for name, score in sorted(scores.items(), key=lambda item: item[1].mean.value):
-        spread = [mm(value) for value in np.percentile(score.of_robots, (0, 50, 100))]
-        known = [] if score.known_mean is None else [with_interval(score.known_mean, mm)]
-        rows.append([name, with_interval(score.mean, mm), *spread, *known])
-    known = ["Instrument-v0 [mm]"] if any(score.known is not None for score in scores.values()) else []
-    head = ["controller", "mean [mm]", "best robot", "median", "worst", *known]
-    return text_table(head, rows, ruled=True)
 
 
 def _errors(env: EnvConfig, controller: Controller, driven: Sequence[Robot], episodes: int) -> Array:
     """Errors of these robots, all side by side, (R, episodes) [mm]."""
-    seeds = [seed for one in driven for seed in seeds_of(one, episodes)]
-    options = [options for one in driven for options in [one.options] * episodes]
-    found = run_with_options(env, controller, seeds, options)
-    return found.last_errors.mean(axis=1).reshape(len(driven), episodes)
+    seeds = [seed for robot in driven for seed in seeds_of(robot, episodes)]
+    options = [options for robot in driven for options in [robot.options] * episodes]
+    episodes_driven = run_with_options(env, controller, seeds, options)
+    return episodes_driven.last_errors.mean(axis=1).reshape(len(driven), episodes)
 
 
 def _over_robots(errors: Array) -> Interval:

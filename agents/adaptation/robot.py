@@ -1,12 +1,12 @@
-"""Robots whose play, friction, stiffness, surfaces and motors lie outside the ranges of rj_gym/Instrument-v0.
+"""Robots with play, friction, stiffness, surfaces and motors outside the ranges of rj_gym/Instrument-v0.
 
 Robot k is a function of k alone. Its numbers are drawn once from a generator with a seed of this file, so that the
-robots are the same for everybody; nothing is drawn anew from episode to episode.
+robots are the same everywhere; no number changes from episode to episode.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -18,7 +18,6 @@ from rollingjoint import RollingChain, five_link
 from rollingjoint.chain.variations import varied_chain
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
-from rollingjoint.tables import text_table
 
 SEED = 20_250_715
 TEST_BED = range(50)
@@ -45,7 +44,7 @@ class Robot:
         mu: capstan friction of every tendon in the holes of the chain, (m,).
         play_mm: between motor and tendon, (m,) [mm]. sheath_friction: before the base, phi, (m,).
         stiffness: of the tendons over the nominal one, (m,).
-        motor_offsets: what every motor's length is off, (m,) [mm].
+        motor_offsets: error of every motor's length, (m,) [mm].
         surface_errors: displacement (x, y, angle) of every link's parent and child surface, (n, 2, 3) [mm, rad].
     """
 
@@ -90,22 +89,10 @@ def robot(number: int) -> Robot:
 
 def robots(numbers: Iterable[int] = TEST_BED) -> list[Robot]:
     """The robots of these numbers; raises InvalidInput where there is none."""
-    found = [robot(number) for number in numbers]
-    if not found:
+    listed = [robot(number) for number in numbers]
+    if not listed:
         raise InvalidInput("number of robots", 0, "1 or more")
-    return found
-
-
-def robot_table(listed: Sequence[Robot]) -> str:
-    """One row per robot, for a terminal: both tendons' numbers, and the largest errors of its surfaces."""
-    head = ["robot", "mu", "play [mm]", "sheath friction", "stiffness", "motors [mm]", "surfaces [mm]", "[mrad]"]
-    rows = []
-    for one in listed:
-        of_tendons = (one.mu, one.play_mm, one.sheath_friction, one.stiffness, one.motor_offsets)
-        largest = np.abs(one.surface_errors).max(axis=(0, 1))
-        cells = [" ".join(f"{value:.3f}" for value in values) for values in of_tendons]
-        rows.append([f"{one.number}", *cells, f"{largest[:2].max():.3f}", f"{1000 * largest[2]:.1f}"])
-    return text_table(head, rows, ruled=True)
+    return listed
 
 
 def _either_way(rng: np.random.Generator, limits: tuple[float, float], shape: tuple[int, ...]) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from agents.adaptation.driving import WORLD
 from agents.controllers.controller import Controller
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.tuned import tuned_controllers
@@ -16,7 +17,6 @@ from agents.policies.shipped import ShippedPolicy, entry_names
 from agents.policies.trained import load_driving
 from agents.results.entry import load_entrant
 from agents.results.roster import is_privileged
-from agents.robots.driving import WORLD
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 from rj_gym.tracking.config import TaskConfig

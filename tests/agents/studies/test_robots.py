@@ -10,18 +10,19 @@ from stable_baselines3 import PPO
 
 import rj_gym
 from agents import adapt
-from agents.adaptation import trial
-from agents.adaptation.identify import Identified
+from agents.adaptation import driving, trial
+from agents.adaptation.contenders import Contender, contender, contenders, marked
+from agents.adaptation.driving import RobotScore, seeds_of
+from agents.adaptation.identify import Identified, Space
 from agents.adaptation.trial import Outcome, Trial
-from agents.adaptation.twin import Space
 from agents.controllers import OpenLoop
 from agents.policies.export import export_policy
-from agents.robots import DEVELOPMENT, TEST_BED, __main__, driving, robot, robots, score_on_robots
-from agents.robots.contenders import Contender, contender, contenders, marked
-from agents.robots.driving import RobotScore, score_table, seeds_of
+from agents.robots import DEVELOPMENT, TEST_BED, robot, robots, score_on_robots
 from agents.runs.environment import EnvConfig
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import ROBOTS, TEST, TUNING, VALIDATION
+from agents.studies import robots as study
+from agents.studies.robots import score_table
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.chain.presets import five_link
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -133,7 +134,7 @@ def test_a_policy_file_drives_robots_with_the_lags_that_it_was_trained_with(tmp_
 
 def test_wrong_numbers_are_refused(capsys):
     for wrong in (["--robots", "0"], ["--robots", "51"], ["--episodes", "0"], ["--controller", "nobody"]):
-        assert __main__.main(wrong) == 2
+        assert study.main(wrong) == 2
         assert "error:" in capsys.readouterr().err
     with pytest.raises(InvalidInput, match=">= 0"):
         robot(-1)
@@ -142,7 +143,7 @@ def test_wrong_numbers_are_refused(capsys):
 
 
 def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(driving, "score_on_robots", quick)
+    monkeypatch.setattr(study, "score_on_robots", quick)
     monkeypatch.setattr(trial, "adaptable", lambda name: Contender(None))
     monkeypatch.setattr(trial, "tried", adapted_at_once)
     own = re.search(r"^```python\n(from agents.controllers import OpenLoop.*?)^```", TEXT, flags=re.M | re.S)
@@ -151,9 +152,9 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     commands = "".join(re.findall(r"^```bash\n(.*?)^```", TEXT, flags=re.M | re.S)).splitlines()
     assert commands
     for command in commands:
-        python, option, module, *arguments = shlex.split(command)
-        assert (python, option) == ("python", "-m")
-        assert {"agents.robots": __main__, "agents.adapt": adapt}[module].main(arguments) == 0
+        rj, name, *arguments = shlex.split(command)
+        assert rj == "rj"
+        assert {"robots": study, "adapt": adapt}[name].main(arguments) == 0
     assert "probing bank" in capsys.readouterr().out
 
 
