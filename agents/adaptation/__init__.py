@@ -2,7 +2,7 @@
 
 Modules:
     robot: robots by number.
-    contenders: controllers by name, file, run or policy.
+    controllers: those of Instrument-v0 by name, file, run or policy.
     driving: one score per controller, with an interval over robots.
     bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.
     identify: beliefs about a robot, and the twin that explains a recording of it.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from agents.adaptation.bench import record
-from agents.adaptation.contenders import Contender, contender
+from agents.adaptation.controllers import InstrumentController, instrument_controller
 from agents.adaptation.driving import WORLD, score_on_robots
 from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
@@ -61,7 +61,7 @@ class Outcome:
     before: Array
     after: Array
     seconds: float
-    adapted: Contender
+    adapted: InstrumentController
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -92,13 +92,13 @@ class Trial:
         return {"robot": self.robot.number, **seconds, "identified": estimates | residuals, "controllers": outcomes}
 
 
-def adaptable(name: str) -> Contender:
-    """The controller of that name, as `contender` finds it; policies of run folders in the form that is shipped.
+def adaptable(name: str) -> InstrumentController:
+    """The controller of that name, by `instrument_controller`; policies of run folders in the form that is shipped.
 
     Raises:
         ConfigError, PolicyError, RunFolderError: no such controller, or one that cannot be adapted.
     """
-    candidate = contender(name)
+    candidate = instrument_controller(name)
     if Path(name).is_dir():
         candidate = replace(candidate, controller=export_run(RunFolder.open(Path(name)), "best", Path(name).name))
     if isinstance(candidate.controller, ShippedPolicy):
@@ -110,7 +110,7 @@ def adaptable(name: str) -> Contender:
     return candidate
 
 
-def adapted(name: str, candidate: Contender, identified: Identified, plan: Plan) -> Contender:
+def adapted(name: str, candidate: InstrumentController, identified: Identified, plan: Plan) -> InstrumentController:
     """A controller after adapting to a robot.
 
     Policies are trained on; opponents are told the identified parameters, and their settings are searched; other
@@ -129,7 +129,9 @@ def adapted(name: str, candidate: Contender, identified: Identified, plan: Plan)
     return replace(candidate, controller=Informed(candidate.controller, identified))
 
 
-def tried(robot: Robot, contestants: Mapping[str, Contender], plan: Plan, say: Say = lambda line: None) -> Trial:
+def tried(
+    robot: Robot, contestants: Mapping[str, InstrumentController], plan: Plan, say: Say = lambda line: None
+) -> Trial:
     """Identify a robot, adapt the controllers to it, and score them in its episodes before and after.
 
     say: called with a line about everything that was done.
@@ -148,7 +150,7 @@ def tried(robot: Robot, contestants: Mapping[str, Contender], plan: Plan, say: S
     return Trial(robot, identified, seconds, outcomes)
 
 
-def _tried(name: str, contestant: Contender, robot: Robot, identified: Identified, plan: Plan) -> Outcome:
+def _tried(name: str, contestant: InstrumentController, robot: Robot, identified: Identified, plan: Plan) -> Outcome:
     start = time.process_time()
     after = adapted(name, contestant, identified, plan)
     seconds = time.process_time() - start

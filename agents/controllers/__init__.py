@@ -1,7 +1,7 @@
 """Controllers: anything that maps observations to actions. Each file is an example of how to write one's own.
 
-All but those that are marked as privileged see nothing but the observation, and know the mechanism as it is before
-anything is randomised.
+Controllers that are not marked as privileged see the observation alone, and know the mechanism as it is before any
+randomisation.
 
 Modules:
     controller: the protocol, readings of observations, and the controller that does nothing.

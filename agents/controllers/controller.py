@@ -29,7 +29,7 @@ class Controller(ABC):
     """Maps observations to actions, for B episodes side by side.
 
     A subclass has `act`, where it remembers anything `reset`, and where it depends on the task `bind`. An episode must
-    not depend on those beside it. Actions are also requested for episodes that have ended, and ignored.
+    not depend on the other ones. Actions are also requested for episodes that have ended, and ignored.
 
     Attributes:
         privileged: whether it needs the true state, which no robot measures: observations are then dictionaries, with
@@ -145,7 +145,7 @@ def _check_all(mask: Mask) -> None:
 
 
 def as_controller(made: Any) -> Controller:
-    """A controller itself, or that of a function, or of an object with begin and act; else raises InvalidInput."""
+    """A controller itself, or one made of a function, or an object with begin and act; else raises InvalidInput."""
     if isinstance(made, Controller):
         return made
     if callable(getattr(made, "begin", None)) and callable(getattr(made, "act", None)):
@@ -193,7 +193,7 @@ def saturated(actions: NDArray[Any]) -> NDArray[Any]:
 
 
 def restarted(values: Array, mask: Mask, start: Array) -> Array:
-    """Values (B, ...) with those of `start` in the rows of the mask (B,); `start` itself where all begin."""
+    """Values (B, ...), replaced by `start` (B, ...) in the rows of the mask (B,)."""
     if mask.all():
         return start
     return np.where(mask.reshape(-1, *[1] * (start.ndim - 1)), start, values)
@@ -208,7 +208,7 @@ class Reading:
     Args:
         observation: as the environment gave it: (B, entries) float32, or a dict of such arrays where it has goals or
             shows the privileged state.
-        task: the tracking task; without it nothing but the observation can be read.
+        task: the tracking task; without it only the observation can be read.
     """
 
     observation: Any
@@ -216,7 +216,7 @@ class Reading:
 
     @property
     def sees(self) -> str:
-        """What of the pose is measured: "all", "tip" or "none"."""
+        """The measured part of the pose: "all", "tip" or "none"."""
         return self._task.config.sensing.pose
 
     @property
@@ -233,7 +233,7 @@ class Reading:
 
     @property
     def privileged(self) -> Array:
-        """The privileged state of an environment that shows it beside its observation, (B, K), in its units."""
+        """The privileged state, (B, K), of an environment that shows it with its observation, in its units."""
         if not isinstance(self.observation, Mapping) or "privileged" not in self.observation:
             raise InvalidInput("privileged", self._task.config.privileged, "'observation'", "This controller needs it.")
         return np.asarray(self.observation["privileged"], float)
@@ -287,9 +287,9 @@ class Reading:
 
     @cached_property
     def tensions(self) -> Array:
-        """Measured tensions, (B, m) [N]; where they are not observed, those of the model at pose and commands.
+        """Measured tensions, (B, m) [N]; where they are not observed, the model's at pose and commands.
 
-        The pose of an arm is not measured either: then they are those of the hanging arm under the commands.
+        The pose of an arm is not measured either: then they are the hanging arm's under the commands.
         """
         config, mechanism = self._task.config, self._task.mechanism
         if config.observe_tensions:
@@ -321,12 +321,12 @@ class Reading:
 
     @property
     def _shows_tip_alone(self) -> bool:
-        """Whether the tip is measured and nothing else of the pose, as of an arm."""
+        """Whether the tip is the only measured part of the pose, as of an arm."""
         return "tip x" in self._places
 
     @property
     def _tip_name(self) -> str:
-        """What the observation calls the tip: of a planar chain it is the last link."""
+        """The name of the tip in the observation: of a planar chain it is the last link."""
         return "tip" if self._shows_tip_alone else f"link {self._task.mechanism.n_links - 1}"
 
     @property

@@ -38,7 +38,7 @@ class ProbeSettings(Settings):
         self._check(as_choice, "pattern", choices=PATTERNS)
 
     def actions(self, steps: Array, action_scale_mm: float, n_tendons: int) -> Array:
-        """The actions after so many steps (B,) of episodes, (B, m); NaN once the sweep is over."""
+        """The actions after `steps` (B,) of episodes, (B, m); NaN once the sweep is over."""
         turn = round(self.sweep_mm / action_scale_mm)
         ways = np.where((turn <= steps) & (steps < 3 * turn), -1.0, 1.0)
         ways = np.where(steps < 4 * turn, ways, np.nan)
@@ -66,8 +66,8 @@ class FilterFeedbackSettings(Settings):
 class FilterFeedback(Controller):
     """Damped resolved rate on the tip, tensions and play that a bank of extended Kalman filters estimates.
 
-    The tip and its responses are means over the hypotheses. Motors go ahead of the tendons that they move by what is
-    estimated of the play.
+    The tip and its responses are means over the hypotheses. Motors go ahead of the tendons that they move by the
+    estimated play.
     """
 
     def __init__(self, settings: FilterFeedbackSettings | None = None) -> None:
@@ -81,7 +81,7 @@ class FilterFeedback(Controller):
         self.bank = Bank(self.task, self.settings.filter)
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): nothing is measured in them."""
+        """Begin episodes, (B,), without measurements."""
         self.bank.reset(mask)
         self.motion.reset(mask, self.task.dimension)
         self.steps = restarted(self.steps, mask, np.zeros(len(mask)))
@@ -100,7 +100,7 @@ class FilterFeedback(Controller):
         return np.where(probing[:, None], sweep, actions)
 
     def estimates(self) -> Array:
-        """What the bank knew at the last action, (B, d + 3 m), for residual policies.
+        """Estimates of the bank at the last action, (B, d + 3 m), for residual policies.
 
         Way of the estimated tip to the target [10 mm], tensions [15 N], tendons minus motors and half widths [mm].
         """
@@ -144,7 +144,7 @@ class FilterPredictive(FilterFeedback):
 
     The moves of the motors minimise the mean square of the tip error over the hypotheses, whose tendons each follow
     through the play of their own: where its width is uncertain, the moves are those that are best on average. Responses
-    are linear over the horizon. What FilterFeedback would do is where the search begins.
+    are linear over the horizon. The search begins at the moves of FilterFeedback.
     """
 
     REACH = 4.0  # steps of the horizon: the farthest that a motor is planned to go

@@ -48,11 +48,11 @@ class AssumedPlay:
 
     def motor_moves(self, increments: Array) -> Array:
         """Moves of the motors that move the tendons by these increments, (B, m) both [mm]."""
-        some = self.settings
-        if some.half_width_mm == 0.0:
+        settings = self.settings
+        if settings.half_width_mm == 0.0:
             return increments
-        moves, half = np.empty_like(increments), np.full_like(increments, some.half_width_mm)
-        cross_play(increments, self.tendons, self.motors, half, some.dead_band_mm, some.crossing, moves)
+        moves, half = np.empty_like(increments), np.full_like(increments, settings.half_width_mm)
+        cross_play(increments, self.tendons, self.motors, half, settings.dead_band_mm, settings.crossing, moves)
         return moves
 
 
@@ -115,19 +115,19 @@ class JacobianFeedback(Controller):
         Tensions that would leave their range get the weight KEEP and the end of the range as their goal.
         """
         tips, tensions = length_responses(model)
-        some = self.settings
-        damping = some.damping**2 + some.far**2 * np.sum(way**2, axis=1)
+        settings = self.settings
+        damping = settings.damping**2 + settings.far**2 * np.sum(way**2, axis=1)
         free = np.swapaxes(tips, 1, 2) @ tips + damping[:, None, None] * np.eye(tips.shape[2])
         pull = np.einsum("bim,bi->bm", tips, way) - damping[:, None] * done
-        weights, changes = np.full_like(done, some.stiffen**2), wanted - model.tensions
-        most = self.task.config.action_scale_mm
+        weights, changes = np.full_like(done, settings.stiffen**2), wanted - model.tensions
+        limit = self.task.config.action_scale_mm
         for _ in range(3):
             weighted = weights[:, :, None] * tensions
             hessian = free + np.swapaxes(tensions, 1, 2) @ weighted
             slope = -pull - np.einsum("bim,bi->bm", weighted, changes)
-            step = bounded_step(hessian, slope, -most - done, most - done)
+            step = bounded_step(hessian, slope, -limit - done, limit - done)
             after = model.tensions + (tensions @ step[..., None])[..., 0]
-            kept = np.clip(after, *self.tension_range)
-            weights = np.where(after == kept, weights, KEEP**2)
-            changes = np.where(after == kept, changes, kept - model.tensions)
+            bounded = np.clip(after, *self.tension_range)
+            weights = np.where(after == bounded, weights, KEEP**2)
+            changes = np.where(after == bounded, changes, bounded - model.tensions)
         return step

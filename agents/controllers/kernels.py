@@ -11,11 +11,11 @@ from rollingjoint.compiled import Floats, kernel, part, play_inverse, play_step
 ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
 PASSES = 3  # after which hardly a tension changes sides of its limit
 SWEEPS = 2  # over the motors
-IDLE = 0.01  # what a move costs that only crosses play, as a share of one that moves its tendon
+IDLE = 0.01  # cost of a move that only crosses play, as a share of one that moves its tendon
 
 
 class Outlook(NamedTuple):
-    """What a bank says of B episodes with H hypotheses each, R = B x H rows."""
+    """The estimate of a bank for B episodes with H hypotheses each, R = B x H rows."""
 
     weights: Annotated[Floats, "B", "H"]
     errors: Annotated[Floats, "B", "H", "d"]  # target minus tip, mm
@@ -124,7 +124,7 @@ def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
     """Fill moves (B, m) [mm] of the motors that move the tendons behind their play by `wanted`.
 
     Args:
-        wanted: (B, m) [mm]; what is within +-dead_band is not worth crossing the play for.
+        wanted: (B, m) [mm]; moves within +-dead_band do not cross the play.
         played, motors: commands of tendons and motors, (B, m) [mm]. half_widths: of the play, (B, m) [mm].
         crossing: share of the half width by which a motor goes ahead of its tendon.
     """
@@ -141,8 +141,8 @@ def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
 def look_ahead(outlook, wanted, weights, reach, points, moves):
     """Improve moves (B, m) [mm] of motors towards the least expected cost, each within +-reach.
 
-    The cost is the mean square of the tip error over the hypotheses, plus those of tensions beside the wanted ones and
-    of the moves. One motor after the other goes to the best of a grid of moves, and to the best of a finer one there.
+    The cost is the mean square of the tip error over the hypotheses, plus the costs of tensions off the wanted ones
+    and of the moves. One motor after the other goes to the best move of a grid, then of a finer one there.
 
     Args:
         outlook: see Outlook.
@@ -173,7 +173,7 @@ def _best_of_grid(outlook, b, wanted, weights, reach, width, points, move, j):
 
 @part
 def _cost(outlook, b, wanted, weights, move):
-    """What is expected after a move of the motors of an episode [mm²]."""
+    """The expected cost after a move of the motors of an episode [mm²]."""
     stiffen, damping, low, high, keep = weights
     n_hypotheses, m = outlook.weights.shape[1], len(move)
     mean, left, cost = np.zeros(m), np.empty(outlook.errors.shape[2]), 0.0

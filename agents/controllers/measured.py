@@ -1,6 +1,6 @@
 """The model of a mechanism at its measurements, with or without an estimate of the load; one class per kind of chain.
 
-Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is that of the model.
+Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is the model's.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _STEP = 1e-4  # rad and N, of the differences by the unknowns
 _LARGEST = 3.0  # rad of tilt, N of payload: bounds of the estimate
 
 
-class Measured(Protocol):
-    """What controllers ask of a model, B episodes side by side.
+class MeasuredModel(Protocol):
+    """A model of B episodes side by side at their measurements.
 
     Attributes:
         nominal_loads: those that the model knows of: none, or the weight of an arm that hangs.
@@ -38,7 +38,7 @@ class Measured(Protocol):
     stiffens: bool
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): forget what was estimated in them."""
+        """Begin episodes, (B,): forget their estimates."""
 
     def unloaded(self, reading: Reading) -> Solution:
         """The model where it was measured, the load unknown."""
@@ -69,7 +69,7 @@ class MeasuredChain:
         self.mechanism: RollingChain = task.mechanism
 
     def reset(self, mask: Mask) -> None:
-        """Nothing: it remembers nothing."""
+        """Do nothing, for it has no memory."""
 
     def unloaded(self, reading: Reading) -> Equilibrium:
         """The model at the measured pose and tensions, B rows."""
@@ -99,7 +99,7 @@ def measured_equilibrium(mechanism: RollingChain, reading: Measurement) -> Equil
 
 
 def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
-    """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
+    """Load tables (B, 1, 11): the force at one link's origin that best explains the unbalanced moments of the tendons.
 
     Statics: the moment of a force at joint i is that about its contact point. For every link the force that explains
     the moments best is found by regularised least squares; the most likely link is chosen.
@@ -110,13 +110,11 @@ def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
             chain, which have little moment.
     """
     moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
-    arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]
-    links = arm.shape[1]
-    rows = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * np.tri(links)[..., None]  # joint i carries links k > i
+    rows = np.ascontiguousarray(np.swapaxes(measured.pose_jacobian[:, 1:, :2], -1, -2))
     columns = np.swapaxes(rows, -1, -2)
     forces = np.linalg.solve(columns @ rows + noise**2 * np.eye(2), columns @ moments[:, None, :, None])
-    left = moments[:, None] - (rows @ forces)[..., 0]
-    unlikely = np.sum(left**2, axis=-1) + noise**2 * np.sum(forces[..., 0] ** 2, axis=-1)
+    remainder = moments[:, None] - (rows @ forces)[..., 0]
+    unlikely = np.sum(remainder**2, axis=-1) + noise**2 * np.sum(forces[..., 0] ** 2, axis=-1)
     likeliest = unlikely.argmin(axis=1)
     loads = np.zeros((len(likeliest), 1, len(LOAD_COLUMNS)))
     loads[:, 0, _LINK] = 1 + likeliest
@@ -127,8 +125,8 @@ def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
 def _joint_moments(mechanism: RollingChain, reading: Measurement) -> Array:
     """Moments that balance the measured tensions at the measured joint angles, (B, n - 1) [N·mm]."""
     turns = _TURN * np.eye(mechanism.n_joints)  # a joint's angle changes the tendons' gaps at this joint alone
-    ahead, behind = (mechanism.tendon_lengths(reading.joint_angles[:, None] + turn) for turn in (turns, -turns))
-    return ((ahead - behind) / (2 * _TURN) @ reading.tensions[..., None])[..., 0]
+    longer, shorter = (mechanism.tendon_lengths(reading.joint_angles[:, None] + turn) for turn in (turns, -turns))
+    return ((longer - shorter) / (2 * _TURN) @ reading.tensions[..., None])[..., 0]
 
 
 def hanging_loads(arm: HingeChain) -> Array:
@@ -146,7 +144,7 @@ def loads_along(table: Array, directions: Array, payloads: Array) -> Array:
 
 
 class MeasuredArm:
-    """An arm under its commands: under nominal gravity, or under the gravity and payload that explain what is measured.
+    """An arm under its commands: under nominal gravity, or under the gravity and payload that explain the measurements.
 
     Every step refines three numbers: the vector by which the direction of gravity is turned from the nominal one (two
     numbers), and the payload at the tip, which acts along gravity.
@@ -182,23 +180,23 @@ class MeasuredArm:
 
     def unloaded(self, reading: Reading) -> HingeEquilibrium:
         """The model under the commands and nominal gravity, its tendons elastic and at the measured tensions."""
-        found = solve_lengths_batch(self.mechanism, reading.commands, self.nominal_loads, self._starts)
-        self._starts = found.joint_angles
+        equilibria = solve_lengths_batch(self.mechanism, reading.commands, self.nominal_loads, self._starts)
+        self._starts = equilibria.joint_angles
         elastic = np.broadcast_to(self.mechanism.stiffnesses, reading.tensions.shape)
-        return replace(found, tensions=reading.tensions, tendon_stiffness=elastic)
+        return replace(equilibria, tensions=reading.tensions, tendon_stiffness=elastic)
 
     def loaded(self, reading: Reading) -> tuple[HingeEquilibrium, Array]:
         """The model under the commands and the estimated loads, and these, (B, rows, columns)."""
         best, loads = self._under(reading, self.estimate)
-        least = self._unlikely(reading, best, self.estimate)
+        lowest = self._unlikely(reading, best, self.estimate)
         for _ in range(self.STEPS):
-            tried = np.clip(self.estimate + self._change(reading, best), -_LARGEST, _LARGEST)
-            tried[:, 2] = np.maximum(tried[:, 2], 0.0)
-            found, table = self._under(reading, tried, best)
-            unlikely = self._unlikely(reading, found, tried)
-            better = unlikely < least
-            self.estimate, least = np.where(better[:, None], tried, self.estimate), np.minimum(least, unlikely)
-            best, loads = choose(better, found, best), np.where(better[:, None, None], table, loads)
+            trial = np.clip(self.estimate + self._change(reading, best), -_LARGEST, _LARGEST)
+            trial[:, 2] = np.maximum(trial[:, 2], 0.0)
+            equilibria, table = self._under(reading, trial, best)
+            unlikely = self._unlikely(reading, equilibria, trial)
+            better = unlikely < lowest
+            self.estimate, lowest = np.where(better[:, None], trial, self.estimate), np.minimum(lowest, unlikely)
+            best, loads = choose(better, equilibria, best), np.where(better[:, None, None], table, loads)
         self._starts = best.joint_angles
         return best, loads
 
@@ -232,16 +230,16 @@ class MeasuredArm:
         return np.concatenate([model.tip - reading.tip, model.tensions - reading.tensions], axis=1) / self._spreads
 
     def _unlikely(self, reading: Reading, model: HingeEquilibrium, estimate: Array) -> Array:
-        """What is minimised, (B,)."""
-        away = estimate / np.array([self.TILT, self.TILT, self.PAYLOAD])
-        cost = np.sum(self._misses(reading, model) ** 2, axis=1) + np.sum(away**2, axis=1)
+        """The cost of an estimate, (B,)."""
+        deviation = estimate / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        cost = np.sum(self._misses(reading, model) ** 2, axis=1) + np.sum(deviation**2, axis=1)
         return np.where(model.ok, cost, np.inf)
 
 
-MODELS: dict[type, Callable[[TrackingTask], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+MODELS: dict[type, Callable[[TrackingTask], MeasuredModel]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
 
 
-def measured_by(task: TrackingTask) -> Measured:
+def measured_by(task: TrackingTask) -> MeasuredModel:
     """The model of a task's mechanism."""
     return MODELS[type(task.mechanism)](task)
 

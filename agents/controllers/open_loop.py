@@ -1,4 +1,4 @@
-"""The model inverse, without feedback; also of a model whose tendons rub in their holes."""
+"""The model inverse, without feedback; also of a model with friction of its tendons."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class OpenLoop(Controller):
         self.target = self.tensions = np.empty(0)
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): nothing is planned in them."""
+        """Begin episodes, (B,), without plans."""
         task, model = self.task, measured_by(self.task)
         self.loads = model.nominal_loads
-        own = self.REST_TENSION if model.stiffens else task.config.start_tension
-        rest = np.clip(own if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
+        default = self.REST_TENSION if model.stiffens else task.config.start_tension
+        rest = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
         self.rest = np.full((len(mask), task.mechanism.n_tendons), rest)
         self.tensions = restarted(self.tensions, mask, self.rest)
         self.target = restarted(self.target, mask, np.full((len(mask), task.dimension), np.nan))
@@ -73,7 +73,7 @@ class OpenLoop(Controller):
 
 
 class FrictionOpenLoop(OpenLoop):
-    """The model command where tendons rub: what the way there leaves of an error in the model is aimed off for.
+    """The model command where tendons rub: it aims off for the error that the way there leaves in the model.
 
     It carries the model along its own commands, friction and all, and looks neither at the pose nor at the load.
 
@@ -139,12 +139,12 @@ class FrictionOpenLoop(OpenLoop):
             mu = mu[episodes[episodes < len(mu)].astype(int)]
         if mu.ndim and mu.shape != shape:
             raise InvalidInput("shape of mu", mu.shape, f"(), or (E, {shape[1]}) for all E episodes")
-        made: dict[tuple[float, ...], Any] = {}
+        mechanisms: dict[tuple[float, ...], Any] = {}
         rows = [tuple(row) for row in np.broadcast_to(mu, shape).tolist()]
         for row in rows:
-            if row not in made:
-                made[row] = with_friction(task, row)
-        return [made[row] for row in rows]
+            if row not in mechanisms:
+                mechanisms[row] = with_friction(task, row)
+        return [mechanisms[row] for row in rows]
 
 
 def with_friction(task: TrackingTask, mu: Sequence[float]) -> Any:

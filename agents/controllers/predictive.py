@@ -35,21 +35,21 @@ class LoadEstimate(JacobianFeedback):
 class Predictive(LoadEstimate):
     """One-step model-predictive control under the estimated load.
 
-    What Jacobian feedback minimises with a linear model, this one minimises with the whole one: a few Gauss-Newton
-    steps, each from the equilibrium that the model predicts for the increments so far. What the model does not explain
-    of the measured tip is taken to stay as it is.
+    It minimises the cost of Jacobian feedback with the whole model in place of a linear one: a few Gauss-Newton
+    steps, each from the equilibrium that the model predicts for the increments so far. The part of the
+    measured tip that the model does not explain is taken to stay as it is.
     """
 
     STEPS = 3  # after which increments change by less than sensors can tell
 
     def increments(self, reading: Reading, way: Array) -> Array:
         """Changes of the commanded lengths that move the predicted tip by `way` (B, d), (B, m) both [mm]."""
-        now, loads = self.measured.loaded(reading)
-        commands, wanted = unstretched(now), self.planned(reading, loads)
-        found, moves = now, np.zeros_like(now.tensions)
+        model, loads = self.measured.loaded(reading)
+        commands, wanted = unstretched(model), self.planned(reading, loads)
+        predicted, moves = model, np.zeros_like(model.tensions)
         for _ in range(self.STEPS):
-            trial = moves + self.step(found, way - (found.tip - now.tip), wanted, moves)
-            tried = solve_lengths_batch(self.task.mechanism, commands + trial, loads, found)
-            usable = np.asarray(tried.ok)
-            found, moves = choose(usable, tried, found), np.where(usable[:, None], trial, moves)
+            trial = moves + self.step(predicted, way - (predicted.tip - model.tip), wanted, moves)
+            candidate = solve_lengths_batch(self.task.mechanism, commands + trial, loads, predicted)
+            usable = np.asarray(candidate.ok)
+            predicted, moves = choose(usable, candidate, predicted), np.where(usable[:, None], trial, moves)
         return moves

@@ -88,9 +88,9 @@ def true_arm(reading: Reading, truth: Truth) -> Solution:
     payloads = privileged(reading, "payload")[:, 0]
     loads = loads_along(hanging_loads(mechanism), gravity, load_scale(config) * payloads)
     commands = reading.commands + truth.behind + of_tendons(reading, "motor offset")
-    found = solve_lengths_batch(mechanism, commands, loads, truth.joint_angles)
+    equilibria = solve_lengths_batch(mechanism, commands, loads, truth.joint_angles)
     elastic = np.broadcast_to(mechanism.stiffnesses, truth.tensions.shape)
-    return replace(found, tensions=truth.tensions, tendon_stiffness=elastic)
+    return replace(equilibria, tensions=truth.tensions, tendon_stiffness=elastic)
 
 
 TRUE_MODELS: dict[type, Callable[[Reading, Truth], Solution]] = {RollingChain: true_chain, HingeChain: true_arm}
@@ -117,7 +117,7 @@ class PrivilegedFeedback(JacobianFeedback):
         model = TRUE_MODELS[type(self.task.mechanism)](reading, truth)
         way = self.settings.gain * truth.error + self.motion.since_last(reading.target)
         tendons = self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
-        moves, some = np.empty_like(tendons), self.settings
+        moves, settings = np.empty_like(tendons), self.settings
         motors = np.zeros_like(tendons)
-        cross_play(tendons, truth.behind, motors, truth.half_widths, some.dead_band_mm, some.crossing, moves)
+        cross_play(tendons, truth.behind, motors, truth.half_widths, settings.dead_band_mm, settings.crossing, moves)
         return pulling_in(moves, self.task.config.action_scale_mm)

@@ -62,7 +62,7 @@ def base_controller(name: str, env_id: str, key: str = "residual") -> BaseContro
     """A new one of the controller that has this name in this environment.
 
     Raises:
-        ConfigError: no such controller; `key` is what the message calls it.
+        ConfigError: no such controller; `key` is its name in the message.
     """
     known = controllers_in(env_id)
     if name not in known:
@@ -74,8 +74,8 @@ def output_size(name: str, env: EnvConfig, key: str = "residual") -> int:
     """How many numbers the controller of this name outputs in this environment, found by letting it act.
 
     Raises:
-        ConfigError: no such controller, or one that cannot act on what this environment shows; `key` is what the
-            message calls it.
+        ConfigError: no such controller, or one that cannot act on these observations; `key` is its name in the
+            message.
     """
     base, envs = base_controller(name, env.id, key), cast(Any, make_vector_env(env, 1))
     try:

@@ -71,15 +71,15 @@ Space = dict[str, Uniform | Choice]
 
 def drawn_settings(space: Space, rng: np.random.Generator) -> Settings:
     """Settings anywhere in the space."""
-    return nested({place: some.drawn(rng) for place, some in space.items()})
+    return nested({place: values.drawn(rng) for place, values in space.items()})
 
 
 def settings_near(space: Space, settings: Settings, rng: np.random.Generator) -> Settings:
     """Settings near others: about half of them change."""
     return nested(
         {
-            place: some.near(value_at(settings, place), rng) if rng.uniform() < 0.5 else value_at(settings, place)
-            for place, some in space.items()
+            place: values.near(value_at(settings, place), rng) if rng.uniform() < 0.5 else value_at(settings, place)
+            for place, values in space.items()
         }
     )
 
@@ -98,10 +98,10 @@ def nested(values: Mapping[str, Any]) -> Settings:
 
 def value_at(settings: Mapping[str, Any], place: str) -> Any:
     """The setting at a place."""
-    found: Any = settings
+    value: Any = settings
     for name in place.split("."):
-        found = found[name]
-    return found
+        value = value[name]
+    return value
 
 
 def with_settings(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> Settings:

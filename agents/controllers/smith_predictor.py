@@ -15,7 +15,7 @@ from rollingjoint.chain.solution import Solution
 
 @dataclass
 class Picture:
-    """What was measured when the last pictures of B episodes were taken; rows change as new ones come.
+    """Measurements at the last pictures of B episodes; rows change as new ones come.
 
     Args:
         joint_angles: (B, n - 1) [rad]. tensions: (B, m) [N]. tip: (B, 2) [mm].
@@ -31,8 +31,8 @@ class Picture:
 class SmithPredictor(JacobianFeedback):
     """Jacobian feedback on the pose now, which the model predicts from the last picture and the commands since then.
 
-    The load is unknown: the moments that balance the tendons at the time of the picture are taken to stay. Of what the
-    model's tip was off in the picture, the prediction keeps the share TRUST.
+    The load is unknown: the moments that balance the tendons at the time of the picture are taken to stay. Of the error
+    of the model's tip in the picture, the prediction keeps the share TRUST.
 
     Args:
         settings: as of JacobianFeedback; with pictures that are never late it is the same controller.
@@ -41,22 +41,22 @@ class SmithPredictor(JacobianFeedback):
     TRUST = 0.5  # of a measured tip against that of the measured angles
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (B,): no picture, nothing measured."""
+        """Begin episodes, (B,): their first observation has a picture."""
         super().reset(mask)
         if mask.all():
             self.past: list[tuple[Array, Array]] = []  # commands behind the play and tensions, the newest first
             self.picture: Picture | None = None
-        self._blind = mask.copy()  # whose first picture is still to come
 
     def error(self, reading: Reading) -> Array:
         """Target minus predicted tip, (B, 2) [mm]."""
         limits = self.task.config.tension_range
         self.past = [(self.play.tendons, np.clip(reading.tensions, *limits)), *self.past][: self._remembered]
         picture = self._look(reading)
-        then = measured_equilibrium(self.task.mechanism, picture)
-        commands = unstretched(then) + self.play.tendons - picture.tendons
-        self.model: Equilibrium = solve_lengths_batch(self.task.mechanism, commands, then.loads, then, limits)
-        predicted = self.model.tip + self.TRUST * (picture.tip - then.tip)
+        past_model = measured_equilibrium(self.task.mechanism, picture)
+        commands = unstretched(past_model) + self.play.tendons - picture.tendons
+        loads, mechanism = past_model.loads, self.task.mechanism
+        self.model: Equilibrium = solve_lengths_batch(mechanism, commands, loads, past_model, limits)
+        predicted = self.model.tip + self.TRUST * (picture.tip - past_model.tip)
         return reading.target - np.where(np.asarray(self.model.ok)[:, None], predicted, picture.tip)
 
     def increments(self, reading: Reading, way: Array) -> Array:
@@ -72,10 +72,9 @@ class SmithPredictor(JacobianFeedback):
         """The last pictures, with those that are new in this step."""
         ages = np.minimum(np.rint(reading.picture_age).astype(int), len(self.past) - 1)
         tendons, tensions = (np.stack(series)[ages, np.arange(len(ages))] for series in zip(*self.past, strict=True))
-        now = Picture(reading.joint_angles, tensions, reading.tip, tendons)
+        current = Picture(reading.joint_angles, tensions, reading.tip, tendons)
         if self.picture is None:
-            self.picture = now
-        new, self._blind = (reading.picture_is_new | self._blind)[:, None], np.zeros_like(self._blind)
-        for name, values in vars(now).items():
-            setattr(self.picture, name, np.where(new, values, getattr(self.picture, name)))
+            self.picture = current
+        for name, values in vars(current).items():
+            setattr(self.picture, name, np.where(reading.picture_is_new[:, None], values, getattr(self.picture, name)))
         return self.picture

@@ -17,7 +17,7 @@ from rollingjoint.checks import as_number
 from rollingjoint.load import Load
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
-KEEP = 3.0  # mm/N: what a tension beyond the margin weighs, more than any error
+KEEP = 3.0  # mm/N: weight of a tension beyond the margin, above any error's
 _MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
 
 
@@ -56,12 +56,12 @@ class FeedbackSettings(Settings):
 
     Args:
         gain: share of the error that a step removes: less than 1 averages noise.
-        stiffen: weight of tensions [mm/N]: weak beside the error, strong enough to end at high tensions in an episode.
+        stiffen: weight of tensions [mm/N]: weak against the error, strong enough to end at high tensions in an episode.
         damping: the smallest response of the tip to lengths that is used [mm/mm].
         far: more damping far from the target, where the response will have changed on arrival [1/mm].
         crossing: share of the play's half width by which a motor goes ahead of a tendon that it moves.
         dead_band_mm: moves of a tendon that are not worth crossing the play for [mm].
-        half_width_mm: of the play, where nothing estimates it [mm].
+        half_width_mm: of the play, where no filter estimates it [mm].
         rest_tension: mean tension for which feedback on filters goes where high ones do not stiffen, as in an arm [N].
     """
 
@@ -139,9 +139,9 @@ def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
 
 
 def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
-    """The equilibria of `one` in these rows, those of `other`, under as many loads, elsewhere.
+    """The equilibria of `one` in these rows, of `other`, with equally many loads, elsewhere.
 
-    Where both have friction, so has the choice; their mechanisms are those of `one`.
+    Where both have friction, so has the choice; it has the mechanisms of `one`.
     """
     chosen: dict[str, Any] = {
         name: restarted(getattr(other, name), rows, getattr(one, name)) for name in _array_names(one)
@@ -168,7 +168,7 @@ def _times(matrices: Array, vectors: Array) -> Array:
     return (matrices @ vectors[..., None])[..., 0]
 
 
-_PULL = 1e-3  # of the mechanism's length: what a factor e between a tension and its rest may cost in tip error
+_PULL = 1e-3  # of the mechanism's length: tip error that a factor e between a tension and its rest may cost
 _CLOSE = 1e-6  # of a tension: smaller steps end the search
 
 
@@ -197,20 +197,21 @@ def nearest_tensions(
     low, high = np.log(np.maximum(limits, 1e-3))
     pull, calm = (_PULL * mechanism.length) ** 2, np.log(rest)
     best = np.clip(np.log(starts), low, high)
-    found: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
-    least, damping = _cost(found, targets, pull, best - calm), np.full(len(best), 1e-3)
+    equilibria: Solution = solve_tensions_batch(mechanism, np.exp(best), loads)
+    lowest, damping = _cost(equilibria, targets, pull, best - calm), np.full(len(best), 1e-3)
     going = np.ones((len(best), 1), bool)
     for _ in range(most_steps):
-        rates = tension_response(found) * np.exp(best)[:, None]
+        rates = tension_response(equilibria) * np.exp(best)[:, None]
         hessian = np.swapaxes(rates, 1, 2) @ rates
         size = pull + damping * np.trace(hessian, axis1=1, axis2=2)
         hessian += size[:, None, None] * np.eye(best.shape[1])
-        slope = np.einsum("bim,bi->bm", rates, found.tip - targets) + pull * (best - calm)
+        slope = np.einsum("bim,bi->bm", rates, equilibria.tip - targets) + pull * (best - calm)
         step = going * bounded_step(hessian, slope, low - best, high - best)
-        tried = solve_tensions_batch(mechanism, np.exp(best + step), loads, found)
-        cost = _cost(tried, targets, pull, best + step - calm)
-        better = cost < least
-        best, least, found = best + step * better[:, None], np.where(better, cost, least), choose(better, tried, found)
+        trial = solve_tensions_batch(mechanism, np.exp(best + step), loads, equilibria)
+        cost = _cost(trial, targets, pull, best + step - calm)
+        better = cost < lowest
+        best, lowest = best + step * better[:, None], np.where(better, cost, lowest)
+        equilibria = choose(better, trial, equilibria)
         damping *= np.where(better, 0.1, 10.0)
         going = np.abs(step).max(axis=1, keepdims=True) > _CLOSE
         if not going.any():
@@ -218,7 +219,7 @@ def nearest_tensions(
     return np.exp(best)
 
 
-def _cost(equilibria: Solution, targets: Array, pull: float, away: Array) -> Array:
-    """What is minimised, (B,) [mm²]."""
-    cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(away**2, axis=1)
+def _cost(equilibria: Solution, targets: Array, pull: float, deviation: Array) -> Array:
+    """The cost of tensions, (B,) [mm²]."""
+    cost = np.sum((equilibria.tip - targets) ** 2, axis=1) + pull * np.sum(deviation**2, axis=1)
     return np.where(equilibria.ok, cost, np.inf)

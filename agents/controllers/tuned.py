@@ -163,7 +163,7 @@ WORLDS: Mapping[str, Mapping[str, Tunable]] = {
 
 
 def tuned_controllers(env_id: str) -> dict[str, Controller]:
-    """New controllers with their tuned settings, by name: those of tuned.yaml in this world.
+    """New controllers with their tuned settings, by name, as in tuned.yaml.
 
     Raises:
         ConfigError: a world without any.
@@ -174,8 +174,8 @@ def tuned_controllers(env_id: str) -> dict[str, Controller]:
 
 def tuned_settings(env_id: str, name: str) -> Settings:
     """The tuned settings of a controller; raises ConfigError where there is none of this name."""
-    known = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
-    settings: Settings = known[as_choice("controller", name, list(known), error=ConfigError)]["settings"]
+    controllers = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    settings: Settings = controllers[as_choice("controller", name, list(controllers), error=ConfigError)]["settings"]
     return settings
 
 

@@ -2,10 +2,9 @@
 
 Modules:
     rollout: episodes of an environment under a controller.
-    blocks: episodes of several controllers, wherever an executor runs them.
     score: the score of one controller.
     floor: the smallest tip error that any command can reach.
-    report: scores of several controllers, as table, Markdown and plain values.
+    report: several controllers in the same episodes, wherever an executor runs them; their scores as tables.
     pictures: error over time, distribution of errors, animation.
     output: the files of an evaluation.
     recording: episodes with all that happened in them.

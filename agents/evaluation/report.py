@@ -6,14 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import cloudpickle  # type: ignore[import-untyped]
 import numpy as np
 
 from agents.controllers.controller import Array, Controller
-from agents.evaluation.blocks import driven
 from agents.evaluation.floor import episode_floor, why_no_floor
-from agents.evaluation.rollout import LAST_STEPS, Episodes
+from agents.evaluation.rollout import BLOCK, LAST_STEPS, Episodes, joined, run_episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
+from agents.executors.driver import Unit, values_of
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
+from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import task_of
 from rollingjoint.checks import as_integer
@@ -160,6 +163,24 @@ def evaluate_controllers(
         floors_at = dict(zip(steps, episode_floor(env, seeds, steps).errors.T, strict=True))
     floors = floors_at.get(config.episode_steps)
     return Report(episodes, task_of(config).length, floors, no_floor=why, floors_at=floors_at)
+
+
+def driven(
+    env: EnvConfig, controllers: Mapping[str, Controller], seeds: Sequence[int], executor: Executor | None
+) -> dict[str, Episodes]:
+    """The episodes of every controller, one per seed; None as executor: in this process."""
+    if executor is None:
+        return {name: run_episodes(env, controller, seeds) for name, controller in controllers.items()}
+    blocks = [seeds[first : first + BLOCK] for first in range(0, len(seeds), BLOCK)]
+    pickled = {name: cloudpickle.dumps(controller) for name, controller in controllers.items()}
+    units = [Unit(name, _episodes, (env, pickled[name], block)) for name in controllers for block in blocks]
+    with signals_seen() as signals, Progress(len(units), "block") as progress:
+        values = iter(values_of(executor, units, progress, signals))
+    return {name: joined([next(values) for _ in blocks]) for name in controllers}
+
+
+def _episodes(env: EnvConfig, controller: bytes, seeds: Sequence[int]) -> Episodes:
+    return run_episodes(env, cloudpickle.loads(controller), seeds)
 
 
 def _floor_row(floors: Array) -> list[str]:

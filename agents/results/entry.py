@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from agents.controllers.controller import Controller, load_controller
+from agents.controllers.controller import Controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy
 from agents.results.description import description
@@ -26,8 +26,6 @@ from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
 from agents.runs.environment import EnvConfig
 from rollingjoint.tables import text_table
-
-load_entrant = load_controller  # its name until 0.1.0
 
 
 def enter(

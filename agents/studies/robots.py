@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> int:
-    from agents.adaptation.contenders import contender, contenders, marked
+    from agents.adaptation.controllers import instrument_controller, instrument_controllers, marked
 
     numbers = DEVELOPMENT if arguments.development else TEST_BED
     integer(1, len(numbers))("--robots", arguments.robots)
@@ -45,7 +45,7 @@ def _command(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(robot_table(driven))
         return 0
-    candidates = {name: contender(name) for name in arguments.controller} or contenders()
+    candidates = {name: instrument_controller(name) for name in arguments.controller} or instrument_controllers()
     scores = {
         marked(name, candidate): score_on_robots(
             candidate.controller, driven, arguments.episodes, candidate.settings, arguments.known

@@ -1,7 +1,7 @@
-"""Banks of extended Kalman filters: what can be known of a mechanism that is not seen.
+"""Banks of extended Kalman filters, which estimate the state of a mechanism from tensions and pictures.
 
 Modules:
-    hypotheses: the settings of filters, and the hypotheses in which those of a bank differ.
+    hypotheses: the settings of a bank, and the hypotheses in which its filters differ.
     prior: their belief before anything is measured.
     model: tips, tensions and link angles of a model, and their derivatives.
     models: the models of a planar chain and of a hanging arm.

@@ -1,4 +1,4 @@
-"""A bank of extended Kalman filters: what tensions and pictures say of load, play and friction."""
+"""A bank of extended Kalman filters: load, play and friction from tensions and pictures."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from agents.controllers.controller import Mask, Reading
 from agents.controllers.filters.estimate import Estimate, average
-from agents.controllers.filters.filters import Filters, Integers, Linearised, Moment
+from agents.controllers.filters.filters import Filters, FilterStep, Integers, Linearised
 from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses
 from rj_gym.tracking.task import TrackingTask
 
 
 class Bank:
-    """Filters side by side, one per hypothesis, weighed by how likely they make what is measured.
+    """Filters side by side, one per hypothesis, weighed by the likelihood of the measurements.
 
     Every filter carries on the commands behind its play by the play's own law, and estimates the load, the offsets of
     the commands, the stiffnesses of the tendons, and, where pictures show it, how far the model's tip is off. A late
@@ -20,11 +20,11 @@ class Bank:
 
     Args:
         task: of which it knows the settings and the nominal mechanism.
-        settings: what it assumes.
+        settings: its assumptions.
 
     Attributes:
         weights: of the hypotheses, (N, H), of sum 1. tips: under each of them, (N, H, d) [mm].
-        belief: of this step. linear: derivatives of the model. model: that of its filters.
+        belief: of this step. linear: derivatives of the model. model: the one of its filters.
     """
 
     def __init__(self, task: TrackingTask, settings: FilterSettings) -> None:
@@ -33,29 +33,29 @@ class Bank:
         self._filters, self._dimension = Filters(task, settings, self.hypotheses), task.dimension
         self.model = self._filters.model
         self._sees, self._moments = sensing.pose, sensing.delay + 1
-        self._past: list[Moment] = []  # the newest first
+        self._past: list[FilterStep] = []  # the newest first
 
     def reset(self, mask: Mask) -> None:
-        """Begin episodes, (N,): nothing is measured in them."""
+        """Begin episodes, (N,), without measurements."""
         self._episodes, self._fresh, H = len(mask), mask.copy(), len(self.hypotheses)
         if mask.all():
             self._past = []
             self.weights, self.tips = np.full((len(mask), H), 1.0 / H), np.zeros((len(mask), H, self._dimension))
 
     def take_in(self, reading: Reading) -> Estimate:
-        """The estimate after what is seen of the episodes in this step."""
-        now = self._next_moment(reading)
-        self._past = [now, *self._past[: self._moments - 1]]
-        found = self._filters.take_tensions(now.belief, now.motors, now.tensions)
+        """The estimate after the measurements of this step."""
+        step = self._next_moment(reading)
+        self._past = [step, *self._past[: self._moments - 1]]
+        linearised = self._filters.take_tensions(step.belief, step.motors, step.tensions)
         if self._sees != "none":
-            found = self._take_pictures(reading, found)
-        evidence = now.belief.evidence.reshape(self._episodes, -1)
+            linearised = self._take_pictures(reading, linearised)
+        evidence = step.belief.evidence.reshape(self._episodes, -1)
         evidence -= evidence.max(axis=1, keepdims=True)
         self.weights = np.exp(evidence)
         self.weights /= self.weights.sum(axis=1, keepdims=True)
-        return self._estimate(now, found)
+        return self._estimate(step, linearised)
 
-    def _next_moment(self, reading: Reading) -> Moment:
+    def _next_moment(self, reading: Reading) -> FilterStep:
         """The forecast of this step."""
         motors = reading.commands
         if self._past:
@@ -66,9 +66,9 @@ class Bank:
         else:
             belief = self._filters.begin(motors)
         self._fresh = np.zeros_like(self._fresh)
-        return Moment(motors, reading.tensions, belief, np.zeros(self._episodes, bool))
+        return FilterStep(motors, reading.tensions, belief, np.zeros(self._episodes, bool))
 
-    def _take_pictures(self, reading: Reading, found: Linearised) -> Linearised:
+    def _take_pictures(self, reading: Reading, linearised: Linearised) -> Linearised:
         """Take new pictures in, each at its step; the model as it was last solved."""
         pictured = np.zeros(self._episodes, bool)
         for age in range(len(self._past)):
@@ -78,24 +78,24 @@ class Bank:
                 pictured |= new
         if pictured.all():
             return last
-        return self._filters.solve(self._past[0].belief) if pictured.any() else found
+        return self._filters.solve(self._past[0].belief) if pictured.any() else linearised
 
     def _go_back(self, reading: Reading, age: int, episodes: Integers) -> Linearised:
         """Take the pictures of these episodes in at their step, and the tensions of the steps since then again."""
-        filters, then, rows = self._filters, self._past[age], self._rows(episodes)
-        then.pictured[episodes] = True
+        filters, past, rows = self._filters, self._past[age], self._rows(episodes)
+        past.pictured[episodes] = True
         shows_links = self._sees == "all" and self.model.n_angles > 0
         angles = reading.poses[episodes, 1:, 2] if shows_links else np.empty((len(episodes), 0))
-        belief = then.belief.take(rows)
-        found = filters.take_picture(belief, angles, reading.tip[episodes])
-        then.belief.put(rows, belief)
+        belief = past.belief.take(rows)
+        linearised = filters.take_picture(belief, angles, reading.tip[episodes])
+        past.belief.put(rows, belief)
         for moment in self._past[:age][::-1]:
             belief.angles = moment.belief.angles[rows]
             motors, tensions = moment.motors[episodes], moment.tensions[episodes]
             filters.forecast(belief, motors)
-            found = filters.take_tensions(belief, motors, tensions)
+            linearised = filters.take_tensions(belief, motors, tensions)
             moment.belief.put(rows, belief)
-        return found
+        return linearised
 
     def _rows(self, episodes: Integers) -> Integers:
         """The rows of the filters of these episodes, (len(episodes) * H,)."""
@@ -103,12 +103,12 @@ class Bank:
         rows: Integers = (episodes[:, None] * H + np.arange(H)).ravel()
         return rows
 
-    def _estimate(self, now: Moment, found: Linearised) -> Estimate:
-        (N, m), d = now.motors.shape, self.tips.shape[2]
+    def _estimate(self, step: FilterStep, linearised: Linearised) -> Estimate:
+        (N, m), d = step.motors.shape, self.tips.shape[2]
         estimate = Estimate(*map(np.empty, ((N, d), (N, m), (N, d, m), (N, m, m), (N, m), (N, m))))
-        self.belief = belief = now.belief
-        model, at = found.prediction, self.model.places
+        self.belief = belief = step.belief
+        model, at = linearised.prediction, self.model.places
         self.linear = model.linear
-        changes = belief.states - found.states
+        changes = belief.states - linearised.states
         average(self.weights, model.solved, model.linear, belief.play, belief.states, changes, at, self.tips, estimate)
         return estimate

@@ -1,4 +1,4 @@
-"""What a bank knows of every episode, compiled: means over its hypotheses; states as in kernels.py."""
+"""Means over the hypotheses of a bank, compiled; states as in kernels.py."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rollingjoint.compiled import Floats, kernel, part
 
 
 class Estimate(NamedTuple):
-    """What a bank knows of B episodes: means over its hypotheses, those of which the model has an equilibrium.
+    """The estimate of B episodes: means over the hypotheses with an equilibrium of the model.
 
     Where none has one, tip, tensions and derivatives are zero.
     """
@@ -26,7 +26,7 @@ def average(weights, solved, linear, play, states, changes, at, tips, estimate):
     """Fill tips (B, H, d) [mm] of all hypotheses, and the estimate.
 
     weights: (B, H), of sum 1. states, play: now. changes: of the states since the model was solved, (R, states).
-    at: Places.
+    at: StateLayout.
     """
     n_episodes, n_hypotheses = weights.shape
     m = solved.tensions.shape[1]

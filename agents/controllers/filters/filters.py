@@ -1,4 +1,4 @@
-"""Extended Kalman filters on the model of a mechanism: forecasts, and what tensions and pictures change."""
+"""Extended Kalman filters on the model of a mechanism: forecasts, and updates by tensions and pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Integers = NDArray[np.int64]
 
 
 @dataclass
-class Belief:
+class Beliefs:
     """States of filters, arrays that change in place.
 
     Args:
@@ -36,17 +36,17 @@ class Belief:
     angles: Array
     play: Play
 
-    def copy(self) -> Belief:
+    def copy(self) -> Beliefs:
         """A copy of all of it."""
         play = Play(*(values.copy() for values in self.play))
-        return Belief(self.states.copy(), self.covariances.copy(), self.evidence.copy(), self.angles.copy(), play)
+        return Beliefs(self.states.copy(), self.covariances.copy(), self.evidence.copy(), self.angles.copy(), play)
 
-    def take(self, rows: Integers) -> Belief:
+    def take(self, rows: Integers) -> Beliefs:
         """A copy of some rows."""
         play = Play(*(values[rows] for values in self.play))
-        return Belief(self.states[rows], self.covariances[rows], self.evidence[rows], self.angles[rows], play)
+        return Beliefs(self.states[rows], self.covariances[rows], self.evidence[rows], self.angles[rows], play)
 
-    def put(self, rows: Integers, other: Belief) -> None:
+    def put(self, rows: Integers, other: Beliefs) -> None:
         """Take over some rows."""
         self.states[rows], self.covariances[rows] = other.states, other.covariances
         self.evidence[rows], self.angles[rows] = other.evidence, other.angles
@@ -55,8 +55,8 @@ class Belief:
 
 
 @dataclass
-class Moment:
-    """A step: what was measured in it, and what is believed after its tensions.
+class FilterStep:
+    """A step: its measurements, and the beliefs after its tensions.
 
     Args:
         motors: measured positions, (N, m) [mm].
@@ -67,13 +67,13 @@ class Moment:
 
     motors: Array
     tensions: Array
-    belief: Belief
+    belief: Beliefs
     pictured: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """The model where it was solved: what is believed since then is a linear step away.
+    """The model where it was solved; later beliefs are a linear step away.
 
     Args:
         prediction: the model. states: under which it was solved, (R, states).
@@ -84,12 +84,12 @@ class Linearised:
 
 
 class Filters:
-    """What all filters of a bank share; every method changes the beliefs that it is given.
+    """The filters of a bank; every method changes the beliefs that it is given.
 
     Args:
         task: of which they know the settings and the nominal mechanism.
-        settings: what they assume.
-        hypotheses: what they differ in.
+        settings: their assumptions.
+        hypotheses: their differences.
     """
 
     def __init__(self, task: TrackingTask, settings: FilterSettings, hypotheses: Hypotheses) -> None:
@@ -97,7 +97,7 @@ class Filters:
         self.model = model_of(task, hypotheses.links)
         self.prior = Prior.of(task, self.model, settings, hypotheses)
 
-    def begin(self, motors: Array) -> Belief:
+    def begin(self, motors: Array) -> Beliefs:
         """The belief before anything is measured; where all tendons begin at the start tension, it knows that.
 
         motors: their positions, (N, m) [mm].
@@ -109,64 +109,64 @@ class Filters:
         play = Play(played, np.tile(self.hypotheses.places, (count, 1)), np.ones_like(played))
         start, _ = self.model.start(states, config.start_tension)
         angles = start.joint_angles * np.ones((len(states), 1))
-        belief = Belief(states, covariances, evidence, angles, play)
+        belief = Beliefs(states, covariances, evidence, angles, play)
         if config.start == "equal":
             self._take_start(belief)
         return belief
 
-    def _take_start(self, belief: Belief) -> None:
+    def _take_start(self, belief: Beliefs) -> None:
         """Take in that all tendons began at the start tension; linearised anew where the first look leads."""
-        prior, played, found = belief.copy(), belief.play.played.copy(), belief
+        prior, played, updated = belief.copy(), belief.play.played.copy(), belief
         for _ in range(self.model.START_PASSES):
-            there, tension, sd = found.states, self.task.config.start_tension, self.settings.start_sd_mm
+            there, tension, sd = updated.states, self.task.config.start_tension, self.settings.start_sd_mm
             expected, columns, *rest = start_measurement(self.model, there, played, tension, sd)
-            away = prior.states - there
-            expected = expected + np.einsum("rmi,ri->rm", columns, away)
-            found = prior.copy()
-            self._update(found, expected, columns, *rest)
-        belief.put(np.arange(len(played)), found)
+            change = prior.states - there
+            expected = expected + np.einsum("rmi,ri->rm", columns, change)
+            updated = prior.copy()
+            self._update(updated, expected, columns, *rest)
+        belief.put(np.arange(len(played)), updated)
 
-    def forecast(self, belief: Belief, motors: Array) -> None:
+    def forecast(self, belief: Beliefs, motors: Array) -> None:
         """Move on by a step to motors' positions (N, m) [mm]."""
         kalman.forecast(belief.states, belief.covariances, self.prior.memory, self.prior.walk)
         kernels.move_play(belief.play, belief.states, motors, self.model.places)
 
-    def take_tensions(self, belief: Belief, motors: Array, tensions: Array) -> Linearised:
+    def take_tensions(self, belief: Beliefs, motors: Array, tensions: Array) -> Linearised:
         """Take measured positions and tensions of the motors in, (N, m) [mm, N]; the model as it was before that."""
-        found = self.solve(belief)
-        solved, linear = found.prediction.solved, found.prediction.linear
+        linearised = self.solve(belief)
+        solved, linear = linearised.prediction.solved, linearised.prediction.linear
         expected, columns = np.empty_like(belief.play.played), np.empty_like(linear.tensions)
         kernels.expect_tensions(
             solved, linear, belief.play, belief.states, motors, self.model.places, expected, columns
         )
         variances = self.settings.tension_sd**2 + (self.settings.tension_share * expected) ** 2
         self._update(belief, expected, columns, np.repeat(tensions, len(self.hypotheses), axis=0), variances)
-        return found
+        return linearised
 
-    def take_picture(self, belief: Belief, angles: Array, tip: Array) -> Linearised:
+    def take_picture(self, belief: Beliefs, angles: Array, tip: Array) -> Linearised:
         """Take a picture in: link angles (N, J) [rad] and tip (N, d) [mm]; without angles where J is 0."""
-        found = self.solve(belief)
-        prediction, shown, some = found.prediction, angles.shape[1], self.settings
-        expected = np.hstack([prediction.link_angles[:, :shown], prediction.equilibria.tip + self._biases(found)])
+        linearised = self.solve(belief)
+        prediction, shown, settings = linearised.prediction, angles.shape[1], self.settings
+        expected = np.hstack([prediction.link_angles[:, :shown], prediction.equilibria.tip + self._biases(linearised)])
         expected[np.logical_not(prediction.solved.usable)] = np.nan
         columns = np.concatenate([prediction.linear.angles[:, :shown], prediction.linear.tip], axis=1)
-        spread = np.array([some.angle_sd**2] * shown + [some.position_sd_mm**2] * tip.shape[1])
+        spread = np.array([settings.angle_sd**2] * shown + [settings.position_sd_mm**2] * tip.shape[1])
         measured = np.repeat(np.hstack([angles, tip]), len(self.hypotheses), axis=0)
         self._update(belief, expected, columns, measured, np.repeat(spread[None], len(measured), axis=0))
-        return found
+        return linearised
 
-    def solve(self, belief: Belief) -> Linearised:
-        """The model under what is believed, which takes over its joint angles."""
+    def solve(self, belief: Beliefs) -> Linearised:
+        """The model under the beliefs, which take over its joint angles."""
         prediction = self.model.predict(belief.states, belief.play, belief.angles)
         usable = prediction.solved.usable[:, None]
         belief.angles = np.where(usable, prediction.equilibria.joint_angles, belief.angles)
         return Linearised(prediction, belief.states.copy())
 
-    def _biases(self, found: Linearised) -> Array:
+    def _biases(self, linearised: Linearised) -> Array:
         at = self.model.places
-        return found.states[:, at.bias : at.half_widths]
+        return linearised.states[:, at.bias : at.half_widths]
 
-    def _update(self, belief: Belief, expected: Array, columns: Array, measured: Array, variances: Array) -> None:
+    def _update(self, belief: Beliefs, expected: Array, columns: Array, measured: Array, variances: Array) -> None:
         evidence, before, prior = np.zeros(len(measured)), belief.states.copy(), self.prior
         what = map(np.ascontiguousarray, (expected, columns, measured, variances))  # one order: compiled once
         kalman.update(belief.states, belief.covariances, evidence, *what)

@@ -15,16 +15,16 @@ from rollingjoint.checks import as_integer, as_number, as_range
 
 @dataclass(frozen=True)
 class FilterSettings(Settings):
-    """What a bank of extended Kalman filters assumes; it knows all else from the settings of the task.
+    """Assumptions of a bank of extended Kalman filters; it knows all else from the settings of the task.
 
-    Standard deviations are those of a normal distribution around the nominal mechanism.
+    Standard deviations are of a normal distribution around the nominal mechanism.
 
     Args:
         hypotheses: how many widths of play, places in it and sheath frictions are tried side by side, for every link
             that may be loaded; 1 is the middle of each.
-        play_mm, sheath_friction: ranges in which they lie [mm, 1]; None: those of the task.
+        play_mm, sheath_friction: ranges in which they lie [mm, 1]; None: as of the task.
         width_share, friction_share: standard deviations of width and sheath friction within a hypothesis, as a share of
-            their ranges. place_share: that of where a tendon begins, as a share of half the width.
+            their ranges. place_share: of the place where a tendon begins, as a share of half the width.
         start_sd_mm: of the lengths of the tendons at the start, which the start tension fixes but for tolerances [mm].
         offset_sd_mm: of the offsets of the motors [mm]. offset_walk_mm: how far they drift in a step [mm].
         stiffness_sd: of the logarithm of tendon stiffnesses.
@@ -87,7 +87,7 @@ class Hypotheses:
 
     @classmethod
     def of(cls, config: Any, settings: FilterSettings, n_links: int, n_tendons: int) -> Hypotheses:
-        """Those of a task's settings: every link that may be loaded with every point of an even spread over play."""
+        """All combinations of the links that may be loaded with the points of an even spread over play."""
         play, friction = assumed_ranges(config, settings)
         count = settings.hypotheses if max(*play, *friction) > 0.0 else 1
         points = evenly_spread(count, 3 * n_tendons).reshape(count, 3, n_tendons)
@@ -103,7 +103,7 @@ class Hypotheses:
 
 
 def assumed_ranges(config: Any, settings: FilterSettings) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of the play's width [mm] and of the sheath friction: those of the settings, else those of the task."""
+    """Ranges of the play's width [mm] and of the sheath friction: as of the settings, else of the task."""
     actuation = config.actuation
     return settings.play_mm or actuation.play_mm, settings.sheath_friction or actuation.sheath_friction
 

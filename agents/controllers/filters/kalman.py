@@ -8,7 +8,7 @@ import numpy as np
 
 from rollingjoint.compiled import kernel
 
-UNEXPECTED = -8.0  # evidence of a measurement that a hypothesis cannot predict: about that of four standard deviations
+UNEXPECTED = -8.0  # evidence of a measurement that a hypothesis cannot predict: about four standard deviations
 
 
 @kernel(nogil=True, title="the controllers' filters")
@@ -50,7 +50,7 @@ def update(states, covariances, evidence, predicted, columns, measured, variance
 def forecast(states, covariances, memory, walk):
     """Move states on by a step, in place.
 
-    memory: what is left of every state, (states,). walk: variances of what comes on top, (states,).
+    memory: factors of the states, (states,). walk: variances that a step adds, (states,).
     """
     n_rows, n_states = states.shape
     for row in range(n_rows):

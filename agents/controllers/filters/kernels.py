@@ -1,6 +1,6 @@
 """The formulas of a bank of Kalman filters, compiled; one row per episode and hypothesis.
 
-A state is, in this order: the load (L numbers, those of the model), what every commanded length is off (m) [mm], the
+A state is, in this order: the load (L numbers, as of the model), the offset of every commanded length (m) [mm], the
 logarithm of every tendon's stiffness over the model's (m), how far the true tip is from the model's (d) [mm], half the
 width of every tendon's play (m) [mm], its sheath friction (m), how far it began from where the hypothesis has it in the
 play (m) [mm].
@@ -15,11 +15,11 @@ import numpy as np
 
 from rollingjoint.compiled import Floats, kernel, part, play_contact, play_place, play_step, sheath_ratio
 
-SINGULAR = 1e-9  # N·mm/rad: pivots below are those of no stable equilibrium
+SINGULAR = 1e-9  # N·mm/rad: a stable equilibrium has no pivots below
 NARROW = 1e-6  # mm: half the width of a play that is none
 
 
-class Places(NamedTuple):
+class StateLayout(NamedTuple):
     """Where in a state its parts begin; the load is at 0."""
 
     offsets: int
@@ -32,7 +32,7 @@ class Places(NamedTuple):
 
     @classmethod
     def of(cls, load: int, m: int, d: int) -> Self:
-        """Those of L numbers of a load, m tendons and tips with d coordinates."""
+        """The layout for L numbers of a load, m tendons and tips with d coordinates."""
         bias = load + 2 * m
         return cls(load, load + m, bias, bias + d, bias + d + m, bias + d + 2 * m, bias + d + 3 * m)
 
@@ -45,8 +45,8 @@ class Play(NamedTuple):
     by_place: Annotated[Floats, "R", "m"]  # and by where they began
 
 
-class Solved(NamedTuple):
-    """Equilibria of the model, R rows, and what their derivatives are made of."""
+class ModelEquilibria(NamedTuple):
+    """Equilibria of the model, R rows, and the parts of their derivatives."""
 
     usable: Annotated[Floats, "R"]  # bool
     free: Annotated[Floats, "R", "J"]  # bool: joints that are not at a limit
@@ -58,13 +58,13 @@ class Solved(NamedTuple):
 
 
 class Levers(NamedTuple):
-    """What loads do to the joints, and joints to the tip; of links a model fills them in its own way."""
+    """Joint torques by loads, and the tip by joint angles; every model fills them in its own way."""
 
     loads: Annotated[Floats, "R", "J", "L"]  # d joint torque / d load, N·mm per its unit
     tips: Annotated[Floats, "R", "d", "J"]  # d tip / d joint angle, mm/rad
 
 
-class Linear(NamedTuple):
+class Derivatives(NamedTuple):
     """How link angles, tensions and the tip of an equilibrium change with the state."""
 
     angles: Annotated[Floats, "R", "J", "states"]  # none where the model's pictures show none
@@ -74,9 +74,9 @@ class Linear(NamedTuple):
 
 @kernel(nogil=True, title="the controllers' filters")
 def linearise(solved, levers, play, stiffnesses, at, linear):
-    """Fill the derivatives; zero where an equilibrium is not usable, so that nothing is learnt there.
+    """Fill the derivatives; zero where an equilibrium is not usable, so that no state changes there.
 
-    stiffnesses: of the tendons of every row, (R, m) [N/mm]. at: Places.
+    stiffnesses: of the tendons of every row, (R, m) [N/mm]. at: StateLayout.
     """
     n_rows, n_joints, m = solved.rates.shape
     causes = at.offsets + m
@@ -92,7 +92,7 @@ def linearise(solved, levers, play, stiffnesses, at, linear):
 
 @part
 def _fill_system(solved, levers, row, system):
-    """Stiffness beside the joint torques by load and commands; joints at a limit stay there."""
+    """Stiffness, and right of it the joint torques by load and commands; joints at a limit stay there."""
     n_joints, m = solved.rates.shape[1:]
     n_loads = levers.loads.shape[2]
     for i in range(n_joints):
@@ -148,7 +148,7 @@ def _spread(solved, levers, linear, response, row):
 
 @part
 def _spread_tendons(solved, play, stiffnesses, at, linear, row):
-    """From the derivatives of a row by commands to those by what changes these, and by the bias of the tip."""
+    """From the derivatives of a row by commands to derivatives by stiffness, play and the bias of the tip."""
     for j in range(solved.tensions.shape[1]):
         stretch = solved.tensions[row, j] / stiffnesses[row, j]  # a stiffer tendon acts like one that is pulled in
         for values in (linear.angles, linear.tensions, linear.tip):
@@ -167,7 +167,7 @@ def expect_tensions(solved, linear, play, states, motors, at, expected, columns)
 
     NaN, and derivatives of zero, where an equilibrium is not usable.
 
-    motors: their positions, (N, m) [mm]; the hypotheses of an episode lie beside each other. at: Places.
+    motors: their positions, (N, m) [mm]; the hypotheses of an episode are adjacent. at: StateLayout.
     """
     n_rows, m = solved.tensions.shape
     hypotheses = n_rows // len(motors)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agents.controllers.controller import Array
 from agents.controllers.filters import kernels
-from agents.controllers.filters.kernels import Levers, Linear, Places, Play, Solved
+from agents.controllers.filters.kernels import Derivatives, Levers, ModelEquilibria, Play, StateLayout
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.batch import solve_batch
 from rollingjoint.chain.solution import Solution
@@ -21,10 +21,10 @@ from rollingjoint.chain.stacks import designs_of
 from rollingjoint.compiled import TendonLaw
 
 
-class Part(NamedTuple):
-    """Some numbers of a state before anything is measured, and what a step does to them; (H, size) or less.
+class StatePart(NamedTuple):
+    """Some numbers of a state before any measurement, and their change in a step; (H, size) or less.
 
-    memory: what a step leaves of them. walk: standard deviation of what it adds.
+    memory: factor of a step. walk: standard deviation that it adds.
     """
 
     size: int
@@ -37,20 +37,20 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Prediction:
-    """The model under B x H states: R rows, hypotheses beside each other.
+    """The model under B x H states: R rows, the hypotheses of an episode adjacent.
 
     Args:
-        equilibria: those of the model. link_angles: those that pictures show, (R, J) [rad]; J is 0 where none.
+        equilibria: of the model. link_angles: as pictures show them, (R, J) [rad]; J is 0 where none.
         solved, linear: equilibria and their derivatives, as the kernels take them.
     """
 
     equilibria: Solution
     link_angles: Array
-    solved: Solved
-    linear: Linear
+    solved: ModelEquilibria
+    linear: Derivatives
 
 
-class Model(ABC):
+class FilterModel(ABC):
     """A mechanism whose tip, tensions and link angles are predicted; every class of chains has one.
 
     Args:
@@ -59,7 +59,7 @@ class Model(ABC):
 
     Attributes:
         places: of the parts of a state. n_tendons: m. n_angles: how many link angles pictures may show.
-        radius: that of the circle about 0 in which the first two numbers of a load lie, in their unit.
+        radius: of the circle about 0 in which the first two numbers of a load lie, in their unit.
         stiffens: whether higher tensions stiffen the mechanism, so that they are worth going for.
     """
 
@@ -73,7 +73,7 @@ class Model(ABC):
         self.mechanism: Any = task.mechanism
         self._links, self._tension_range = links, task.config.tension_range
         self.n_tendons: int = task.mechanism.n_tendons
-        self.places = Places.of(self.N_LOAD, self.n_tendons, task.dimension)
+        self.places = StateLayout.of(self.N_LOAD, self.n_tendons, task.dimension)
         self._bind()
 
     def _bind(self) -> None:
@@ -87,7 +87,7 @@ class Model(ABC):
         self._bind()
 
     @abstractmethod
-    def load_prior(self, force_walk: float) -> list[Part]:
+    def load_prior(self, force_walk: float) -> list[StatePart]:
         """The load before anything is measured."""
 
     @abstractmethod
@@ -99,14 +99,14 @@ class Model(ABC):
 
     @abstractmethod
     def _load_tables(self, states: Array) -> Array:
-        """Those of rows, (R, rows, columns)."""
+        """Load tables, (R, rows, columns)."""
 
     @abstractmethod
-    def _fill_levers(self, found: Any, states: Array, levers: Levers) -> None:
+    def _fill_levers(self, equilibria: Any, states: Array, levers: Levers) -> None:
         """Fill the levers at equilibria under states."""
 
     @abstractmethod
-    def _link_angles(self, found: Any) -> Array:
+    def _link_angles(self, equilibria: Any) -> Array:
         """Those that pictures may show, (R, J) [rad]."""
 
     def predict(self, states: Array, play: Play, starts: Array) -> Prediction:
@@ -115,31 +115,31 @@ class Model(ABC):
         stiffnesses = self.mechanism.stiffnesses * np.exp(states[:, at.stiffnesses : at.bias])
         law = TendonLaw(play.played + states[:, at.offsets : at.stiffnesses], stiffnesses, rows.low, rows.high)
         tables = self._load_tables(states)
-        found = solve_batch(type(self.mechanism), self.mechanism, rows.chain, rows.designs, law, tables, starts)
-        solved, linear = solved_of(found), self._new_linear(len(states))
-        kernels.linearise(solved, self.levers(found, states), play, stiffnesses, at, linear)
-        return Prediction(found, self._link_angles(found), solved, linear)
+        equilibria = solve_batch(type(self.mechanism), self.mechanism, rows.chain, rows.designs, law, tables, starts)
+        solved, linear = solved_of(equilibria), self._new_linear(len(states))
+        kernels.linearise(solved, self.levers(equilibria, states), play, stiffnesses, at, linear)
+        return Prediction(equilibria, self._link_angles(equilibria), solved, linear)
 
-    def levers(self, found: Any, states: Array) -> Levers:
+    def levers(self, equilibria: Any, states: Array) -> Levers:
         """The levers at equilibria under states (R, states)."""
-        count, n_joints = found.joint_angles.shape
-        levers = Levers(np.empty((count, n_joints, self.N_LOAD)), np.empty((count, found.tip.shape[1], n_joints)))
-        self._fill_levers(found, states, levers)
+        count, n_joints = equilibria.joint_angles.shape
+        levers = Levers(np.empty((count, n_joints, self.N_LOAD)), np.empty((count, equilibria.tip.shape[1], n_joints)))
+        self._fill_levers(equilibria, states, levers)
         return levers
 
-    def _new_linear(self, count: int) -> Linear:
+    def _new_linear(self, count: int) -> Derivatives:
         n, d = self.places.total, self.places.half_widths - self.places.bias
-        return Linear(*(np.empty((count, size, n)) for size in (self.n_angles, self.n_tendons, d)))
+        return Derivatives(*(np.empty((count, size, n)) for size in (self.n_angles, self.n_tendons, d)))
 
-    def _new_rows(self, count: int) -> Rows:
+    def _new_rows(self, count: int) -> SharedRows:
         chain, designs = designs_of(self.mechanism, count)
         low, high = (np.full((count, self.n_tendons), limit) for limit in self._tension_range)
-        return Rows(chain, designs, np.tile(self._links, count // len(self._links)), low, high)
+        return SharedRows(chain, designs, np.tile(self._links, count // len(self._links)), low, high)
 
 
 @dataclass(frozen=True)
-class Rows:
-    """What all batches of as many rows share."""
+class SharedRows:
+    """Arguments of the solver that all batches of equal size share."""
 
     chain: Any
     designs: NDArray[np.int64]
@@ -148,17 +148,14 @@ class Rows:
     high: Array
 
 
-def solved_of(found: Any) -> Solved:
+def solved_of(equilibria: Any) -> ModelEquilibria:
     """Equilibria as the kernels take them."""
-    usable, tips = (
-        np.asarray(found.ok),
-        np.array(found.tip),
-    )  # of one kind for all chains: kernels are compiled once
-    rates, elastic = found.tendon_rates, found.tendon_stiffness
-    return Solved(usable, found.free_joints, found.stiffness, rates, elastic, found.tensions, tips)
+    usable, tips = np.asarray(equilibria.ok), np.array(equilibria.tip)  # of one kind for all chains: compiled once
+    rates, elastic, tensions = equilibria.tendon_rates, equilibria.tendon_stiffness, equilibria.tensions
+    return ModelEquilibria(usable, equilibria.free_joints, equilibria.stiffness, rates, elastic, tensions, tips)
 
 
-def process_part(size: int, sd: float, settings: Any, walk: float, bounds: tuple[float, float]) -> Part:
+def process_part(size: int, sd: float, settings: Any, walk: float, bounds: tuple[float, float]) -> StatePart:
     """A load about its mean that stays, or follows a process of the task.
 
     Args:
@@ -169,6 +166,6 @@ def process_part(size: int, sd: float, settings: Any, walk: float, bounds: tuple
     """
     if settings.process == "ou":
         memory = math.exp(-1.0 / settings.correlation_steps)
-        return Part(size, 0.0, sd, memory, sd * math.sqrt(1.0 - memory**2), bounds)
+        return StatePart(size, 0.0, sd, memory, sd * math.sqrt(1.0 - memory**2), bounds)
     jumps = 2.0 / settings.hold_steps if settings.process == "step" else 0.0
-    return Part(size, 0.0, sd, 1.0, sd * math.hypot(walk, math.sqrt(jumps)), bounds)
+    return StatePart(size, 0.0, sd, 1.0, sd * math.hypot(walk, math.sqrt(jumps)), bounds)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agents.controllers.controller import Array
 from agents.controllers.filters.kernels import Levers
 from agents.controllers.filters.levers import ArmLoads, arm_levers, chain_levers, turn_gravity
-from agents.controllers.filters.model import Model, Part, process_part
+from agents.controllers.filters.model import FilterModel, StatePart, process_part
 from agents.controllers.measured import hanging_loads, loads_along
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint import HingeChain, RollingChain, solve_tensions_batch
@@ -24,7 +24,7 @@ _LINK, _FX = LOAD_COLUMNS.index("link"), LOAD_COLUMNS.index("fx")
 _BEYOND = 1.2  # times the largest load: how far an estimate may go
 
 
-class ChainModel(Model):
+class ChainModel(FilterModel):
     """A planar chain; its load is the force (2) [N] on the loaded link."""
 
     N_LOAD: ClassVar[int] = 2
@@ -35,7 +35,7 @@ class ChainModel(Model):
         self._load = task.config.load
         self.radius, self.n_angles = _BEYOND * self._load.magnitude[1], task.mechanism.n_joints
 
-    def load_prior(self, force_walk: float) -> list[Part]:
+    def load_prior(self, force_walk: float) -> list[StatePart]:
         """Forces that stay have a direction that is uniform, and a uniform magnitude."""
         low, high = self._load.magnitude
         sd = 0.5 * high if self._load.process == "ou" else math.sqrt((low**2 + low * high + high**2) / 6.0)
@@ -51,14 +51,14 @@ class ChainModel(Model):
         loads[:, 0, _LINK], loads[:, 0, _FX : _FX + 2] = self._rows(len(states)).links, states[:, :2]
         return loads
 
-    def _fill_levers(self, found: Any, states: Array, levers: Levers) -> None:
-        chain_levers(found.poses, found.contact_points, self._rows(len(states)).links, levers)
+    def _fill_levers(self, equilibria: Any, states: Array, levers: Levers) -> None:
+        chain_levers(equilibria.poses, equilibria.contact_points, self._rows(len(states)).links, levers)
 
-    def _link_angles(self, found: Any) -> Array:
-        return np.asarray(found.poses[:, 1:, 2])
+    def _link_angles(self, equilibria: Any) -> Array:
+        return np.asarray(equilibria.poses[:, 1:, 2])
 
 
-class ArmModel(Model):
+class ArmModel(FilterModel):
     """An arm.
 
     Its load is the vector by which gravity is turned from hanging (2) [rad], and the payload less the middle of its
@@ -78,7 +78,7 @@ class ArmModel(Model):
         self._centres = np.array([0.5 * bead.spacing for bead in arm.beads])
         self._table = hanging_loads(arm)
 
-    def load_prior(self, force_walk: float) -> list[Part]:
+    def load_prior(self, force_walk: float) -> list[StatePart]:
         """Directions of gravity are uniform over a part of the sphere, payloads over their range."""
         (near, far), (low, high) = self._tilt, self._load.magnitude
         angles = np.linspace(near, far, 101)
@@ -86,7 +86,7 @@ class ArmModel(Model):
         width = high - low
         payload_sd = width / 4.0 if self._load.process == "ou" else width / math.sqrt(12.0)
         bounds = -self._middle, _BEYOND * high - self._middle
-        turn = Part(2, 0.0, sd, 1.0, force_walk * sd, (-self.radius, self.radius))
+        turn = StatePart(2, 0.0, sd, 1.0, force_walk * sd, (-self.radius, self.radius))
         return [turn, process_part(1, payload_sd, self._load, force_walk, bounds)]
 
     def start(self, states: Array, tension: float) -> tuple[Solution, Array]:
@@ -102,12 +102,12 @@ class ArmModel(Model):
         loads = self._loads(states)
         return loads_along(self._table, loads.gravity, loads.payloads)
 
-    def _fill_levers(self, found: Any, states: Array, levers: Levers) -> None:
+    def _fill_levers(self, equilibria: Any, states: Array, levers: Levers) -> None:
         axes = self._rows(len(states)).chain.axes[0]
-        arm_levers(found.poses, axes, self._loads(states), levers)
+        arm_levers(equilibria.poses, axes, self._loads(states), levers)
 
-    def _link_angles(self, found: Any) -> Array:
-        return np.empty((len(found.poses), 0))
+    def _link_angles(self, equilibria: Any) -> Array:
+        return np.empty((len(equilibria.poses), 0))
 
     def _loads(self, states: Array) -> ArmLoads:
         count = len(states)
@@ -116,13 +116,13 @@ class ArmModel(Model):
         return ArmLoads(self._weights, self._centres, gravity, by_turn, states[:, 2] + self._middle)
 
 
-MODELS: dict[type, Callable[[TrackingTask, NDArray[np.int64]], Model]] = {
+MODELS: dict[type, Callable[[TrackingTask, NDArray[np.int64]], FilterModel]] = {
     RollingChain: ChainModel,
     HingeChain: ArmModel,
 }
 
 
-def model_of(task: TrackingTask, links: NDArray[np.int64]) -> Model:
+def model_of(task: TrackingTask, links: NDArray[np.int64]) -> FilterModel:
     """The model of a task's mechanism, for hypotheses with these loaded links, (H,)."""
     mechanism: Any = task.mechanism
     return MODELS[type(mechanism)](task, links)

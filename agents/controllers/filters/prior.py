@@ -1,4 +1,4 @@
-"""What filters believe before anything is measured, and how much of it a step leaves."""
+"""The beliefs of filters before any measurement, and their change in a step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.controllers.controller import Array
 from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses, assumed_ranges
-from agents.controllers.filters.model import Model, Part
+from agents.controllers.filters.model import FilterModel, StatePart
 from rj_gym.tracking.task import TrackingTask
 
 _SPREADS = 3.0  # standard deviations: how far an estimate of a tendon's stiffness may go
@@ -18,11 +18,11 @@ _UNBOUNDED = (-math.inf, math.inf)
 
 @dataclass(frozen=True)
 class Prior:
-    """The distribution of states at the start, and what happens to them from step to step.
+    """The distribution of states at the start, and its change from step to step.
 
     Args:
         means, variances: of the states at the start, (H, states).
-        memory: what a step leaves of every state, (states,). walk: variances of what it adds, (states,).
+        memory: factors of a step, (states,). walk: variances that it adds, (states,).
         low, high: beyond which no estimate of a state goes, (states,).
     """
 
@@ -34,25 +34,25 @@ class Prior:
     high: Array
 
     @classmethod
-    def of(cls, task: TrackingTask, model: Model, some: FilterSettings, hypotheses: Hypotheses) -> Prior:
-        """That of a task's settings, of what the filters assume and of what they differ in."""
+    def of(cls, task: TrackingTask, model: FilterModel, settings: FilterSettings, hypotheses: Hypotheses) -> Prior:
+        """The prior of a task's settings, of assumptions and hypotheses."""
         H, m = hypotheses.half_widths.shape
-        play, friction = assumed_ranges(task.config, some)
-        stiffening = _SPREADS * some.stiffness_sd
+        play, friction = assumed_ranges(task.config, settings)
+        stiffening = _SPREADS * settings.stiffness_sd
         width_sd, friction_sd = (
-            some.width_share * (play[1] - play[0]) / 2,
-            some.friction_share * (friction[1] - friction[0]),
+            settings.width_share * (play[1] - play[0]) / 2,
+            settings.friction_share * (friction[1] - friction[0]),
         )
-        place_sd = some.place_share * hypotheses.half_widths
-        bias_walk = some.bias_walk_mm if some.bias_sd_mm > 0.0 else 0.0
+        place_sd = settings.place_share * hypotheses.half_widths
+        bias_walk = settings.bias_walk_mm if settings.bias_sd_mm > 0.0 else 0.0
         parts = [
-            *model.load_prior(some.force_walk),
-            Part(m, 0.0, some.offset_sd_mm, 1.0, some.offset_walk_mm, _UNBOUNDED),
-            Part(m, 0.0, some.stiffness_sd, 1.0, 0.0, (-stiffening, stiffening)),
-            Part(task.dimension, 0.0, some.bias_sd_mm, 1.0, bias_walk, _UNBOUNDED),
-            Part(m, hypotheses.half_widths, width_sd, 1.0, 0.0, (0.25 * play[0], 0.75 * play[1])),
-            Part(m, hypotheses.frictions, friction_sd, 1.0, 0.0, (0.0, 1.5 * friction[1])),
-            Part(m, 0.0, place_sd, 1.0, 0.0, _UNBOUNDED),
+            *model.load_prior(settings.force_walk),
+            StatePart(m, 0.0, settings.offset_sd_mm, 1.0, settings.offset_walk_mm, _UNBOUNDED),
+            StatePart(m, 0.0, settings.stiffness_sd, 1.0, 0.0, (-stiffening, stiffening)),
+            StatePart(task.dimension, 0.0, settings.bias_sd_mm, 1.0, bias_walk, _UNBOUNDED),
+            StatePart(m, hypotheses.half_widths, width_sd, 1.0, 0.0, (0.25 * play[0], 0.75 * play[1])),
+            StatePart(m, hypotheses.frictions, friction_sd, 1.0, 0.0, (0.0, 1.5 * friction[1])),
+            StatePart(m, 0.0, place_sd, 1.0, 0.0, _UNBOUNDED),
         ]
 
         def column(which: str) -> Array:
@@ -65,7 +65,7 @@ class Prior:
 
 
 def start_measurement(
-    model: Model, states: Array, played: Array, tension: float, sd: float
+    model: FilterModel, states: Array, played: Array, tension: float, sd: float
 ) -> tuple[Array, Array, Array, Array]:
     """That tendons begin at a known tension, as a measurement of their lengths: so commands are nearly known.
 
@@ -76,7 +76,7 @@ def start_measurement(
         tension: at the start [N].
         sd: standard deviation of the lengths [mm].
     Returns:
-        How far they are expected from where the model has them, with commands off by nothing, (R, m) [mm], the
+        How far they are expected from where the model has them, without offsets of commands, (R, m) [mm], the
         derivatives of that (R, m, states), measured (R, m), variances (R, m).
     """
     at, (rows, m), L = model.places, played.shape, model.N_LOAD

@@ -11,7 +11,7 @@ import torch
 from agents import adapt
 from agents.adaptation import bench, trial, tuning
 from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
-from agents.adaptation.contenders import Contender
+from agents.adaptation.controllers import InstrumentController
 from agents.adaptation.driving import WORLD, seeds_of
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
 from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
@@ -196,7 +196,7 @@ def test_the_loss_counts_the_last_steps_once_and_all_of_them_a_little():
 
 
 def outcome(before: float, after: float) -> Outcome:
-    return Outcome(np.full(2, before), np.full(2, after), 1.0, Contender(None))
+    return Outcome(np.full(2, before), np.full(2, after), 1.0, InstrumentController(None))
 
 
 def test_gains_are_over_robots_and_the_best_adapted_controller_comes_first(known):

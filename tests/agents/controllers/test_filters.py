@@ -10,7 +10,7 @@ from agents.controllers.filters import kalman, kernels
 from agents.controllers.filters.bank import Bank
 from agents.controllers.filters.filters import Filters
 from agents.controllers.filters.hypotheses import FilterSettings, Hypotheses, evenly_spread
-from agents.controllers.filters.kernels import Places, Play
+from agents.controllers.filters.kernels import Play, StateLayout
 from agents.controllers.filters.levers import turn_gravity
 from agents.controllers.filters.models import model_of
 from agents.controllers.privileged_feedback import privileged
@@ -24,7 +24,7 @@ EXACT = {"stiffness_spread": 0.0, "link_tolerance_mm": 0.0, "link_tolerance_rad"
 SURE = {"offset_sd_mm": 0.0, "offset_walk_mm": 0.0, "stiffness_sd": 0.0, "bias_sd_mm": 0.0, "force_walk": 0.0}
 
 
-PLANAR = Places.of(2, 2, 2)
+PLANAR = StateLayout.of(2, 2, 2)
 
 
 def instrument(**settings):
@@ -38,7 +38,7 @@ def arm_instrument(**settings):
 def rows_of_play(task, rng, rows):
     """Places in the play, states and motors of rows, one episode each."""
     m, d = task.mechanism.n_tendons, task.dimension
-    at = Places.of(d, m, d)
+    at = StateLayout.of(d, m, d)
     spreads = [0.3] * 2 + [0.1] * (d - 2) + [0.1] * m + [0.05] * m + [0.2] * d + [0.0] * 3 * m
     states = rng.normal(size=(rows, at.total)) * spreads
     states[:, at.half_widths : at.frictions] = rng.uniform(0.3, 1.5, (rows, m))
@@ -76,7 +76,8 @@ def test_derivatives_of_the_model_are_central_differences(task):
             moved = states.copy()
             moved[:, i] += way
             there = Play(play.played.copy(), play.by_width, play.by_place)
-            kernels.correct_play(there, moved - states, Places.of(task.dimension, play.played.shape[1], task.dimension))
+            at = StateLayout.of(task.dimension, play.played.shape[1], task.dimension)
+            kernels.correct_play(there, moved - states, at)
             sides.append(predicted(task, there, moved, motors)[0])
         expected = (sides[0] - sides[1]) / (2 * step)
         large = max(1.0, np.abs(expected).max())

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 import rj_gym
 from agents import adapt
 from agents.adaptation import driving, trial
-from agents.adaptation.contenders import Contender, contender, contenders, marked
+from agents.adaptation.controllers import InstrumentController, instrument_controller, instrument_controllers, marked
 from agents.adaptation.driving import RobotScore, seeds_of
 from agents.adaptation.identify import Identified, Space
 from agents.adaptation.trial import Outcome, Trial
@@ -107,17 +107,17 @@ def test_a_score_is_the_mean_over_robots_with_an_interval_over_them():
     assert re.split(r"  +", second)[2:5] == ["2.00", "2.00", "8.00"]
 
 
-def test_contenders_are_found_by_name_file_and_run(tmp_path):
+def test_controllers_are_found_by_name_file_and_run(tmp_path):
     (tmp_path / "own.py").write_text("from agents.controllers import DoNothing\n")
-    assert {"open loop", "probing bank", "privileged teacher"} <= contenders().keys()
-    assert marked("x", contenders()["privileged teacher"]) == "x (privileged)"
-    assert type(contender(f"{tmp_path}/own.py:DoNothing").controller).__name__ == "DoNothing"
+    assert {"open loop", "probing bank", "privileged teacher"} <= instrument_controllers().keys()
+    assert marked("x", instrument_controllers()["privileged teacher"]) == "x (privileged)"
+    assert type(instrument_controller(f"{tmp_path}/own.py:DoNothing").controller).__name__ == "DoNothing"
     with pytest.raises(ConfigError, match="trained in rj_gym/RollingJoint-v0, with other observations"):
-        contender("fixed_target")
+        instrument_controller("fixed_target")
     with pytest.raises(ConfigError, match="open loop"):
-        contender("open lop")
+        instrument_controller("open lop")
     with pytest.raises(RunFolderError, match=r"config\.yaml"):
-        contender(str(tmp_path))
+        instrument_controller(str(tmp_path))
 
 
 def test_a_policy_file_drives_robots_with_the_lags_that_it_was_trained_with(tmp_path):
@@ -126,7 +126,7 @@ def test_a_policy_file_drives_robots_with_the_lags_that_it_was_trained_with(tmp_
     training = {"config": {}, "steps": 0, "seed": 1, "versions": {}}
     policy = export_policy(model, None, EnvConfig(driving.WORLD, settings=settings), "mine", training)
     (tmp_path / "mine.safetensors").write_bytes(policy.to_bytes())
-    found = contender(str(tmp_path / "mine.safetensors"))
+    found = instrument_controller(str(tmp_path / "mine.safetensors"))
     assert found.settings == {"observe_history": (1, 3)}
     score = score_on_robots(found.controller, robots(range(2)), episodes=1, settings=found.settings)
     assert score.errors.shape == (2, 1) and score.mean.value > 0.5
@@ -144,7 +144,7 @@ def test_wrong_numbers_are_refused(capsys):
 
 def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "score_on_robots", quick)
-    monkeypatch.setattr(trial, "adaptable", lambda name: Contender(None))
+    monkeypatch.setattr(trial, "adaptable", lambda name: InstrumentController(None))
     monkeypatch.setattr(trial, "tried", adapted_at_once)
     own = re.search(r"^```python\n(from agents.controllers import OpenLoop.*?)^```", TEXT, flags=re.M | re.S)
     (tmp_path / "my_controller.py").write_text(own[1])

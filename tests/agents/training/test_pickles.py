@@ -13,7 +13,7 @@ import stable_baselines3.common.base_class as base_class
 import torch
 
 from agents import campaign, evaluate, export, train, view
-from agents.adaptation.contenders import contender
+from agents.adaptation.controllers import instrument_controller
 from agents.policies.trained import load_driving
 from agents.results.runs import Run
 from agents.runs.files import seal
@@ -98,7 +98,7 @@ def test_a_run_is_used_without_unpickling(use, trapped, tmp_path, monkeypatch, n
 
 def test_a_run_of_another_task_is_refused_as_a_driver_of_robots_without_unpickling(trapped):
     with pytest.raises(ConfigError, match="with other observations"):
-        contender(str(trapped))
+        instrument_controller(str(trapped))
     assert not (trapped.parent / "sprung").exists()
 
 
