@@ -45,6 +45,10 @@ class ArmTask(TrackingTask):
     config: FlexibleArmConfig
     mechanism: HingeChain
 
+    def __init__(self, config: FlexibleArmConfig) -> None:
+        super().__init__(config)
+        self._oriented, self._gravity = config.orientation, slice(self._columns + GRAVITY, self._columns + GRAVITY + 3)
+
     @property
     def pictured(self) -> list[str]:
         """The entries of the tip's position, none where it is not seen; entries of its frame have no derivatives."""
@@ -185,11 +189,11 @@ class ArmTask(TrackingTask):
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        own, info = self._columns, super().single_info(readings, numbers)
-        if self.config.orientation:
+        own, info = self._columns, TrackingTask.single_info(self, readings, numbers)  # faster than super()
+        if self._oriented:
             info["angle_error_rad"] = numbers[own + ANGLE]
             info["reward_terms"]["orientation"] = numbers[own + ORIENTATION]
-        info["gravity"] = readings[own + GRAVITY : own + GRAVITY + 3]
+        info["gravity"] = readings[self._gravity]
         return info
 
     def _with_frames(self, places: NDArray[np.float32], readings: Array, frame: int) -> NDArray[np.float32]:
