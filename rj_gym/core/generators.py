@@ -16,6 +16,8 @@ from rollingjoint.compiled import kernel, next_uniform
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
+Shapes = dict[str, tuple[int, ...]]
+"""Shapes of the uniform numbers of an episode, by name."""
 
 
 class Generators:
@@ -78,7 +80,7 @@ class Uniforms:
     """Uniform numbers in [0, 1): one row per episode, the blocks of it by name, (B, *shape) each, read-only.
 
     Args:
-        blocks: from uniform_blocks.
+        blocks: from blocks_of.
         rngs: one generator per episode; each is asked once.
     """
 
@@ -100,7 +102,7 @@ class Uniforms:
         return len(self._rows)
 
 
-def blocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, UniformBlock]:
+def blocks_of(shapes: Shapes) -> dict[str, UniformBlock]:
     """Blocks of these shapes, one after the other."""
     stops = list(itertools.accumulate(map(math.prod, shapes.values())))
     return dict(zip(shapes, map(UniformBlock, [0, *stops], stops, shapes.values()), strict=False))

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.core.columns import ANGLE, FORCE, GRAVITY, ORIENTATION, OWN, TARGET_FRAME, TIP_FRAME
-from rj_gym.core.generators import Random, UniformBlock, Uniforms, blocks_of
+from rj_gym.core.generators import Shapes, Uniforms
 from rj_gym.rendering import Screen
 from rj_gym.tracking.config import ArmRandomizationConfig, FlexibleArmConfig, PayloadConfig
 from rj_gym.tracking.draws import (
     TrackingDraws,
     fading_walk,
-    friction_shapes,
-    hold,
     load_shapes,
     loads_over_time,
     normal,
@@ -26,10 +24,8 @@ from rj_gym.tracking.draws import (
     own_series,
     shared_draws,
     symmetric,
-    target_shape,
 )
-from rj_gym.tracking.hardware import hardware_shapes
-from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions
+from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.render import ArmCanvas, ArmScene
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.hinge import HingeChain
@@ -50,6 +46,10 @@ class ArmTask(TrackingTask):
     config: FlexibleArmConfig
     mechanism: HingeChain
 
+    def __init__(self, config: FlexibleArmConfig) -> None:
+        super().__init__(config)
+        self._oriented, self._gravity = config.orientation, slice(self._columns + GRAVITY, self._columns + GRAVITY + 3)
+
     @property
     def pictured(self) -> list[str]:
         """The entries of the tip's position, none where it is not seen; entries of its frame have no derivatives."""
@@ -64,10 +64,24 @@ class ArmTask(TrackingTask):
         position, rotation = poses[:, -1, :3, 3], poses[:, -1, :3, :3].reshape(len(poses), 9)
         return np.concatenate([position, rotation], axis=1) if self.config.orientation else position
 
-    def sample(self, rngs: Random, fixed: TrackingOptions | None = None) -> ArmDraws:
-        """One episode per generator; each draws the same count of numbers."""
-        uniforms = Uniforms(self._blocks, rngs)
-        return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
+    def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> ArmDraws:
+        """Episodes from uniform numbers, with the fixed mechanism if there is one."""
+        config = self.config
+        mechanisms, designs = _mechanisms(config.randomization, self.mechanism, uniforms, fixed)
+        own = own_series(config, "loads", uniforms, float(self.mechanism.length), ())
+        return ArmDraws(
+            **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
+            gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
+            payloads=payloads(config.load, uniforms) if own is None else own,
+            hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
+            weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
+        )
+
+    def own_uniforms(self) -> tuple[Shapes, Shapes]:
+        """Shapes of the uniform numbers of an episode that loads, and mechanisms, are drawn from."""
+        loads = load_shapes(self.config.load, self.config.episode_steps + 1, ("magnitude",), walk=())
+        joints = (self.mechanism.n_joints,)
+        return {"gravity": (2,)} | loads, {"hinge": joints, "weight": joints}
 
     def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
         """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, columns)."""
@@ -177,11 +191,11 @@ class ArmTask(TrackingTask):
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        own, info = self._columns, super().single_info(readings, numbers)
-        if self.config.orientation:
+        own, info = self._columns, TrackingTask.single_info(self, readings, numbers)  # faster than super()
+        if self._oriented:
             info["angle_error_rad"] = numbers[own + ANGLE]
             info["reward_terms"]["orientation"] = numbers[own + ORIENTATION]
-        info["gravity"] = readings[own + GRAVITY : own + GRAVITY + 3]
+        info["gravity"] = readings[self._gravity]
         return info
 
     def _with_frames(self, places: NDArray[np.float32], readings: Array, frame: int) -> NDArray[np.float32]:
@@ -193,9 +207,6 @@ class ArmTask(TrackingTask):
     def _own(self, readings: Array) -> Array:
         """The columns that only this task has."""
         return readings[..., self._columns : self._columns + OWN]
-
-    def _uniform_blocks(self) -> dict[str, UniformBlock]:
-        return uniform_blocks(self.config, self.mechanism)
 
 
 def goal_angles(first: Array, second: Array) -> Array:
@@ -246,41 +257,6 @@ class ArmDraws(TrackingDraws):
     def rest_causes(self) -> Array:
         """Quantities that determine the pose before the payload acts, besides the mechanism, (B, m + 3)."""
         return np.concatenate([self.start_tensions, self.gravity], axis=1)
-
-
-def uniform_blocks(config: FlexibleArmConfig, mechanism: HingeChain) -> dict[str, UniformBlock]:
-    """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
-    times, n_joints, m = config.episode_steps + 1, mechanism.n_joints, mechanism.n_tendons
-    shapes = {"target": target_shape(config, m), "gravity": (2,)}
-    shapes |= load_shapes(config.load, times, ("magnitude",), walk=())
-    shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "hinge": (n_joints,), "weight": (n_joints,)}
-    if config.randomization.sensor_noise:
-        shapes["noise"] = (times, 6, 2)
-    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 6) | config.terms.uniforms)
-
-
-def sample_episodes(
-    config: FlexibleArmConfig, nominal: HingeChain, uniforms: Uniforms, fixed: TrackingOptions
-) -> ArmDraws:
-    """B episodes of the task, with fixed values in place of drawn ones.
-
-    Args:
-        config: the settings.
-        nominal: the arm before randomisation.
-        uniforms: of the same configuration and mechanism.
-        fixed: values that are not drawn.
-    """
-    randomization = config.randomization
-    mechanisms, designs = _mechanisms(randomization, nominal, uniforms, fixed)
-    weights = own_series(config, "loads", uniforms, float(nominal.length), ())
-    drawn = ArmDraws(
-        **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
-        gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
-        payloads=payloads(config.load, uniforms) if weights is None else weights,
-        hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
-        weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
-    )
-    return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
 
 
 def _pose_scale(mm: float, rad: float) -> list[float]:

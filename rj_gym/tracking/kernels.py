@@ -305,7 +305,7 @@ def _measure_error(rules, course, state, first, last):
             _measure_angle(course, state, lane, now)
 
 
-@part
+@part(inline=True)
 def _measure_angle(course, state, lane, now):
     """Frames of the tip and of the target, and the angle between them."""
     readings, poses, targets = state.readings, state.poses, course.targets

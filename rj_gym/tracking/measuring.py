@@ -112,7 +112,7 @@ def _measure_link_error(rules, course, state, hardware, lane):
     hardware.errors[lane, 1] = state.readings[lane, TARGET + 1] - y
 
 
-@part
+@part(inline=True)
 def _measure_tip_error(rules, course, state, hardware, lane):
     """Target minus measured place of the tip, of an arm."""
     at, R = np.empty(3), np.empty((3, 3))
@@ -284,7 +284,7 @@ def _observe_chain(rules, course, state, hardware, observation, lane):
     _end_observation(rules, hardware, readings, observation, lane, entry)
 
 
-@part
+@part(inline=True)
 def _observe_arms(rules, course, state, hardware, observation, first, last):
     """All entries of arms."""
     readings, own = state.readings, TENSIONS + 2 * rules.neutral_lengths.size

@@ -12,25 +12,21 @@ from numpy.typing import NDArray
 
 from rj_gym.core.arguments import checked_array, checked_parts
 from rj_gym.core.columns import FORCE, LINK
-from rj_gym.core.generators import Random, UniformBlock, Uniforms, blocks_of
+from rj_gym.core.generators import Shapes, Uniforms
 from rj_gym.rendering import Screen
 from rj_gym.tracking.config import LoadConfig, RandomizationConfig, TrackingConfig
 from rj_gym.tracking.draws import (
     TrackingDraws,
     fading_walk,
-    friction_shapes,
-    hold,
     load_shapes,
     loads_over_time,
     normal,
     own_series,
     shared_draws,
     symmetric,
-    target_shape,
 )
-from rj_gym.tracking.hardware import hardware_shapes
 from rj_gym.tracking.observation import first_seen, measured_entries
-from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions
+from rj_gym.tracking.options import TrackingOptions
 from rj_gym.tracking.render import PlanarCanvas, PlanarScene
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.rolling import RollingChain
@@ -66,10 +62,22 @@ class PlanarTask(TrackingTask):
         """Where the tips of poses (B, n, 3) are, (B, 2) [mm]."""
         return poses[:, -1, :2]
 
-    def sample(self, rngs: Random, fixed: TrackingOptions | None = None) -> PlanarDraws:
-        """One episode per generator; each draws the same count of numbers."""
-        uniforms = Uniforms(self._blocks, rngs)
-        return sample_episodes(self.config, self.mechanism, uniforms, fixed or NOTHING_FIXED)
+    def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> PlanarDraws:
+        """Episodes from uniform numbers, with the fixed mechanism if there is one."""
+        config, nominal = self.config, self.mechanism
+        mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
+        own = own_series(config, "loads", uniforms, float(nominal.length), (2,))
+        return PlanarDraws(
+            **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
+            links=load_links(config.load, nominal.n_links, uniforms["link"]),
+            forces=load_forces(config.load, uniforms) if own is None else own,
+            surface_offsets=offsets,
+        )
+
+    def own_uniforms(self) -> tuple[Shapes, Shapes]:
+        """Shapes of the uniform numbers of an episode that loads, and mechanisms, are drawn from."""
+        loads = load_shapes(self.config.load, self.config.episode_steps + 1, ("direction", "magnitude"), walk=(2,))
+        return {"link": (1,)} | loads, {"surface": (self.mechanism.n_links, 2, 3)}
 
     def load_tables(self, episodes: PlanarDraws, step: int) -> Array:
         """The true loads of E episodes at a step, tables (E, 1, columns)."""
@@ -119,9 +127,6 @@ class PlanarTask(TrackingTask):
         """A renderer of the scenes."""
         return Screen(PlanarCanvas(self.length))
 
-    def _uniform_blocks(self) -> dict[str, UniformBlock]:
-        return uniform_blocks(self.config, self.mechanism)
-
 
 @dataclass(kw_only=True)
 class PlanarDraws(TrackingDraws):
@@ -136,40 +141,6 @@ class PlanarDraws(TrackingDraws):
     links: NDArray[np.int64]
     forces: Array
     surface_offsets: Array
-
-
-def uniform_blocks(config: TrackingConfig, mechanism: RollingChain) -> dict[str, UniformBlock]:
-    """The blocks of uniform numbers that one episode needs, in the order in which they are drawn."""
-    times, moving, m = config.episode_steps + 1, mechanism.n_links - 1, mechanism.n_tendons
-    shapes = {"target": target_shape(config, m), "link": (1,)}
-    shapes |= load_shapes(config.load, times, ("direction", "magnitude"), walk=(2,))
-    shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), "surface": (mechanism.n_links, 2, 3)}
-    if config.randomization.sensor_noise:
-        shapes["noise"] = (times, moving, 3, 2)
-    return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, 3) | config.terms.uniforms)
-
-
-def sample_episodes(
-    config: TrackingConfig, nominal: RollingChain, uniforms: Uniforms, fixed: TrackingOptions
-) -> PlanarDraws:
-    """B episodes of the task, with fixed values in place of drawn ones.
-
-    Args:
-        config: the settings.
-        nominal: the mechanism before randomisation.
-        uniforms: of the same configuration and mechanism.
-        fixed: values that are not drawn.
-    """
-    randomization = config.randomization
-    mechanisms, designs, offsets = _mechanisms(randomization, nominal, uniforms, fixed)
-    forces = own_series(config, "loads", uniforms, float(nominal.length), (2,))
-    drawn = PlanarDraws(
-        **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
-        links=load_links(config.load, nominal.n_links, uniforms["link"]),
-        forces=load_forces(config.load, uniforms) if forces is None else forces,
-        surface_offsets=offsets,
-    )
-    return drawn if fixed is NOTHING_FIXED else hold(drawn, fixed)
 
 
 def _mechanisms(

@@ -82,11 +82,6 @@ class LaneSolver:
         """Addresses of the solver's machine code and of its arrays, for kernels; 0 with friction."""
         return (self.alone.entry, self.alone.pins) if self._steps is None else (0, 0)
 
-    @property
-    def has_friction(self) -> bool:
-        """Whether the next step depends on the way to it."""
-        return self._steps is not None
-
     def use(self, mechanisms: Sequence[Any], designs: NDArray[np.int64]) -> None:
         """Have the first lanes use these mechanisms, designs (count,)."""
         self.mechanisms = mechanisms

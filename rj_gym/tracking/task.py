@@ -26,16 +26,16 @@ from rj_gym.core.columns import (
     TRACKING,
     WORK,
 )
-from rj_gym.core.generators import Random, UniformBlock
+from rj_gym.core.generators import Random, Shapes, UniformBlock, Uniforms, blocks_of
 from rj_gym.core.info import STATUS_NAMES, only_lane
 from rj_gym.core.task import POSITION_BOUND, Entry, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.draws import TrackingDraws
-from rj_gym.tracking.hardware import hardware_rules
+from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, target_shape
+from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
-from rj_gym.tracking.options import TrackingOptions, checked_options
+from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
 from rj_gym.tracking.terms import AppliedTerms
 from rollingjoint.checks import as_floats
 from rollingjoint.compiled import CONSTANT, MU
@@ -128,9 +128,19 @@ class TrackingTask(Task):
         """Values that the options of a reset fix; raises InvalidInput for options that cannot be used."""
         return checked_options(options, self.config, self.mechanism)
 
-    @abstractmethod
     def sample(self, rngs: Random, fixed: TrackingOptions | None = None) -> TrackingDraws:
-        """One episode per generator; each draws the same count of numbers."""
+        """One episode per generator, with fixed values in place of drawn ones; each draws the same count of numbers."""
+        uniforms = Uniforms(self._blocks, rngs)
+        draws = self.draws(uniforms, fixed or NOTHING_FIXED)
+        return draws if fixed is None or fixed is NOTHING_FIXED else hold(draws, fixed)
+
+    @abstractmethod
+    def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> TrackingDraws:
+        """Episodes from uniform numbers, with the fixed mechanism if there is one."""
+
+    @abstractmethod
+    def own_uniforms(self) -> tuple[Shapes, Shapes]:
+        """Shapes of the uniform numbers of an episode that loads, and mechanisms, are drawn from."""
 
     @abstractmethod
     def new_loads(self, lanes: int) -> Array:
@@ -344,9 +354,16 @@ class TrackingTask(Task):
         vectors = {name: slice(first, first + self.dimension) for name, first in places.items()}
         return vectors | {"tensions": slice(TENSIONS, middle), "command": slice(middle, end)}
 
-    @abstractmethod
     def _uniform_blocks(self) -> dict[str, UniformBlock]:
-        """The blocks of uniform numbers that one episode needs."""
+        """The uniform numbers of an episode, in the order in which they are drawn."""
+        config, m, (loads, mechanisms) = self.config, self.action_size, self.own_uniforms()
+        errors = self.measured_shapes()[0]
+        shapes: Shapes = {"target": target_shape(config, m), **loads}
+        shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), **mechanisms}
+        if config.randomization.sensor_noise:
+            shapes["noise"] = (config.episode_steps + 1, *errors, 2)
+        shapes |= friction_shapes(config, m) | hardware_shapes(config, m, errors[-1]) | config.terms.uniforms
+        return blocks_of(shapes)
 
 
 def _broadcast(first: Array, second: Array) -> bool:

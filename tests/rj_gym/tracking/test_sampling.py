@@ -11,7 +11,7 @@ from rj_gym.core.generators import Generators
 from rj_gym.tracking.draws import Uniforms, over_time
 from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.options import TrackingOptions
-from rj_gym.tracking.planar import PlanarTask, load_forces, uniform_blocks
+from rj_gym.tracking.planar import PlanarTask, load_forces
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 HARDWARE = {
@@ -45,7 +45,7 @@ def forces(lanes, steps, **load):
 
 
 def uniforms(task, rngs):
-    return Uniforms(uniform_blocks(task.config, task.mechanism), rngs)
+    return Uniforms(task._blocks, rngs)
 
 
 def targets(task, lanes):
