@@ -1,4 +1,4 @@
-"""Solid bodies: an outline of some thickness, with its channels cut out, as STL."""
+"""Solid bodies: outlines with a thickness and channels cut out, as STL."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def solid(body: Body, tolerance: float = 1e-3) -> Any:
         body: the body.
         tolerance: largest distance of a channel's flat faces from the round hole [mm].
     Raises:
-        MechanismError: corners so close that no closed body is left with 32 bits.
+        MechanismError: corners too close for a closed body with 32 bits.
     """
     for turn in _TURNS:
         mesh = _cut(body, tolerance, turn)
