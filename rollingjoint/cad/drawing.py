@@ -58,7 +58,7 @@ def assembly_drawing(
 
     Args:
         mechanism: a mechanism, drawn at s = 0, or an equilibrium, drawn in its pose.
-        path: the file; an existing one is replaced.
+        path: of the file, which is replaced if it exists.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
     Raises:
         MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.

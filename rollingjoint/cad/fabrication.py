@@ -15,7 +15,7 @@ class Fabrication:
     Args:
         thickness: of every body, perpendicular to the plane of motion.
         channel_diameter: of the round tendon channels; 0 leaves them out.
-        tolerance: largest distance between a drawn curve and the exact one.
+        tolerance: largest distance between a drawn curve and the exact curve.
         wall: thinnest wall around a channel.
     Raises:
         InvalidInput: a number beyond its range, or a channel wider than the body is thick.

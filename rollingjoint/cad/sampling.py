@@ -24,7 +24,7 @@ def surface_polyline(surface: Surface, tolerance: float) -> Array:
     chord over an arc length h is at most κ h² / 8 from the curve, where |u| ≤ κ.
 
     Raises:
-        MechanismError: a surface so curved that it takes more than 20000 points.
+        MechanismError: a surface that needs more than 20000 points.
     """
     counts = [_count(surface, low, high, tolerance) for low, high in itertools.pairwise(surface.profile.breaks)]
     if sum(counts) > _MOST_POINTS:

@@ -18,7 +18,7 @@ _TURNS = (0.5, 0.31, 0.17, 0.43)  # tried in turn: a channel's corner on an edge
 def solid(body: Body, tolerance: float = 1e-3) -> Any:
     """The body as a trimesh.Trimesh in its link's frame [mm]: z from 0 to the thickness, channels at half thickness.
 
-    Its corners have 32 bits, as in STL, and it is closed.
+    Corners have 32 bits, as in STL; the mesh is closed.
 
     Args:
         body: the body.

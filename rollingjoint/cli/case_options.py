@@ -59,7 +59,7 @@ def actuated(args: argparse.Namespace) -> bool:
     """Whether tensions or lengths are given.
 
     Raises:
-        InvalidInput: neither is, but an option that needs one of them is.
+        InvalidInput: neither, but an option that needs them.
     """
     if args.tensions is not None or args.lengths is not None:
         return True
@@ -95,7 +95,7 @@ def note(args: argparse.Namespace, text: str) -> None:
 
 
 def tension_limits_of(args: argparse.Namespace) -> dict[str, Any]:
-    """The limits of tensions as a keyword of solvers, empty where the option is not given."""
+    """Keyword argument of solvers for the tension limits, empty without the option."""
     if args.tension_limits is None:
         return {}
     low, high = args.tension_limits

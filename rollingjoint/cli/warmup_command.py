@@ -29,7 +29,7 @@ def run() -> bool:
 
 
 class Display(Progress):
-    """A line for every group that begins or is done; at a terminal, a last line with those that are being compiled."""
+    """A line for every group that starts or ends; at a terminal, a last line with the running groups."""
 
     def __init__(self) -> None:
         self._begun: dict[str, float] = {}  # s, by title

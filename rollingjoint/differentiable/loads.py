@@ -1,6 +1,6 @@
 """Loads on the differentiable chain: the columns of load tables, and their energy, forces and stiffness at a pose.
 
-The plane is the complex plane: x + iy. Everything has leading axes and is differentiable by everything.
+The plane is the complex plane: x + iy. All tensors have leading axes, and all results have derivatives by all inputs.
 """
 
 from __future__ import annotations

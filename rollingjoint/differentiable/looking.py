@@ -1,4 +1,4 @@
-"""Looks of the host at numbers on a device, each of which waits for all that the device has still to do.
+"""Looks of the host at numbers on a device. Each look waits for all pending work of the device.
 
 Where a look only saves work, it is taken on the CPU alone, where it is free: results are the same without it.
 Where the host has to decide, it looks unless a fixed number of steps was asked for.
@@ -17,7 +17,7 @@ _BLIND = ContextVar("blind", default=False)
 
 
 def seen(flag: Tensor, otherwise: bool) -> bool:
-    """A flag on the CPU; on another device `otherwise`, the value with which everything is computed."""
+    """A flag on the CPU; on another device `otherwise`, the value that leaves all work in place."""
     if flag.device.type != "cpu" or _AS_ON_A_DEVICE.get() or _BLIND.get():
         return otherwise
     return bool(flag)

@@ -73,9 +73,9 @@ class LineSearches(NamedTuple):
     x: Tensor  # to be evaluated next, (..., J): joint angles, or contacts
     held: Tensor  # joints at an end of their surfaces where the line search began, (..., J)
     origin: Origin
-    residual: Tensor  # there, (..., J)
-    step: Tensor  # from there, (..., J)
-    energy: Tensor  # there
+    residual: Tensor  # at the origin, (..., J)
+    step: Tensor  # from the origin, (..., J)
+    energy: Tensor  # at the origin
     magnitude: Tensor
     worst: Tensor
     part: Tensor  # of the step that is tried

@@ -28,9 +28,7 @@ from rollingjoint.kernels.rolling import Chain
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""
 
-_FEW = (
-    64  # on the CPU a solve ends when one row in _FEW is still running: other solvers are faster for the remaining rows
-)
+_FEW = 64  # on the CPU a solve ends with one row in _FEW running: other solvers are faster for the remaining rows
 
 
 class Settled(NamedTuple):

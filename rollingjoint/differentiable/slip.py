@@ -116,7 +116,7 @@ class FrictionAtPose:
 
     @cached_property
     def tensions(self) -> Tensor:
-        """T in every gap [N]; 0 in those that a tendon does not cross."""
+        """T in every gap [N]; 0 in gaps that a tendon does not cross."""
         return torch.where(self._pulls, self._unlimited, 0.0)
 
     @cached_property
@@ -166,7 +166,7 @@ class FrictionAtPose:
 
 
 def frozen_work(presliding: Tensor, grips: Tensor, reached: Tensor, moved: Tensor) -> Tensor:
-    """Work against friction while the distal lengths move and the grips are those at the beginning, (...) [N·mm].
+    """Work against friction while the distal lengths move, with the grips at the beginning, (...) [N·mm].
 
     Args:
         presliding: of the tendons, (..., m or 1) [mm].

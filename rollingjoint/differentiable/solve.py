@@ -222,7 +222,7 @@ def _tied(geometry: Geometry, law: Law, loads: Loads, s: Tensor, held: Tensor, s
 class _NewtonStep(torch.autograd.Function):
     """phi - H⁻¹ r on the joints that are not held; backwards it is the adjoint solve with the transpose of H.
 
-    Exact first derivatives at r = 0. Second ones would need dH; they are refused.
+    First derivatives are exact at r = 0. Second derivatives, which would need dH, are refused.
     """
 
     @staticmethod

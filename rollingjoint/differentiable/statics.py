@@ -1,8 +1,8 @@
 """The whole chain at given joint angles: poses, tendons, residual, stiffness, energy, contact forces.
 
 The plane is the complex plane: x + iy. Symbols as in docs/theory.md, sections 2 to 5: c contact point, e tangent,
-F force, r residual, H stiffness. Everything has leading axes and is differentiable by everything; no number is read
-back from a device.
+F force, r residual, H stiffness. All tensors have leading axes, and all results have derivatives by all inputs; no
+number is read back from a device.
 """
 
 from __future__ import annotations

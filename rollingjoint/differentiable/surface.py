@@ -18,7 +18,7 @@ from rollingjoint.differentiable.looking import may_look
 
 MOST_UNSEEN_TURN = 11.0  # rad; largest turn of a piece where the host does not look at its turn
 
-# Columns of a piece: where it begins, the point there; coefficients of the tangent angle from _TANGENT on
+# Columns of a piece: its first arc length, the point at it; coefficients of the tangent angle from _TANGENT on
 _FIRST, _X, _Y, _TANGENT = range(4)
 
 

@@ -1,6 +1,6 @@
 """Joints as the compiled solver's tables on a device, evaluated at joint angles: its numbers to rounding.
 
-The plane is the complex plane: x + iy. Symbols as in docs/theory.md. Everything has one leading axis, rows (B, ...),
+The plane is the complex plane: x + iy. Symbols as in docs/theory.md. All tensors have one leading axis, rows (B, ...),
 without gradients, and no number is read back from the device.
 """
 

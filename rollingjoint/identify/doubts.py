@@ -12,7 +12,7 @@ from rollingjoint.identify.findings import Estimates, Findings
 from rollingjoint.identify.measurements import Run, Step
 
 _CORRELATED = 0.95
-_TOO_LARGE = 4.0  # mean squared residual, where the standard deviations are true ones
+_TOO_LARGE = 4.0  # mean squared residual, with true standard deviations
 
 
 def doubts(findings: Findings) -> Iterator[str]:

@@ -84,7 +84,7 @@ class Findings:
         """Measured minus predicted for all runs, (steps, M) each.
 
         "nominal": the mechanism as designed; "together": one fit to all runs; "alone": every run with its own fit;
-        "held out": every run with the values from the others. The last two only with several runs.
+        "held out": every run with the values from the other runs. The last two only with several runs.
         """
         model = self.together.fit.model
         values_by_kind = {"nominal": model.nominal, "together": self.together.values}

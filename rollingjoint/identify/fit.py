@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 _SMALLEST_EFFECT = 1e-7  # of the whole range of a coefficient on the readings, standard deviations; below it: silent
 _SINGULAR = 1e-6  # singular values of normalised derivatives below it: directions without effect
-_SHARE = 0.1  # of such a direction, from which on a coefficient takes part in it
+_SHARE = 0.1  # smallest component of a coefficient that belongs to such a direction
 _SMALLEST_SCALE = 1e-18  # of the mean squared residual, where the model fits to rounding
 _AT_BOUND = 1e-4  # of the range
 
@@ -54,7 +54,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Mean squared residual, estimated; 1 where the standard deviations are true ones."""
+        """Mean squared residual, estimated; 1 with true standard deviations."""
         return 1.0 if self.model.measurements.absolute else self.misfit
 
     @property
@@ -102,7 +102,7 @@ class Fit:
         """Variance of each coefficient by the jackknife over steps / variance if all readings were independent, (p,).
 
         The readings of one step share their causes: links stand on each other. The jackknife leaves out one step at a
-        time, to first order, which is right whatever the readings of a step have in common. At least 1; infinite where
+        time, to first order, which is right for any dependence within a step. At least 1; infinite where
         all information rests on one step; NaN where a coefficient is not determined.
         """
         J, robust = self.jacobian[:, self.determined], np.zeros_like(self._covariance)
@@ -133,7 +133,7 @@ def fit(model: Model) -> Fit:
     """The values within their ranges that fit the data best.
 
     Raises:
-        SolverError: no equilibrium at some step, whatever the values.
+        SolverError: no equilibrium at some step for any values.
     """
     low, high = model.bounds
     silent = np.linalg.norm(model.jacobian(model.start), axis=0) * (high - low) < _SMALLEST_EFFECT

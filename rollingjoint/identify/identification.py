@@ -60,8 +60,8 @@ def identify(
 
     Least squares over all readings that have a standard deviation, by scipy.optimize.least_squares. Derivatives follow
     from the equilibria by the implicit function theorem, through every step of a path with friction, by mu, stiffness,
-    offsets and base angle; by the others, and by all but the base angle with method "least_squares", they are
-    central differences.
+    offsets and base angle; for other parameters, and with method "least_squares" for all but the base angle, they
+    are central differences.
 
     Args:
         measurements: from load_measurements, or built.
@@ -70,7 +70,7 @@ def identify(
         intervals: "profile", from profile likelihoods, or "linear", faster and rougher.
     Raises:
         InvalidInput: unknown parameters, a confidence out of range.
-        SolverError: a step without an equilibrium, whatever the values.
+        SolverError: a step without an equilibrium for any values.
     """
     as_number("confidence", confidence, 0.5, 0.999)
     find = INTERVALS[as_choice("intervals", intervals, tuple(INTERVALS))]

@@ -91,7 +91,7 @@ class Measurements:
         method: for lengths: "elastic", the unstretched length that the motors leave, or "least_squares", lengths
             measured along the mechanism.
         tension_limits: minimum and maximum tension [N], for elastic tendons.
-        absolute: whether the deviations are true ones. False: only their ratios count, and the scale of the errors is
+        absolute: whether the deviations are true values. False: only their ratios count, and the scale of the errors is
             estimated from the residuals.
         about, source: for the report.
     Raises:

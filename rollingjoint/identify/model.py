@@ -161,7 +161,7 @@ class Model:
         )
 
     def _difference(self, run: Run, values: Array, place: int) -> Array:
-        """Differences of the predictions, (steps, M): central ones, or one-sided at the end of the range."""
+        """Differences of the predictions, (steps, M): central, or one-sided at the end of the range."""
         low, high = self.coefficients[place].bounds
         ends = np.clip(values[place] + np.array([-1.0, 1.0]) * self.coefficients[place].kind.step, low, high)
         below, above = (np.where(np.arange(len(values)) == place, end, values) for end in ends)

@@ -93,7 +93,7 @@ PER_RUN = ":run"
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One unknown number: its kind, and the tendon or the run that it belongs to, None for all."""
+    """One unknown number of a kind, of one tendon or run; None: of all."""
 
     name: str
     tendon: int | None = None

@@ -38,7 +38,7 @@ class Rates(NamedTuple):
 def follow(
     measurements: Measurements, run: Run, mechanism: AnyChain, offsets: Array, nearest: NearestLengths
 ) -> list[Reached]:
-    """The equilibria of a run in order, with friction also of the approaches, each step from the one before.
+    """The equilibria of a run in order, with friction also of the approaches, each step from the previous one.
 
     The first is the pose without friction, before any slip.
     """

@@ -41,7 +41,7 @@ class Profile:
 
 
 def linear_profile(fit: Fit, place: int, confidence: float) -> Profile:
-    """The profile of one coefficient if the model were linear: much faster, and right where intervals are small."""
+    """The profile of one coefficient for a linear model: much faster, and accurate where intervals are small."""
     low, high = (float(bound) for bound in fit.model.bounds[:, place])
     threshold, best = _threshold(fit, confidence), float(fit.values[place])
     if not _informed(fit, place):
@@ -57,7 +57,7 @@ def linear_profile(fit: Fit, place: int, confidence: float) -> Profile:
 def profile(fit: Fit, place: int, confidence: float) -> Profile:
     """The profile of one coefficient.
 
-    With deviations that are true ones the deviance has the chi-squared distribution. Otherwise its scale comes from
+    With true deviations the deviance has the chi-squared distribution. Otherwise its scale comes from
     the residuals, inflated as Fit.inflations says, and its square root has Student's distribution; the number of
     degrees of freedom is the number of steps less one.
     """
@@ -89,7 +89,7 @@ def _inflation(fit: Fit, place: int) -> float:
 
 
 class _Deviance:
-    """The deviance as a function of one coefficient; every fit starts from the nearest one before."""
+    """The deviance as a function of one coefficient; every fit starts from the nearest earlier fit."""
 
     def __init__(self, fit: Fit, place: int, scale: float) -> None:
         self._fit, self._place, self._scale = fit, place, scale

@@ -36,7 +36,7 @@ def load_mechanism(name_or_path: str | Path, kind: type[AnyChain] | None = None)
         name_or_path: of the preset or the file.
         kind: required class of the mechanism, such as RollingChain; None: any.
     Raises:
-        ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, the other kind.
+        ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, another kind.
     """
     name = str(name_or_path)
     mechanism = preset(name) if name in PRESETS else _read(name)

@@ -27,7 +27,7 @@ class Circles:
     """Two circles that roll on each other: two hinges.
 
     Args:
-        rest: pose (x, y, angle) of the distal link in the proximal one at s = 0 [mm, rad].
+        rest: pose (x, y, angle) of the distal link in the proximal frame at s = 0 [mm, rad].
         centres: of the two circles in the frame of the distal link at s = 0, (2, 2) [mm].
         rates: turn of each hinge per mm of motion of the contact, (2,) [rad/mm].
         angles: the range of the joint angle [rad].
@@ -44,7 +44,7 @@ class Circles:
         return s[..., np.newaxis] * self.rates
 
     def poses(self, phi: ArrayLike) -> Array:
-        """Poses (x, y, angle) of the distal link in the proximal one at joint angles, (..., 3) [mm, rad]."""
+        """Poses (x, y, angle) of the distal link in the proximal frame at joint angles, (..., 3) [mm, rad]."""
         first, second = np.moveaxis(self.coordinates(phi), -1, 0)
         turned = _turned(self.centres[1] - self.centres[0], first)
         at = self.centres[0] + turned - _turned(self.centres[1], first + second)
@@ -72,7 +72,7 @@ class Slides:
         return np.stack([*ways, turn], axis=-1)
 
     def poses(self, phi: ArrayLike) -> Array:
-        """Poses (x, y, angle) of the distal link in the proximal one at joint angles, (..., 3) [mm, rad]."""
+        """Poses (x, y, angle) of the distal link in the proximal frame at joint angles, (..., 3) [mm, rad]."""
         return self.rest + self.coordinates(phi)
 
 
@@ -92,7 +92,7 @@ def coupling(child: Surface, parent: Surface) -> Circles | Slides:
 
 
 def relative_poses(child: Surface, parent: Surface, s: Array) -> Array:
-    """Exact poses (x, y, angle) of the distal link in the proximal one at arc lengths, (..., 3) [mm, rad]."""
+    """Exact poses (x, y, angle) of the distal link in the proximal frame at arc lengths, (..., 3) [mm, rad]."""
     phi = child.tangent_angle(s) - parent.tangent_angle(s)
     return np.concatenate([child.point(s) - _turned(parent.point(s), phi), phi[..., np.newaxis]], axis=-1)
 

@@ -78,7 +78,7 @@ def constant_curvature_poses(chain: HingeChain, bends: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class TipErrors:
-    """Errors of a tip pose against a measured one: absolute [rad, mm], and relative to the motion of the measured one.
+    """Errors of a tip pose against a measured pose: absolute [rad, mm], and relative to the measured motion.
 
     Source: flexible-joint paper, appendix V-D: e_theta, epsilon_theta, e_p, epsilon_p.
     """
@@ -90,7 +90,7 @@ class TipErrors:
 
 
 def tip_errors(pose: ArrayLike, measured: ArrayLike, straight: ArrayLike) -> TipErrors:
-    """Errors of a tip pose (4, 4) against the measured one; relative ones are inf where it equals the straight one.
+    """Errors of a tip pose (4, 4) against a measured pose; relative errors are inf if that equals the straight pose.
 
     Args:
         pose: from a model.

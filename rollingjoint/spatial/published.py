@@ -32,7 +32,7 @@ from rollingjoint.checks import as_floats, as_vector
 
 Array = NDArray[np.float64]
 
-_RANK = 1e-9  # of the largest singular value: smaller ones count as 0
+_RANK = 1e-9  # of the largest singular value; smaller values count as 0
 _LONGEST = 0.5  # rad in any hinge in one iteration; the paper leaves the step size alpha open
 
 
@@ -202,7 +202,7 @@ def _per_tendon(name: str, values: ArrayLike, arm: PublishedArm) -> Array:
 
 
 def _shortened(step: Array, n: int) -> Array:
-    """The step, scaled down where it would turn a hinge by more than the longest."""
+    """The step, scaled down to turn no hinge by more than _LONGEST."""
     return step * min(1.0, _LONGEST / max(float(np.abs(step[:n]).max()), 1e-300))
 
 
