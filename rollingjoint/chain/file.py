@@ -136,16 +136,19 @@ class RollingFormat(Format):
 
     def part(self, where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
         """A link; what its surfaces leave out is that of the defaults."""
-        item = mapping(where, item, ("parent", "child"))
+        item = mapping(where, item, ("parent", "child", "weight", "centre"))
         surfaces = {}
         for side in ("parent", "child"):
             default = mapping(f"{source}: defaults.{side}", defaults.get(side, {}), _SURFACE_KEYS)
             surfaces[side] = _surface(f"{where}.{side}", item.get(side, {}), default)
-        return Link(**surfaces)
+        weight, centre = item.get("weight", Link.weight), item.get("centre", Link.centre)
+        with located(where):
+            return Link(**surfaces, weight=number(f"{where}.weight", weight), centre=point(f"{where}.centre", centre))
 
     def part_dict(self, part: Link) -> dict[str, Any]:
         """The content that makes the same link."""
-        return {side: _surface_dict(getattr(part, side)) for side in ("parent", "child")}
+        surfaces = {side: _surface_dict(getattr(part, side)) for side in ("parent", "child")}
+        return surfaces | ({"weight": float(part.weight), "centre": list(part.centre)} if part.weight else {})
 
     def holes(self, where: str, tendon: Mapping[str, Any]) -> Sequence[tuple[Hole, Hole]]:
         """The holes of a tendon, all at one place of the surfaces or pair by pair."""

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from rollingjoint.chain import joint_table
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
+from rollingjoint.checks import as_floats, as_number
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
 from rollingjoint.kernels.lanes import MOST_JOINTS
@@ -30,7 +31,7 @@ from rollingjoint.kernels.rolling import (
 )
 from rollingjoint.kernels.rolling import Chain as ChainArrays
 from rollingjoint.kernels.rolling_lanes import memory_alone, solve_alone, solve_pinned, step_side_by_side
-from rollingjoint.load import LOAD_COLUMNS, Load, load_table
+from rollingjoint.load import LOAD_COLUMNS, Gravity, Load, load_table
 from rollingjoint.profile import LIMIT_TOLERANCE, Profile, Surface
 
 Array = NDArray[np.float64]
@@ -38,10 +39,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above."""
+    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above.
+
+    Args:
+        parent, child: its surfaces.
+        weight: [N]; it acts in the solves that are given `RollingChain.gravity`.
+        centre: where the weight acts, in the frame of the link [mm].
+    Raises:
+        MechanismError: a negative weight, a centre that is not two numbers.
+    """
 
     parent: Surface
     child: Surface
+    weight: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        as_number("link weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
+        place = as_floats("link centre", self.centre, "two numbers (x, y) [mm]", MechanismError)
+        if place.shape != (2,) or not np.isfinite(place).all():
+            raise MechanismError("link centre", self.centre, "two numbers (x, y) [mm]")
 
     @property
     def height(self) -> float:
@@ -229,6 +246,14 @@ class RollingChain(Chain[Equilibrium]):
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
         return self._placed(joint_angles)[0]
+
+    def gravity(self, direction: tuple[float, float] = (0.0, -1.0)) -> Gravity:
+        """The weight of every link along a direction of the base frame."""
+        return Gravity([float(link.weight) for link in self.links], direction, [link.centre for link in self.links])
+
+    def own_weight(self, direction: Any) -> Gravity | None:
+        """The weight of every link along a direction of the base frame; None where no link has a weight."""
+        return self.gravity(direction) if any(link.weight > 0.0 for link in self.links) else None
 
     def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
         """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm].

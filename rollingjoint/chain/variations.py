@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain import joint_table
-from rollingjoint.chain.rolling import Link, RollingChain, tendon_arrays
+from rollingjoint.chain.rolling import RollingChain, tendon_arrays
 from rollingjoint.chain.stacks import Deferred, Variations
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.errors import MechanismError
@@ -42,7 +42,7 @@ def varied_chain(nominal: RollingChain, offsets: Array, factors: Array) -> Rolli
         )
     while np.any(np.abs(offsets) > 1e-6):
         links = tuple(
-            Link(_displaced(link.parent, parent), _displaced(link.child, child))
+            replace(link, parent=_displaced(link.parent, parent), child=_displaced(link.child, child))
             for link, (parent, child) in zip(nominal.links, offsets, strict=True)
         )
         try:

@@ -133,7 +133,7 @@ def _gravity(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
     own_weight = mechanism.own_weight(direction)
     if own_weight is not None:
         if weights:
-            raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
+            raise InvalidInput("--gravity", weights, "no number", "Its links have weights of their own.")
         return [own_weight]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
@@ -147,8 +147,6 @@ def _entries(
     """Link and numbers of every load of one option."""
     name, entries = _option(option.name), []
     for link, *values in getattr(args, option.name):
-        if not numbers:
-            raise InvalidInput(name, [link, *values], "a planar chain", "Arms take no such load.")
         if not len(numbers) - option.optional <= len(values) <= len(numbers):
             raise InvalidInput(name, [link, *values], f"LINK {_spelled(numbers, option.optional)} for this mechanism")
         if link not in range(-n_links, n_links):

@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 __all__ = [
     "at_limit",
+    "elastic_tension",
     "limited_tension",
     "play_contact",
     "play_inverse",
@@ -39,6 +40,7 @@ __all__ = [
     "play_step",
     "sheath_direction",
     "sheath_ratio",
+    "unstretched_length",
 ]
 
 
@@ -110,6 +112,27 @@ def at_limit(tension: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.
 def limited_tension(pull: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
     """T of an elastic tendon: its pull k (l - p) within the limits of its motor [N]."""
     return _filled(kernels.limited_tensions, pull, low, high)
+
+
+def elastic_tension(
+    length: ArrayLike, unstretched: ArrayLike, stiffness: ArrayLike, low: ArrayLike, high: ArrayLike
+) -> Array:
+    """T of an elastic tendon, clip(k (l - p), low, high).
+
+    Args:
+        length: l [mm]. unstretched: p, the length that its motor commands [mm]. stiffness: k [N/mm].
+        low, high: limits of its motor [N].
+    """
+    return _filled(kernels.elastic_tensions, length, unstretched, stiffness, low, high)
+
+
+def unstretched_length(length: ArrayLike, tension: ArrayLike, stiffness: ArrayLike) -> Array:
+    """p of an elastic tendon, l - T / k: the command that holds it.
+
+    Args:
+        length: l [mm]. tension: T [N]. stiffness: k [N/mm].
+    """
+    return _filled(kernels.unstretched_lengths, length, tension, stiffness)
 
 
 def _filled(fill: Callable[..., None], *values: ArrayLike) -> Any:
