@@ -13,7 +13,7 @@ from rollingjoint.identify.errors import Errors, errors_of, quantities
 from rollingjoint.identify.fit import Fit
 from rollingjoint.identify.measurements import Measurements
 from rollingjoint.identify.parameters import Coefficient
-from rollingjoint.identify.profile import Profile
+from rollingjoint.identify.profile import LikelihoodProfile
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class Estimates:
     """A fit to some runs, with an interval for every coefficient."""
 
     fit: Fit
-    profiles: tuple[Profile, ...]
+    profiles: tuple[LikelihoodProfile, ...]
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:

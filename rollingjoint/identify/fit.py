@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import SolverError
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Fit:
         silent: (p,) True where the data have no information on a coefficient, which keeps its nominal value.
     """
 
-    model: Model
+    model: MeasurementModel
     values: Array
     silent: NDArray[np.bool_]
 
@@ -129,7 +129,7 @@ class Fit:
         return full
 
 
-def fit(model: Model) -> Fit:
+def fit(model: MeasurementModel) -> Fit:
     """The values within their ranges that fit the data best.
 
     Raises:
@@ -144,7 +144,7 @@ def fit(model: Model) -> Fit:
     return result
 
 
-def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: float = 1e-12) -> Array:
+def minimise(model: MeasurementModel, start: Array, free: NDArray[np.bool_], tolerance: float = 1e-12) -> Array:
     """Values of least cost, (p,), with the cost to a relative tolerance; values that are not free stay at the start."""
     from scipy.optimize import least_squares
 
@@ -171,7 +171,7 @@ def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: flo
     return _on_bounds(model, full(solution.x), free)
 
 
-def _on_bounds(model: Model, values: Array, free: NDArray[np.bool_]) -> Array:
+def _on_bounds(model: MeasurementModel, values: Array, free: NDArray[np.bool_]) -> Array:
     """The values, moved onto a bound nearby where that fits no worse (the search stays inside)."""
     for place in np.flatnonzero(free):
         for bound in model.bounds[:, place]:

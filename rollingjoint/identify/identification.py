@@ -15,7 +15,7 @@ from rollingjoint.identify.doubts import doubts
 from rollingjoint.identify.findings import Estimates, Findings
 from rollingjoint.identify.fit import Fit, fit
 from rollingjoint.identify.measurements import Measurements
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 from rollingjoint.identify.parameters import coefficients_of
 from rollingjoint.identify.profile import linear_profile, profile
 from rollingjoint.identify.ranges import Ranges, ranges
@@ -74,7 +74,7 @@ def identify(
     """
     as_number("confidence", confidence, 0.5, 0.999)
     find = INTERVALS[as_choice("intervals", intervals, tuple(INTERVALS))]
-    model = Model(measurements, coefficients_of(parameters, measurements))
+    model = MeasurementModel(measurements, coefficients_of(parameters, measurements))
     names = [run.name for run in measurements.runs]
 
     def estimates(result: Fit) -> Estimates:
@@ -92,7 +92,7 @@ def identify(
     return Identification(measurements, confidence, together, alone, held_out)
 
 
-def _carried_over(result: Fit, model: Model) -> Array:
+def _carried_over(result: Fit, model: MeasurementModel) -> Array:
     """Values of all coefficients of a model from a fit to some of its runs, (p,)."""
     values: dict[tuple[str, int | None], list[float]] = {}
     for coefficient, value in zip(result.model.coefficients, result.values, strict=True):

@@ -24,7 +24,7 @@ _FAR = 1e3  # residual of every reading where there is no equilibrium, standard 
 
 
 @dataclass(frozen=True)
-class Model:
+class MeasurementModel:
     """Measurements and the unknown numbers in them.
 
     Readings are rows (steps, M): positions, angles, lengths, tensions, see Measurements.readings.
@@ -33,12 +33,12 @@ class Model:
     measurements: Measurements
     coefficients: tuple[Coefficient, ...]
 
-    def select(self, runs: Sequence[str]) -> Model:
+    def select(self, runs: Sequence[str]) -> MeasurementModel:
         """The model of some runs, with the unknown numbers on which they depend."""
         coefficients = tuple(
             coefficient for coefficient in self.coefficients if coefficient.run is None or coefficient.run in runs
         )
-        return Model(self.measurements.select(runs), coefficients)
+        return MeasurementModel(self.measurements.select(runs), coefficients)
 
     @property
     def nominal(self) -> Array:
@@ -166,3 +166,7 @@ class Model:
         ends = np.clip(values[place] + np.array([-1.0, 1.0]) * self.coefficients[place].kind.step, low, high)
         below, above = (np.where(np.arange(len(values)) == place, end, values) for end in ends)
         return (self._predictions(run, above) - self._predictions(run, below)) / np.ptp(ends)
+
+
+Model = MeasurementModel
+"""Earlier name, which pickles have."""

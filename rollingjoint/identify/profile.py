@@ -22,7 +22,7 @@ _ROOM = 1.3  # half-widths of the interval that a curve shows
 
 
 @dataclass(frozen=True)
-class Profile:
+class LikelihoodProfile:
     """Loss of fit at fixed values of one coefficient, with all others fitted anew.
 
     Args:
@@ -40,21 +40,27 @@ class Profile:
     bounded: tuple[bool, bool]
 
 
-def linear_profile(fit: Fit, place: int, confidence: float) -> Profile:
+Profile = LikelihoodProfile
+"""Earlier name, which pickles have."""
+
+
+def linear_profile(fit: Fit, place: int, confidence: float) -> LikelihoodProfile:
     """The profile of one coefficient for a linear model: much faster, and accurate where intervals are small."""
     low, high = (float(bound) for bound in fit.model.bounds[:, place])
     threshold, best = _threshold(fit, confidence), float(fit.values[place])
     if not _informed(fit, place):
-        return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
+        return LikelihoodProfile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
     spread = math.sqrt(_inflation(fit, place) * float(fit.variances[place]))
     ends = best - math.sqrt(threshold) * spread, best + math.sqrt(threshold) * spread
     first, last = max(best - _ROOM * (best - ends[0]), low), min(best + _ROOM * (ends[1] - best), high)
     values = np.linspace(first, last, _POINTS)
     interval = max(ends[0], low), min(ends[1], high)
-    return Profile(values, ((values - best) / spread) ** 2, threshold, interval, (ends[0] > low, ends[1] < high))
+    return LikelihoodProfile(
+        values, ((values - best) / spread) ** 2, threshold, interval, (ends[0] > low, ends[1] < high)
+    )
 
 
-def profile(fit: Fit, place: int, confidence: float) -> Profile:
+def profile(fit: Fit, place: int, confidence: float) -> LikelihoodProfile:
     """The profile of one coefficient.
 
     With true deviations the deviance has the chi-squared distribution. Otherwise its scale comes from
@@ -64,7 +70,7 @@ def profile(fit: Fit, place: int, confidence: float) -> Profile:
     low, high = (float(bound) for bound in fit.model.bounds[:, place])
     threshold = _threshold(fit, confidence)
     if not _informed(fit, place):
-        return Profile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
+        return LikelihoodProfile(np.array([low, high]), np.zeros(2), threshold, (low, high), (False, False))
     inflation = _inflation(fit, place)
     width = math.sqrt(threshold * inflation * float(fit.variances[place]))
     deviance = _Deviance(fit, place, fit.scale * inflation)
@@ -73,7 +79,7 @@ def profile(fit: Fit, place: int, confidence: float) -> Profile:
     upper, high_bounded = _end(deviance, best, width, high, threshold)
     first, last = max(best - _ROOM * (best - lower), low), min(best + _ROOM * (upper - best), high)
     values = np.union1d(np.linspace(first, last, _POINTS), [best])
-    return Profile(
+    return LikelihoodProfile(
         values, np.array([deviance(v) for v in values]), threshold, (lower, upper), (low_bounded, high_bounded)
     )
 
