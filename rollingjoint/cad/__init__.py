@@ -5,10 +5,10 @@ The packages that write these files are imported when a file is written: pip ins
 Modules:
     assembly: the bodies of a mechanism in their poses.
     body: bodies of the links: outlines and drilled channels.
-    channel: where a tendon's channel runs through a link, and whether it can be drilled.
+    channel: the channel of a tendon through a link, checked for drilling.
     command: the options of `rj export`, and its files.
     drawing: the assembly drawing.
-    fabrication: how bodies are made: thickness, channels, tolerance.
+    fabrication: thickness, channels and tolerance of bodies.
     files: the files of an export, written all or none.
     flat: DXF and SVG.
     packages: imports of packages that only an export needs.

@@ -25,7 +25,7 @@ class Assembly:
     Attributes:
         chain: the mechanism.
         poses: of its links, (n, 3) [mm, rad].
-        making: how the bodies are made.
+        making: thickness, channels and tolerance of the bodies.
         bodies: one per link.
         state: a description of the pose.
     """
@@ -50,14 +50,14 @@ class Assembly:
     @cached_property
     def first_alike(self) -> list[int]:
         """For every link, the first link that is an identical part."""
-        return [next(k for k, other in enumerate(self.bodies) if body.alike(other)) for body in self.bodies]
+        return [next(k for k, candidate in enumerate(self.bodies) if body.alike(candidate)) for body in self.bodies]
 
 
 def assemble(mechanism: RollingChain | Equilibrium, making: Fabrication) -> Assembly:
     """The mechanism's bodies, at s = 0 or in the pose of an equilibrium.
 
     Raises:
-        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
+        MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
         InvalidInput: a batch of equilibria, or no planar chain. SolverError: an unusable equilibrium.
     """
     if not isinstance(mechanism, Equilibrium):

@@ -1,4 +1,4 @@
-"""The bodies of a mechanism's links: closed outlines and the channels that are drilled into them."""
+"""The bodies of a mechanism's links: closed outlines with drilled channels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A link as manufactured, in its own frame.
+    """A link as manufactured, in its frame.
 
     Attributes:
         parent, child: its surfaces from first to last arc length, (k, 2) [mm].
@@ -64,7 +64,7 @@ def bodies(mechanism: RollingChain, fabrication: Fabrication | None = None) -> l
     """The body of every link, base first.
 
     Raises:
-        MechanismError: an outline that crosses itself, a channel that leaves its body or whose wall is too thin.
+        MechanismError: an outline that crosses itself, a channel that leaves its body or has too thin a wall.
         InvalidInput: no planar chain; shapely is not installed.
     """
     making = fabrication or Fabrication()
@@ -88,8 +88,8 @@ def _check_outline(i: int, body: Body) -> None:
     polygon = shapely.Polygon(body.outline)
     hint = "Narrow the surface limits, or move the surfaces apart."
     if not polygon.is_valid:
-        found, allowed = shapely.is_valid_reason(polygon), "an outline that does not cross itself"
-        raise MechanismError(f"outline of link {i}", found, allowed, hint)
+        reason, allowed = shapely.is_valid_reason(polygon), "an outline that does not cross itself"
+        raise MechanismError(f"outline of link {i}", reason, allowed, hint)
     if body.area <= 0:
         allowed = "a child surface that lies above the parent surface, and x that grows with s"
         raise MechanismError(f"signed area of link {i}", round(body.area, 4), allowed, hint)
@@ -97,12 +97,12 @@ def _check_outline(i: int, body: Body) -> None:
 
 def _check_spacing(i: int, channels: tuple[Channel, ...], wall: float) -> None:
     shapely = package("shapely")
-    for one, other in itertools.combinations(channels, 2):
-        between = shapely.LineString(one.mouths).distance(shapely.LineString(other.mouths)) - one.diameter
-        if between < wall:
+    for first, second in itertools.combinations(channels, 2):
+        thickness = shapely.LineString(first.mouths).distance(shapely.LineString(second.mouths)) - first.diameter
+        if thickness < wall:
             raise MechanismError(
-                f"wall between the channels of tendons {one.tendon} and {other.tendon} in link {i}",
-                round(between, 4),
+                f"wall between the channels of tendons {first.tendon} and {second.tendon} in link {i}",
+                round(thickness, 4),
                 f"at least {wall:g} mm",
                 "Move the holes apart, or make the channels narrower.",
             )

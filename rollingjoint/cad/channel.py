@@ -1,4 +1,4 @@
-"""Tendon channels: where a straight round hole runs through a link, and whether it can be drilled."""
+"""Tendon channels: straight round holes through links, checked for drilling."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Channel:
     Attributes:
         tendon: index of the tendon.
         holes: parent and child hole of the tendon, (2, 2) [mm].
-        mouths: where the channel's centre line meets the parent and the child surface, (2, 2) [mm].
+        mouths: of the channel's centre line on the parent and the child surface, (2, 2) [mm].
         edges: the same for the two lines a radius to either side of it, (2, 2, 2): edge, mouth, point [mm].
         drill: begin and end of the cylinder that cuts it, beyond both surfaces, (2, 2) [mm].
         diameter: [mm].
@@ -51,7 +51,7 @@ def drill_channel(blank: Blank, tendon: int, holes: Array, making: Fabrication) 
     """The channel of a tendon through a link, holes (2, 2) [mm].
 
     Raises:
-        MechanismError: holes without a direction, a channel that leaves the body or whose wall is too thin.
+        MechanismError: holes without a direction, a channel that leaves the body or has too thin a wall.
     """
     return _Drilling(blank, tendon, holes, making).channel()
 
@@ -85,8 +85,8 @@ class _Drilling:
         if outside:
             raise self._error("length outside the body", round(outside, 4), "a channel inside the body")
 
-    def _crossing(self, offset: float, what: str) -> Array:
-        """Ends of the line at that offset on the parent and on the child surface, (2, 2) [mm]."""
+    def _crossing(self, offset: float, name: str) -> Array:
+        """Ends of the line at an offset on the parent and on the child surface, (2, 2) [mm]."""
         shapely = package("shapely")
         line = shapely.LineString([(-self._reach, offset), (self._reach, offset)])
         common = self._polygon.intersection(line)
@@ -97,10 +97,10 @@ class _Drilling:
             surfaces = zip((self.blank.parent, self.blank.child), ends, strict=True)
             if all(shapely.LineString(self._local(s)).distance(shapely.Point(end)) < 1e-9 for s, end in surfaces):
                 return self._middle + ends @ self._axes
-        raise self._error(what, self.holes.round(4).tolist(), "one that runs inside the body from surface to surface")
+        raise self._error(name, self.holes.round(4).tolist(), "one that runs inside the body from surface to surface")
 
     def _drill(self, radius: float) -> Array:
-        """Begin and end of the cylinder that opens both mouths and cuts nothing else, (2, 2) [mm]."""
+        """Begin and end of the cylinder that opens both mouths without other cuts, (2, 2) [mm]."""
         shapely = package("shapely")
         common = self._polygon.intersection(shapely.box(-self._reach, -radius, self._reach, radius))
         core = min(getattr(common, "geoms", [common]), key=lambda piece: piece.distance(shapely.Point(0.0, 0.0)))
@@ -110,8 +110,8 @@ class _Drilling:
             raise self._error("channel", self.holes.round(4).tolist(), "one whose mouths open into free space")
         return self._middle + np.array([[low, 0.0], [high, 0.0]]) @ self._axes
 
-    def _error(self, what: str, value: object, allowed: str) -> MechanismError:
-        place = f"{what} (channel of tendon {self.tendon} in link {self.blank.link})"
+    def _error(self, name: str, value: object, allowed: str) -> MechanismError:
+        place = f"{name} (channel of tendon {self.tendon} in link {self.blank.link})"
         return MechanismError(place, value, allowed, "Move the parent and the child hole, or narrow the channel.")
 
     @property

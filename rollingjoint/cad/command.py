@@ -21,9 +21,9 @@ _SIZES = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options for folder, formats and sizes."""
     parser.add_argument("--out", metavar="FOLDER", help="folder of the files; created if missing")
-    known, default = ", ".join(FORMATS), " ".join(DEFAULT_FORMATS)
+    formats, default = ", ".join(FORMATS), " ".join(DEFAULT_FORMATS)
     parser.add_argument(
-        "--format", nargs="+", default=DEFAULT_FORMATS, metavar="F", help=f"some of {known} (default {default})"
+        "--format", nargs="+", default=DEFAULT_FORMATS, metavar="F", help=f"some of {formats} (default {default})"
     )
     for option, name, text in _SIZES:
         default = getattr(Fabrication, name)

@@ -13,7 +13,7 @@ from rollingjoint.cad.assembly import Assembly, assemble
 from rollingjoint.cad.body import Body
 from rollingjoint.cad.fabrication import Fabrication
 from rollingjoint.cad.flat import Shape, shapes
-from rollingjoint.cad.sheet import A3, A4, INK, THIN_INK, TITLE_BLOCK, Box, Format, Sheet, frame_of
+from rollingjoint.cad.sheet import A3, A4, INK, THIN_INK, TITLE_BLOCK, Box, PaperSize, Sheet, frame_of
 from rollingjoint.cad.tables import different_parts, draw_tables, millimetres, ranges, rows_left
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.rolling import RollingChain
@@ -31,14 +31,14 @@ SCALES = tuple(step * 10.0**power for power in range(1, -5, -1) for step in (5.0
 
 _DETAIL_HEIGHT = 84.0  # mm
 _ASSEMBLY_ROOM, _DETAIL_ROOM = np.array([31.0, 32.0]), np.array([44.0, 36.0])  # mm for dimensions around a view
-_BALLOONS_APART = 5.6  # mm; a link whose number would cover another one gets none
+_BALLOONS_APART = 5.6  # mm; a link without this room for its number gets none
 _FILL = "#DCE3EB"
 
 
 class Layout(NamedTuple):
-    """Where everything is on a sheet."""
+    """Places of the parts of a drawing on a sheet."""
 
-    paper: Format
+    paper: PaperSize
     assembly: Box
     detail: Box
     tables: Box
@@ -54,14 +54,14 @@ def assembly_drawing(
     tolerance: float = Fabrication.tolerance,
     wall: float = Fabrication.wall,
 ) -> Path:
-    """The path, after writing the drawing there; its suffix says the format, .pdf or .png for instance.
+    """The path, after writing the drawing there; its suffix sets the format, such as .pdf or .png.
 
     Args:
         mechanism: a mechanism, drawn at s = 0, or an equilibrium, drawn in its pose.
-        path: the file; an existing one is replaced.
+        path: of the file, which is replaced if it exists.
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
     Raises:
-        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
+        MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
         InvalidInput: a number beyond its range, a suffix that cannot be written, a mechanism too large for a sheet.
         SolverError: an equilibrium that is not usable.
     """
@@ -78,7 +78,7 @@ def write_drawing(path: Path, assembly: Assembly) -> None:
 
 
 def draw_assembly(assembly: Assembly) -> Figure:
-    """The drawing as a figure whose axes are mm of paper."""
+    """The drawing as a figure with axes in mm of paper."""
     layout, scale = _choose(assembly)
     sheet = Sheet(layout.paper)
     _draw_assembly(sheet, layout.assembly, assembly, scale)
@@ -89,15 +89,15 @@ def draw_assembly(assembly: Assembly) -> Figure:
 
 
 def scale_text(scale: float) -> str:
-    """A scale as drawings state it, such as 1:2."""
+    """A scale as text, such as 1:2."""
     return f"{scale:g}:1" if scale >= 1 else f"1:{1 / scale:g}"
 
 
-def _layout(paper: Format) -> Layout:
+def _layout(paper: PaperSize) -> Layout:
     left, bottom, right, top = frame_of(paper)
     title = Box(right - TITLE_BLOCK[0], bottom, right, bottom + TITLE_BLOCK[1])
-    beside = title.left > left
-    middle, below = (title.left, bottom) if beside else (left + 0.55 * (right - left), title.top)
+    has_column = title.left > left
+    middle, below = (title.left, bottom) if has_column else (left + 0.55 * (right - left), title.top)
     detail = Box(middle, top - _DETAIL_HEIGHT, right, top)
     tables = Box(middle + 2.0, title.top + 4.0, right - 4.0, detail.bottom)
     return Layout(paper, Box(left, below, middle, top), detail, tables, title)
@@ -122,8 +122,8 @@ def _scale(size: Array, room: Array) -> float:
     return next((scale for scale in SCALES if np.all(size * scale <= room)), 0.0)
 
 
-class _View(NamedTuple):
-    """From mm of the mechanism to mm on the sheet."""
+class _SheetTransform(NamedTuple):
+    """Map from mm of the mechanism to mm on the sheet."""
 
     scale: float
     shift: Array
@@ -132,7 +132,7 @@ class _View(NamedTuple):
         return self.scale * np.asarray(points, float) + self.shift
 
 
-def _draw_shapes(sheet: Sheet, view: _View, drawn: Sequence[Shape]) -> None:
+def _draw_shapes(sheet: Sheet, view: _SheetTransform, drawn: Sequence[Shape]) -> None:
     for layer, points, closed in drawn:
         if closed:
             sheet.area(view(points), _FILL, edge=0.4)
@@ -145,7 +145,7 @@ def _draw_shapes(sheet: Sheet, view: _View, drawn: Sequence[Shape]) -> None:
 def _draw_assembly(sheet: Sheet, box: Box, assembly: Assembly, scale: float) -> None:
     low, high = assembly.bounds
     centre = np.array([0.5 * (box.left + box.right) + 1.0, 0.5 * (box.bottom + box.top)])
-    view = _View(scale, centre - 0.5 * scale * (low + high))
+    view = _SheetTransform(scale, centre - 0.5 * scale * (low + high))
     for body, pose in zip(assembly.bodies, assembly.poses, strict=True):
         _draw_shapes(sheet, view, shapes(body, pose))
     for j, line in enumerate(assembly.chain.tendon_polyline(assembly.poses)):
@@ -163,7 +163,7 @@ def _draw_assembly(sheet: Sheet, box: Box, assembly: Assembly, scale: float) -> 
 
 
 def _balloon(sheet: Sheet, outline: Array, origin: Array, x: float, number: str) -> None:
-    """The number of a link in a circle at x, level with its origin, and a line from there into the link."""
+    """Draws the number of a link in a circle at x, level with its origin, and a line from there into the link."""
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     circle, centre = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.array([x, origin[1]])
     dot = np.array([max(_right_edge(outline, origin[1]) - 2.0, origin[0]), origin[1]])
@@ -174,7 +174,7 @@ def _balloon(sheet: Sheet, outline: Array, origin: Array, x: float, number: str)
 
 
 def _right_edge(outline: Array, y: float) -> float:
-    """The largest x at which an outline has this y; -inf if it has it nowhere."""
+    """The largest x of an outline at this y; -inf without any."""
     begin, end = outline, np.roll(outline, -1, axis=0)
     across = (begin[:, 1] <= y) != (end[:, 1] <= y)
     (x0, y0), (x1, y1) = begin[across].T, end[across].T
@@ -182,7 +182,7 @@ def _right_edge(outline: Array, y: float) -> float:
 
 
 def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
-    """The most frequent part, from the front and from the side."""
+    """Draws the most frequent part, from the front and from the side."""
     first = max(assembly.first_alike, key=assembly.first_alike.count)
     body = assembly.bodies[first]
     low, high = body.bounds
@@ -191,7 +191,7 @@ def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
     centre = np.array(
         [0.5 * (box.left + box.right) - 12.0 - 0.5 * scale * body.thickness, 0.5 * (box.bottom + box.top)]
     )
-    view = _View(scale, centre - 0.5 * scale * (low + high))
+    view = _SheetTransform(scale, centre - 0.5 * scale * (low + high))
     _draw_shapes(sheet, view, shapes(body))
     (left, bottom), (right, top) = view(low), view(high)
     sheet.dimension([left, bottom], [right, bottom], -7.0, millimetres(high[0] - low[0]))
@@ -206,8 +206,8 @@ def _draw_detail(sheet: Sheet, box: Box, assembly: Assembly) -> None:
         sheet.text([box.left + 4.0, box.top - 10.0], note, 2.5)
 
 
-def _dimension_channels(sheet: Sheet, view: _View, body: Body, y: float) -> None:
-    """The distance between the outermost channels where they leave the child surface."""
+def _dimension_channels(sheet: Sheet, view: _SheetTransform, body: Body, y: float) -> None:
+    """Draws the distance between the outermost channels on the child surface."""
     mouths = sorted((channel.mouths[1] for channel in body.channels), key=lambda mouth: mouth[0])
     if len(mouths) > 1:
         begin, end = view(mouths[0]), view(mouths[-1])
@@ -224,7 +224,7 @@ def _draw_side(sheet: Sheet, box: Box, body: Body) -> None:
     sheet.dimension([left, bottom], [right, bottom], -7.0, millimetres(body.thickness))
 
 
-def _title(assembly: Assembly, paper: Format, scale: float) -> list[list[tuple[float, str, str]]]:
+def _title(assembly: Assembly, paper: PaperSize, scale: float) -> list[list[tuple[float, str, str]]]:
     chain, making = assembly.chain, assembly.making
     return [
         [

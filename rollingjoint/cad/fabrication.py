@@ -1,4 +1,4 @@
-"""How bodies are made: thickness, channels, tolerance."""
+"""Thickness, channels and tolerance of bodies."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rollingjoint.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Fabrication:
-    """How bodies are made, all in mm.
+    """Thickness, channels and tolerance of bodies, all in mm.
 
     Args:
         thickness: of every body, perpendicular to the plane of motion.
         channel_diameter: of the round tendon channels; 0 leaves them out.
-        tolerance: largest distance between a drawn curve and the exact one.
+        tolerance: largest distance between a drawn curve and the exact curve.
         wall: thinnest wall around a channel.
     Raises:
         InvalidInput: a number beyond its range, or a channel wider than the body is thick.
@@ -41,7 +41,9 @@ class Fabrication:
         if 0 < self.channel_diameter < 20 * self.tolerance:
             allowed = f"0 for no channels, or at least 20 times the tolerance, {20 * self.tolerance:g} mm"
             raise InvalidInput("channel diameter", self.channel_diameter, allowed)
-        least = self.channel_diameter + 2 * self.wall
-        if self.channel_diameter and self.thickness < least:
-            needed = f"at least {least:g} mm: the channel, {self.channel_diameter:g}, and twice the wall, {self.wall:g}"
+        smallest = self.channel_diameter + 2 * self.wall
+        if self.channel_diameter and self.thickness < smallest:
+            needed = (
+                f"at least {smallest:g} mm: the channel, {self.channel_diameter:g}, and twice the wall, {self.wall:g}"
+            )
             raise InvalidInput("thickness", self.thickness, needed, "Make the body thicker or the channel narrower.")

@@ -18,7 +18,7 @@ from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.errors import InvalidInput, naming
 
 FORMATS = ("dxf", "svg", "stl", "pdf", "png")
-"""What `export` writes: plane files, solids, and the assembly drawing in two forms."""
+"""Formats of `export`: plane files, solids, and the assembly drawing in two forms."""
 
 DEFAULT_FORMATS = ("dxf", "svg", "stl")
 
@@ -36,9 +36,9 @@ def export(
     wall: float = Fabrication.wall,
     overwrite: bool = False,
 ) -> list[Path]:
-    """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, which says which links are identical.
+    """The files written: link_0.dxf and so on, assembly.dxf, and parts.csv, a table of identical links.
 
-    DXF, SVG and STL hold one link per file, in its own frame, in mm; DXF, SVG, PDF and PNG also the assembly.
+    DXF, SVG and STL hold one link per file, in its frame, in mm; DXF, SVG, PDF and PNG also the assembly.
 
     Args:
         mechanism: a mechanism, assembled at s = 0, or an equilibrium, assembled in its pose.
@@ -47,14 +47,14 @@ def export(
         thickness, channel_diameter, tolerance, wall: see Fabrication [mm].
         overwrite: replace existing files.
     Raises:
-        MechanismError: a link whose outline is not a valid body, or a channel that cannot be drilled.
-        InvalidInput: unknown formats, numbers beyond their range, files that are there, a package that is missing.
+        MechanismError: a link with an outline that is no valid body, or a channel that cannot be drilled.
+        InvalidInput: unknown formats, numbers beyond their range, existing files, a missing package.
         SolverError: an equilibrium that is not usable.
         OSError: a folder that cannot be written.
     """
-    wanted, target = _known(formats), Path(folder)
+    chosen_formats, target = _checked_formats(formats), Path(folder)
     assembly = assemble(mechanism, Fabrication(thickness, channel_diameter, tolerance, wall))
-    writers = dict(_writers(assembly, wanted))
+    writers = dict(_writers(assembly, chosen_formats))
     _check_free(target, writers, overwrite)
     with tempfile.TemporaryDirectory(prefix=".export-", dir=target if target.is_dir() else target.parent) as place:
         for name, write in writers.items():
@@ -64,7 +64,7 @@ def export(
         return [Path(place, name).replace(target / name) for name in writers]
 
 
-def _known(formats: Iterable[str]) -> list[str]:
+def _checked_formats(formats: Iterable[str]) -> list[str]:
     names = [formats] if isinstance(formats, str) else list(formats)
     if not names or not set(names) <= set(FORMATS):
         raise InvalidInput("formats", names, f"one or more of {', '.join(FORMATS)}")
@@ -82,7 +82,7 @@ def _check_free(folder: Path, names: Iterable[str], overwrite: bool) -> None:
 
 
 def _writers(assembly: Assembly, formats: list[str]) -> Iterator[tuple[str, Callable[[Path], None]]]:
-    """File names, and what writes each of them."""
+    """File names with the writer of each."""
     name = assembly.chain.name or "mechanism"
     for i, body in enumerate(assembly.bodies):
         yield from _plane_files(f"link_{i}", shapes(body), f"{name}, link {i}", formats)
@@ -108,7 +108,7 @@ def _plane_files(
 
 
 def _write_parts(path: Path, assembly: Assembly) -> None:
-    """A table of the links: which of them are identical, and their sizes."""
+    """Writes a table of the links: identical parts and sizes."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(_PART)

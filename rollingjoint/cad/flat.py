@@ -1,4 +1,4 @@
-"""Plane files: what is drawn of links at poses, and DXF and SVG of it."""
+"""Plane files: shapes of links at poses, as DXF and SVG."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Shape(NamedTuple):
 
 
 def shapes(body: Body, pose: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> list[Shape]:
-    """What is drawn of a body at a pose (x, y, angle): outline, channel edges, centre lines, a cross at its origin."""
+    """Shapes of a body at a pose (x, y, angle): outline, channel edges, centre lines, a cross at its origin."""
     drawn = [Shape("OUTLINE", body.outline, True)]
     for channel in body.channels:
         drawn += [Shape("CHANNELS", edge, False) for edge in channel.edges]
@@ -61,7 +61,7 @@ def write_dxf(path: Path, drawn: Sequence[Shape]) -> None:
 
 
 def write_svg(path: Path, drawn: Sequence[Shape], title: str) -> None:
-    """Writes shapes as SVG: one unit is 1 mm, y points up in the mechanism and so is negated here."""
+    """Writes shapes as SVG: one unit is 1 mm; y is negated, since it points up in the mechanism."""
     points = np.concatenate([shape.points for shape in drawn]) * [1.0, -1.0]
     (x, y), (width, height) = points.min(axis=0) - 2.0, np.ptp(points, axis=0) + 4.0
     box = " ".join(f"{value:.6f}" for value in (x, y, width, height))

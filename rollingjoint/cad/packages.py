@@ -9,10 +9,10 @@ from rollingjoint.errors import InvalidInput
 
 
 def package(name: str) -> Any:
-    """The module of that name.
+    """The module with this name.
 
     Raises:
-        InvalidInput: it is not installed.
+        InvalidInput: a package that is not installed.
     """
     try:
         return importlib.import_module(name)

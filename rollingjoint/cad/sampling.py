@@ -14,17 +14,17 @@ from rollingjoint.profile import Surface
 Array = NDArray[np.float64]
 
 _MOST_POINTS = 20_000
-_SHARE = 0.95  # of the tolerance, for chords; the rest is for rounding in files
+_SHARE = 0.95  # of the tolerance, for chords; the difference is for rounding in files
 
 
 def surface_polyline(surface: Surface, tolerance: float) -> Array:
-    """Points of a surface whose polyline is nowhere farther from it than the tolerance, (k, 2) [mm].
+    """Points of a polyline along a surface, nowhere farther from it than the tolerance, (k, 2) [mm].
 
     They lie on the surface, at both ends and at every curvature break; between two breaks they are evenly spaced. A
     chord over an arc length h is at most κ h² / 8 from the curve, where |u| ≤ κ.
 
     Raises:
-        MechanismError: a surface so curved that it takes more than 20000 points.
+        MechanismError: a surface that needs more than 20000 points.
     """
     counts = [_count(surface, low, high, tolerance) for low, high in itertools.pairwise(surface.profile.breaks)]
     if sum(counts) > _MOST_POINTS:

@@ -23,8 +23,8 @@ ROW = 4.2  # mm, height of a table's row
 TITLE_BLOCK = (180.0, 33.0)  # mm, width as in ISO 7200
 
 
-class Format(NamedTuple):
-    """A size of paper, width and height as it lies [mm]."""
+class PaperSize(NamedTuple):
+    """A size of paper, width and height [mm]."""
 
     name: str
     width: float
@@ -45,11 +45,11 @@ class Box(NamedTuple):
         return np.array([self.right - self.left, self.top - self.bottom])
 
 
-A4, A3 = Format("A4", 210.0, 297.0), Format("A3", 420.0, 297.0)
+A4, A3 = PaperSize("A4", 210.0, 297.0), PaperSize("A3", 420.0, 297.0)
 
 
-def frame_of(paper: Format) -> Box:
-    """Where the frame of a sheet lies."""
+def frame_of(paper: PaperSize) -> Box:
+    """The frame of a sheet."""
     left, edge = _MARGIN
     return Box(left, edge, paper.width - edge, paper.height - edge)
 
@@ -57,7 +57,7 @@ def frame_of(paper: Format) -> Box:
 class Sheet:
     """A figure as large as the paper, on which coordinates are mm from the lower left corner."""
 
-    def __init__(self, paper: Format) -> None:
+    def __init__(self, paper: PaperSize) -> None:
         with naming_extras():
             from matplotlib.figure import Figure
 
@@ -74,7 +74,7 @@ class Sheet:
         self.axes.plot(x, y, color=color, linewidth=width * _POINT, linestyle=style, solid_joinstyle="round")
 
     def area(self, points: ArrayLike, color: str, edge: float = 0.0) -> None:
-        """Fills a polygon (k, 2); with an edge of some width [mm] in ink."""
+        """Fills a polygon (k, 2); edge: width of its edge in ink [mm], 0 for none."""
         x, y = np.asarray(points, float).T
         self.axes.fill(x, y, facecolor=color, edgecolor=INK if edge else "none", linewidth=edge * _POINT)
 
@@ -91,14 +91,14 @@ class Sheet:
         place: dict[str, Any] = {"ha": align, "va": "center", "rotation": turn, "rotation_mode": "anchor"}
         self.axes.text(x, y, words, fontsize=size * _POINT, parse_math=False, **{"color": INK, **place, **style})
 
-    def dimension(self, begin: ArrayLike, end: ArrayLike, away: float, words: str) -> None:
-        """Draws a dimension from point to point, its line at a distance to the left of that direction [mm]."""
+    def dimension(self, begin: ArrayLike, end: ArrayLike, offset: float, words: str) -> None:
+        """Draws a dimension from point to point, its line at an offset to the left of that direction [mm]."""
         begin, end = np.asarray(begin, float), np.asarray(end, float)
         along = (end - begin) / np.hypot(*(end - begin))
         normal = np.array([-along[1], along[0]])
-        low, high = begin + away * normal, end + away * normal
+        low, high = begin + offset * normal, end + offset * normal
         for foot, top in ((begin, low), (end, high)):
-            self.line([foot + np.sign(away) * normal, top + np.sign(away) * 1.2 * normal], 0.13, THIN_INK)
+            self.line([foot + np.sign(offset) * normal, top + np.sign(offset) * 1.2 * normal], 0.13, THIN_INK)
         narrow = np.hypot(*(high - low)) < 7.0
         inward = -1.0 if narrow else 1.0  # arrows of a narrow dimension point at it from outside
         for point, way in ((low, inward * along), (high, -inward * along)):

@@ -1,4 +1,4 @@
-"""Solid bodies: an outline of some thickness, with its channels cut out, as STL."""
+"""Solid bodies: outlines with a thickness and channels cut out, as STL."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _TURNS = (0.5, 0.31, 0.17, 0.43)  # tried in turn: a channel's corner on an edge
 def solid(body: Body, tolerance: float = 1e-3) -> Any:
     """The body as a trimesh.Trimesh in its link's frame [mm]: z from 0 to the thickness, channels at half thickness.
 
-    Its corners have 32 bits, as in STL, and it is closed.
+    Corners have 32 bits, as in STL; the mesh is closed.
 
     Args:
         body: the body.
         tolerance: largest distance of a channel's flat faces from the round hole [mm].
     Raises:
-        MechanismError: corners so close that no closed body is left with 32 bits.
+        MechanismError: corners too close for a closed body with 32 bits.
     """
     for turn in _TURNS:
         mesh = _cut(body, tolerance, turn)

@@ -13,7 +13,7 @@ _TABLE = 84.0  # mm, width of a table at most
 
 
 def draw_tables(sheet: Sheet, box: Box, assembly: Assembly) -> None:
-    """Links, and holes beside them or, where the sheet is narrow, below."""
+    """Draws the tables of links and holes, side by side, or one below the other on a narrow sheet."""
     width, room = min(float(box.size[0]), _TABLE), int(box.size[1] / ROW) - 1
     columns = width * np.array([0.28, 0.2, 0.2, 0.32])
     end = sheet.table([box.left, box.top], "Links", columns, _shortened(_link_rows(assembly), room))
@@ -25,7 +25,7 @@ def draw_tables(sheet: Sheet, box: Box, assembly: Assembly) -> None:
 
 
 def _shortened(rows: list[list[str]], room: int) -> list[list[str]]:
-    """As many rows as fit, the last one saying how many are omitted."""
+    """The rows that fit; the last one states the number of omitted rows."""
     if len(rows) <= room:
         return rows
     return [*rows[: room - 1], ["...", f"{len(rows) - room + 1} more", *[""] * (len(rows[0]) - 2)]]

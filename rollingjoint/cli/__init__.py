@@ -1,9 +1,9 @@
 """The command `rj`.
 
 Modules:
-    case_options: the options that define an equilibrium, and that equilibrium.
+    case_options: the options that define an equilibrium, and its solve.
     commands: the commands.
-    extensions: commands that other packages add.
+    extensions: commands of other packages.
     identify: the command `rj identify`.
     loop_command: the command `rj loop`.
     mjcf: the option --mjcf of `rj export`.

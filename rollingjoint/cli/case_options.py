@@ -1,4 +1,4 @@
-"""The options of `rj` that define an equilibrium: mechanism, actuation, loads, start; and that equilibrium."""
+"""The options of `rj` that define an equilibrium: mechanism, actuation, loads, start; and its solve."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 # Options that have no effect unless an equilibrium is solved
 _SOLVING = *(option.name for option in OPTIONS), "gravity", "gravity_direction", "start", "method", "tension_limits"
-_STIFFNESS = "K"  # what options of springs call it: the number that must not be negative
+_STIFFNESS = "K"  # name of the stiffness in options of springs, which must not be negative
 
 
 def add_case(parser: argparse.ArgumentParser, required: bool) -> None:
@@ -59,7 +59,7 @@ def actuated(args: argparse.Namespace) -> bool:
     """Whether tensions or lengths are given.
 
     Raises:
-        InvalidInput: neither is, but an option that needs one of them is.
+        InvalidInput: neither, but an option that needs them.
     """
     if args.tensions is not None or args.lengths is not None:
         return True
@@ -82,20 +82,20 @@ def equilibrium(args: argparse.Namespace, mechanism: AnyChain) -> Any:
     limits, method = tension_limits_of(args), args.method or "elastic"
     if method == "least_squares" and args.tension_limits:
         checked("--tension-limits LO", args.tension_limits[0], 0.0, LARGEST_TENSION)
-    found = solve_lengths(mechanism, lengths, loads, start, method=method, **limits)
-    if found.ok:
-        note(args, report.length_note(found, lengths))
-    return found
+    solution = solve_lengths(mechanism, lengths, loads, start, method=method, **limits)
+    if solution.ok:
+        note(args, report.length_note(solution, lengths))
+    return solution
 
 
 def note(args: argparse.Namespace, text: str) -> None:
-    """Print what the user should know of a result, if there is anything, on stderr."""
+    """Print a note on a result to stderr, unless it is empty."""
     if text:
         print(f"rj {args.command}: note: {text}", file=sys.stderr)
 
 
 def tension_limits_of(args: argparse.Namespace) -> dict[str, Any]:
-    """The limits of tensions as a keyword of solvers, empty where the option is not given."""
+    """Keyword argument of solvers for the tension limits, empty without the option."""
     if args.tension_limits is None:
         return {}
     low, high = args.tension_limits
@@ -117,7 +117,7 @@ def loads_of(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
     loads = [
         option.make(link, numbers)
         for option in OPTIONS
-        for link, numbers in _each(args, option, option.names(mechanism.dimension), mechanism.n_links)
+        for link, numbers in _entries(args, option, option.names(mechanism.dimension), mechanism.n_links)
     ]
     return loads + _gravity(args, mechanism)
 
@@ -130,22 +130,22 @@ def _gravity(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
         return []
     down = [0.0] * (mechanism.dimension - 1) + [-1.0]
     direction: Any = tuple(counted("--gravity-direction", args.gravity_direction or down, mechanism.dimension))
-    own = mechanism.own_weight(direction)
-    if own is not None:
+    own_weight = mechanism.own_weight(direction)
+    if own_weight is not None:
         if weights:
             raise InvalidInput("--gravity", weights, "no number", "Its links have weights of their own.")
-        return [own]
+        return [own_weight]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
         raise InvalidInput("--gravity", weights, f"1 weight for all links, or {n_links}, one per link")
     return [Gravity(counted("--gravity", weights, n_links, "of link"), direction)]
 
 
-def _each(
+def _entries(
     args: argparse.Namespace, option: Option, numbers: Sequence[str], n_links: int
 ) -> list[tuple[int, tuple[float, ...]]]:
     """Link and numbers of every load of one option."""
-    name, found = _option(option.name), []
+    name, entries = _option(option.name), []
     for link, *values in getattr(args, option.name):
         if not len(numbers) - option.optional <= len(values) <= len(numbers):
             raise InvalidInput(name, [link, *values], f"LINK {_spelled(numbers, option.optional)} for this mechanism")
@@ -154,14 +154,14 @@ def _each(
             raise InvalidInput(f"{name} LINK", link, allowed)
         for number, value in zip(numbers, values, strict=False):  # the last may be left out
             checked(f"{name} {number}", value, 0.0 if number == _STIFFNESS else -LARGEST_INPUT)
-        found.append((int(link), tuple(values)))
-    return found
+        entries.append((int(link), tuple(values)))
+    return entries
 
 
 def _spelled(numbers: Sequence[str], optional: int) -> str:
-    """The numbers as usage lines have them: K [REST [OTHER]]."""
-    needed, left = numbers[: len(numbers) - optional], numbers[len(numbers) - optional :]
-    return " ".join(needed) + "".join(f" [{number}" for number in left) + "]" * optional
+    """The numbers in the form of usage lines: K [REST [OTHER]]."""
+    needed, remaining = numbers[: len(numbers) - optional], numbers[len(numbers) - optional :]
+    return " ".join(needed) + "".join(f" [{number}" for number in remaining) + "]" * optional
 
 
 def _option(name: str) -> str:
@@ -176,17 +176,17 @@ def per_tendon(option: str, values: list[float], mechanism: AnyChain, low: float
 def counted(
     option: str, values: list[float], count: int, place: str = "number", low: float = -LARGEST_INPUT
 ) -> list[float]:
-    """The values of an option; InvalidInput unless there are so many, each a number that solvers take.
+    """The values of an option; InvalidInput unless there are `count`, each a number that solvers take.
 
     Args:
-        place: what messages call one of them, before its number, such as "of tendon".
-        low: the lowest that is allowed.
+        place: name of a value in messages, before its number, such as "of tendon".
+        low: the smallest number allowed.
     """
     if len(values) != count:
         raise InvalidInput(option, values, f"{count} numbers for this mechanism, not {len(values)}")
     return [checked(f"{option} {place} {i}", value, low) for i, value in enumerate(values)]
 
 
-def checked(what: str, value: float, low: float = -LARGEST_INPUT, high: float = LARGEST_INPUT) -> float:
-    """The value; InvalidInput unless it is a number from low to high, by default all that solvers take."""
-    return as_number(what, value, low, high, allowed=f"a number from {low:g} to {high:g}")
+def checked(name: str, value: float, low: float = -LARGEST_INPUT, high: float = LARGEST_INPUT) -> float:
+    """The value; InvalidInput unless it is a number from low to high, by default the range of solvers."""
+    return as_number(name, value, low, high, allowed=f"a number from {low:g} to {high:g}")

@@ -30,11 +30,11 @@ from rollingjoint.tables import print_any_character
 
 OK, WRONG_INPUT, NOT_USABLE = 0, 2, 3
 _LARGEST_FRICTION = 100.0
-_MOST_OPTIONS = 2_000  # what argparse reads in a tenth of a second; its time grows with their square
+_MOST_OPTIONS = 2_000  # parsed in a tenth of a second; the time of argparse grows with their square
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code of the command line argv (default: that of the process)."""
+    """Exit code of the command line argv (default: the arguments of the process)."""
     return interruptible(lambda: _main(argv))
 
 
@@ -58,16 +58,16 @@ def _main(argv: Sequence[str] | None) -> int:
 
 
 def _run(argv: Sequence[str]) -> int:
-    """Exit code of the command, of ours or of another package's."""
+    """Exit code of the command, of this package or of another."""
     count = sum(word.startswith("--") for word in argv)
     if count > _MOST_OPTIONS:
         raise InvalidInput("number of options", count, f"at most {_MOST_OPTIONS:,}", "In Python there may be more.")
-    parser, own = _parser()
-    if not argv or argv[0] not in own:
+    parser, commands = _parser()
+    if not argv or argv[0] not in commands:
         others = extensions()
         if argv and argv[0] in others:
             return run_extension(others[argv[0]], argv[1:])
-        parser.epilog = listed({name: other for name, other in others.items() if name not in own})
+        parser.epilog = listed({name: entry for name, entry in others.items() if name not in commands})
     args = parser.parse_args(_with_negative_numbers(argv))
     code: int = args.run(args)
     return code
@@ -77,17 +77,17 @@ def _solve(args: argparse.Namespace) -> int:
     _check_picture(args.plot)
     mechanism = load_mechanism(args.mechanism)
     friction = _friction(args.friction, mechanism)
-    found = equilibrium(args, mechanism)
-    print(report.as_json(found, friction) if args.json else report.as_table(found, friction))
+    solution = equilibrium(args, mechanism)
+    print(report.as_json(solution, friction) if args.json else report.as_table(solution, friction))
     if args.plot:
-        _draw(found, args.plot)
-    return OK if found.ok else NOT_USABLE
+        _draw(solution, args.plot)
+    return OK if solution.ok else NOT_USABLE
 
 
-def _friction(given: float | None, mechanism: AnyChain) -> float:
-    if given is not None and not mechanism.slips:
-        raise InvalidInput("--friction", given, "a planar chain", "Hinges do not slip.")
-    friction = report.FRICTION if given is None else given
+def _friction(option: float | None, mechanism: AnyChain) -> float:
+    if option is not None and not mechanism.slips:
+        raise InvalidInput("--friction", option, "a planar chain", "Hinges do not slip.")
+    friction = report.FRICTION if option is None else option
     if not 0 <= friction <= _LARGEST_FRICTION:
         raise InvalidInput("--friction", friction, f"a number from 0 to {_LARGEST_FRICTION:g}")
     return friction
@@ -96,9 +96,9 @@ def _friction(given: float | None, mechanism: AnyChain) -> float:
 def _plot(args: argparse.Namespace) -> int:
     _check_picture(args.out)
     mechanism = load_mechanism(args.mechanism)
-    found = equilibrium(args, mechanism) if actuated(args) else None
-    _draw(found or mechanism, args.out)
-    return OK if found is None or found.ok else _unusable(args, found)
+    solution = equilibrium(args, mechanism) if actuated(args) else None
+    _draw(solution or mechanism, args.out)
+    return OK if solution is None or solution.ok else _unusable(args, solution)
 
 
 def _loop(args: argparse.Namespace) -> int:
@@ -113,10 +113,10 @@ def _export(args: argparse.Namespace) -> int:
     if args.out is None:
         raise InvalidInput("--out", None, "a folder for manufacturing files; or --mjcf FILE.xml")
     mechanism = load_mechanism(args.mechanism, RollingChain)
-    found = equilibrium(args, mechanism) if actuated(args) else None
-    if found is not None and not found.ok:
-        return _unusable(args, found)
-    print(*command.export_files(found or mechanism, args), sep="\n")
+    solution = equilibrium(args, mechanism) if actuated(args) else None
+    if solution is not None and not solution.ok:
+        return _unusable(args, solution)
+    print(*command.export_files(solution or mechanism, args), sep="\n")
     return OK
 
 
@@ -125,8 +125,8 @@ def _identify(args: argparse.Namespace) -> int:
     return OK
 
 
-def _unusable(args: argparse.Namespace, found: Solution) -> int:
-    print(f"rj {args.command}: {report.status_line(found)}", file=sys.stderr)
+def _unusable(args: argparse.Namespace, solution: Solution) -> int:
+    print(f"rj {args.command}: {report.status_line(solution)}", file=sys.stderr)
     return NOT_USABLE
 
 
@@ -190,7 +190,7 @@ def _is_number(word: str) -> bool:
 
 
 def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
-    """The parser, and the names of the commands that it knows."""
+    """The parser, and the names of its commands."""
     text = "Statics and control of tendon-driven mechanisms. mm, N, N·mm, rad. rj COMMAND --help lists options."
     parser = _Parser(prog="rj", description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"rj {_version()}")

@@ -29,7 +29,7 @@ def add_identify(parser: argparse.ArgumentParser) -> None:
 
 
 def run_identify(args: argparse.Namespace) -> None:
-    """Print what was found, and write it into the folder."""
+    """Identify parameters, print the result, and write it into the folder."""
     from rollingjoint.identify import identify, load_measurements  # SciPy's optimisers are slow to import
 
     folder = _folder(args.output)
@@ -37,20 +37,20 @@ def run_identify(args: argparse.Namespace) -> None:
     if args.given or args.method:
         measurements = measurements.input_given(args.given or measurements.given, args.method)
     parameters = [name.strip() for name in args.parameters.split(",") if name.strip()]
-    found = identify(measurements, parameters, args.confidence, args.intervals)
-    content = json.dumps(found.as_dict(), indent=2)
+    identification = identify(measurements, parameters, args.confidence, args.intervals)
+    content = json.dumps(identification.as_dict(), indent=2)
     if folder is not None:
         from rollingjoint.identify.pictures import save_pictures
         from rollingjoint.identify.report import ranges_text
 
         (folder / "identification.json").write_text(content + "\n", encoding="utf-8")
-        (folder / "ranges.yaml").write_text(ranges_text(found.ranges), encoding="utf-8")
-        save_pictures(found, folder)
-    print(content if args.json else found.report())
+        (folder / "ranges.yaml").write_text(ranges_text(identification.ranges), encoding="utf-8")
+        save_pictures(identification, folder)
+    print(content if args.json else identification.report())
 
 
 def _folder(name: str | None) -> Path | None:
-    """The folder, made if it is not there."""
+    """The folder, created if missing."""
     if name is None:
         return None
     path = Path(name)

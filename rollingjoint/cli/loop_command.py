@@ -74,18 +74,18 @@ def run(args: argparse.Namespace) -> bool:
 
 
 def _with_friction(args: argparse.Namespace, mechanism: AnyChain) -> list[AnyChain]:
-    """The mechanism with each of the coefficients of friction in place of its own."""
+    """The mechanism with each of the coefficients of friction in turn."""
     if args.friction is None and not mechanism.has_friction:
         hint = "Add a coefficient, such as --friction 0.1."
         raise InvalidInput("--friction", None, f"a number, since {mechanism.name} has no friction", hint)
     changes = [{"mu": mu} for mu in args.friction] if args.friction is not None else [{}]
     if args.presliding is not None:
-        changes = [{**each, "presliding": args.presliding} for each in changes]
-    return [_changed(mechanism, each) for each in changes]
+        changes = [{**change, "presliding": args.presliding} for change in changes]
+    return [_changed(mechanism, change) for change in changes]
 
 
 def _changed(mechanism: AnyChain, numbers: dict[str, float]) -> AnyChain:
-    """The mechanism with other numbers in its friction and in that of its tendons."""
+    """The mechanism with other numbers in its friction and in the friction of its tendons."""
 
     def changed(friction: CapstanFriction | None) -> CapstanFriction | None:
         return None if friction is None else replace(friction, **numbers)
@@ -95,12 +95,12 @@ def _changed(mechanism: AnyChain, numbers: dict[str, float]) -> AnyChain:
 
 
 def _loop(args: argparse.Namespace, mechanism: AnyChain) -> Loop:
-    given = "tensions" if args.tensions is not None else "lengths"
+    quantity = "tensions" if args.tensions is not None else "lengths"
     if args.tensions is not None and args.tension_limits is not None:
         raise InvalidInput("--tension-limits", args.tension_limits, "only with lengths")
     middle, swing = _middle(args, mechanism), _swing(args, mechanism)
     limits, loads = tension_limits_of(args), loads_of(args, mechanism)
-    return trace_loop(mechanism, swing, middle, loads, given, cycles=args.cycles, steps=args.steps, **limits)
+    return trace_loop(mechanism, swing, middle, loads, quantity, cycles=args.cycles, steps=args.steps, **limits)
 
 
 def _middle(args: argparse.Namespace, mechanism: AnyChain) -> list[float] | None:

@@ -1,4 +1,4 @@
-"""`rj export MECHANISM --mjcf FILE`: the mechanism as a MuJoCo model, and how near it comes to its poses."""
+"""`rj export MECHANISM --mjcf FILE`: the mechanism as a MuJoCo model, and its accuracy."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def add_option(parser: argparse.ArgumentParser) -> None:
 
 
 def write(mechanism: AnyChain, path: Path, overwrite: bool) -> str:
-    """Writes the file; returns the line that says so, and how accurate it is.
+    """Writes the file; returns a line with its path and accuracy.
 
     Raises:
-        InvalidInput: a file that is there, or a mechanism that cannot be written.
+        InvalidInput: an existing file, or a mechanism that cannot be written.
     """
     text = mjcf(mechanism)
     if path.exists() and not overwrite:

@@ -11,25 +11,25 @@ from rollingjoint.warmup import Group, Progress, all_groups, compile_kernels, mi
 
 
 def run() -> bool:
-    """Compile what is not on disk, and print what is done; returns whether all kernels are there."""
+    """Compile the kernels that are not on disk, and print the progress; returns whether all kernels are there."""
     begin = time.perf_counter()
     groups = all_groups()
-    left = missing(groups)
-    if not left:
+    missing_groups = missing(groups)
+    if not missing_groups:
         print(f"all kernels are there, kept in {cache_directory()}")
         return True
     display = Display()
     try:
-        well = compile_kernels(left, display)
+        complete = compile_kernels(missing_groups, display)
     finally:
         display.clear()
-    if well:
+    if complete:
         print(f"kernels ready after {time.perf_counter() - begin:.1f} s, kept in {cache_directory()}")
-    return well
+    return complete
 
 
 class Display(Progress):
-    """A line for every group that begins or is done; at a terminal, a last line with those that are being compiled."""
+    """A line for every group that starts or ends; at a terminal, a last line with the running groups."""
 
     def __init__(self) -> None:
         self._begun: dict[str, float] = {}  # s, by title
@@ -37,13 +37,13 @@ class Display(Progress):
         self._drawn = ""
 
     def started(self, group: Group) -> None:
-        """At a terminal the last line shows it."""
+        """Add the group to the last line, or print a line where there is no terminal."""
         self._begun[group.title] = time.perf_counter()
         if not self._at_terminal:
             print(f"compiling {group.title}", flush=True)
 
     def ended(self, group: Group, seconds: float, error: str) -> None:
-        """An error goes to stderr, in one line."""
+        """Print a line: the time, or the error on stderr."""
         del self._begun[group.title]
         self.clear()
         if error:
@@ -52,7 +52,7 @@ class Display(Progress):
             print(f"compiled {group.title} in {seconds:.1f} s", flush=True)
 
     def waits(self) -> None:
-        """Write the last line anew when it has changed."""
+        """Rewrite the last line when it has changed."""
         now = time.perf_counter()
         text = ", ".join(f"{title} ({now - begin:.0f} s)" for title, begin in self._begun.items())
         line = f"compiling {text}"[: shutil.get_terminal_size().columns - 1] if text else ""
@@ -62,7 +62,7 @@ class Display(Progress):
             self._drawn = line
 
     def clear(self) -> None:
-        """Take the last line away."""
+        """Erase the last line."""
         if self._drawn:
             print(" " * len(self._drawn), end="\r", flush=True)
             self._drawn = ""

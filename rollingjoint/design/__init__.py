@@ -6,15 +6,15 @@ Modules:
     comparison: objectives of any mechanism; Pareto-optimal designs.
     curve: matrices from knot values to curvature, turning and points.
     faults: an independent check of validity.
-    inverse: from a mechanism back to the numbers of its design.
+    inverse: the numbers of the design of a mechanism.
     loads: objectives under lateral forces: stiffness, load capacity, peak tension.
     margins: validity as smooth margins.
-    numbers: the numbers of designs, and how links share them.
+    numbers: the numbers of designs, shared by links.
     objectives: bending shapes, tip travel and rotation, tendon travel.
     problem: a space, objectives and limits as a problem, and its evaluation.
     ranges: the fields of a design space, checked.
     space: vectors to mechanisms and back.
-    sweeps: sweeps of tensions that several objectives share.
+    sweeps: sweeps of tensions, shared by objectives.
 """
 
 from rollingjoint.errors import naming_extras

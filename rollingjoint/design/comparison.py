@@ -36,7 +36,7 @@ def measure(mechanism: RollingChain, objectives: Iterable[Objective]) -> Array:
 
 
 def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool_]:
-    """Which rows are Pareto-optimal, (B,): no other row is as good in every column and better in one.
+    """True for Pareto-optimal rows, (B,): no other row is at least equal in every column and better in one.
 
     Args:
         values: (B, k); rows with a NaN are not Pareto-optimal.
@@ -49,8 +49,8 @@ def nondominated(values: ArrayLike, maximise: Iterable[bool]) -> NDArray[np.bool
     if table.ndim != 2 or signs.shape != table.shape[1:]:
         raise InvalidInput("shape of values", table.shape, f"(B, {len(signs)}), a column for each of `maximise`")
     costs = table * signs
-    kept = np.all(~np.isnan(costs), axis=1)
-    for row in np.flatnonzero(kept):
-        if kept[row]:
-            kept &= ~((costs >= costs[row]).all(1) & (costs > costs[row]).any(1))
-    return kept
+    optimal = np.all(~np.isnan(costs), axis=1)
+    for row in np.flatnonzero(optimal):
+        if optimal[row]:
+            optimal &= ~((costs >= costs[row]).all(1) & (costs > costs[row]).any(1))
+    return optimal

@@ -60,8 +60,8 @@ class Curve:
             knot_values: convexities, (..., f) [1/mm]: the curvature is their negative.
             angle, half_width: (...) [rad, mm]; the angle is 0 if symmetric.
         """
-        inside = half_width[..., None] * (knot_values @ self.turning_inside.flatten(0, 1).T)
-        theta = (angle[..., None] - inside).unflatten(-1, (-1, len(_NODES)))
+        turning = half_width[..., None] * (knot_values @ self.turning_inside.flatten(0, 1).T)
+        theta = (angle[..., None] - turning).unflatten(-1, (-1, len(_NODES)))
         weights = torch.as_tensor(0.5 * _WEIGHTS) * (self.grid[1] - self.grid[0])
         chords = half_width[..., None] * torch.complex(torch.cos(theta) @ weights, torch.sin(theta) @ weights)
         reached = torch.cat([torch.zeros_like(chords[..., :1]), chords.cumsum(-1)], -1)
@@ -72,7 +72,7 @@ class Curve:
 
 @functools.lru_cache
 def curve(knots: int, kind: str, symmetric: bool) -> Curve:
-    """The curve through that many knots; if symmetric, those at s >= 0 are free."""
+    """The curve through `knots` knots; if symmetric, the knots at s >= 0 are free."""
     breaks = np.linspace(-1.0, 1.0, knots)
     half = knots // 2
     free = np.abs(np.arange(knots)[:, None] - half) == np.arange(half + 1) if symmetric else np.eye(knots)
@@ -82,7 +82,7 @@ def curve(knots: int, kind: str, symmetric: bool) -> Curve:
     cells = (knots - 1) * int(np.ceil(_CELLS / (knots - 1)))
     grid = np.linspace(-1.0, 1.0, cells + 1)
     grid[cells // 2] = 0.0
-    inside = 0.5 * (grid[:-1] + grid[1:])[:, None] + 0.5 * np.diff(grid)[:, None] * _NODES
+    nodes = 0.5 * (grid[:-1] + grid[1:])[:, None] + 0.5 * np.diff(grid)[:, None] * _NODES
 
     first = cells // 2 if symmetric else 0  # of the sampled cells
 
@@ -97,13 +97,13 @@ def curve(knots: int, kind: str, symmetric: bool) -> Curve:
         torch.as_tensor(grid),
         matrix([_bernstein(profile, grid[first:], degree) for profile in profiles]),
         matrix([profile.turning(grid[first:]) for profile in profiles]),
-        matrix([profile.turning(inside[first:]) for profile in profiles]),
+        matrix([profile.turning(nodes[first:]) for profile in profiles]),
         matrix([profile.curvature(grid) for profile in profiles]),
     )
 
 
 def _bernstein(profile: Profile, grid: Array, degree: int) -> Array:
-    """Bernstein coefficients of a curvature in every cell of the grid, those on the borders once."""
+    """Bernstein coefficients of a curvature in every cell of the grid; coefficients on the borders once."""
     t = np.linspace(0.0, 1.0, degree + 1)
     binomials = np.array([1.0, 3.0, 3.0, 1.0]) if degree == 3 else np.ones(2)
     powers = np.arange(degree + 1)

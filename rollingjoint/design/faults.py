@@ -20,7 +20,7 @@ from rollingjoint.profile import Surface
 Array = NDArray[np.float64]
 
 LEAST_CURVATURE = 0.003
-"""Least relative curvature of a joint [1/mm]; without any, the contact would run away."""
+"""Least relative curvature of a joint [1/mm]; at zero the contact would run away."""
 
 _STEP = 0.05  # mm between points of a surface
 _CONTACTS = 25  # of a joint, from end to end
@@ -28,11 +28,11 @@ _DEPTH = 1e-3  # mm; a smaller overlap is rounding of the sampled surfaces
 
 
 def faults(mechanism: RollingChain, smallest_radius: float, wall: float) -> list[str]:
-    """What is wrong with a mechanism; empty if it can be made.
+    """Faults of a mechanism, one line each; empty if it can be made.
 
     Args:
-        mechanism: links, surfaces and tendons; building it has checked that its links can roll on each other
-            and that no holes cross.
+        mechanism: links, surfaces and tendons; its constructor has checked that links can roll on each other and
+            that no holes cross.
         smallest_radius: smallest radius that can be machined [mm].
         wall: minimum wall thickness [mm].
     """
@@ -69,23 +69,23 @@ def _overlaps(mechanism: RollingChain) -> Iterator[str]:
             )
 
 
-def _depths(surface: Surface, other: Surface, contacts: Array, side: float) -> Array:
-    """How far the other surface lies on the wrong side of a surface, at most, at every contact, (c,) [mm].
+def _depths(surface: Surface, counterpart: Surface, contacts: Array, side: float) -> Array:
+    """Largest depth of the other surface on the wrong side of a surface at every contact, (c,) [mm].
 
     Side 1: points to the left of the surface, above it, are on the right side.
     """
     from scipy.spatial import KDTree
 
-    curve, points = surface.point(_arc_lengths(surface)), other.point(_arc_lengths(other))
-    turned = [rotation(float(surface.tangent_angle(s) - other.tangent_angle(s))) for s in contacts]
+    curve, points = surface.point(_arc_lengths(surface)), counterpart.point(_arc_lengths(counterpart))
+    turned = [rotation(float(surface.tangent_angle(s) - counterpart.tangent_angle(s))) for s in contacts]
     moved = np.stack(
-        [surface.point(s) + (points - other.point(s)) @ turn.T for s, turn in zip(contacts, turned, strict=True)]
+        [surface.point(s) + (points - counterpart.point(s)) @ turn.T for s, turn in zip(contacts, turned, strict=True)]
     )
     _, nearest = KDTree(curve).query(moved)
     at = np.clip(nearest, 1, len(curve) - 2)
     tangent, offset = curve[at + 1] - curve[at - 1], moved - curve[at]
     depth = side * (tangent[..., 1] * offset[..., 0] - tangent[..., 0] * offset[..., 1]) / np.hypot(*tangent.T).T
-    return np.where(at == nearest, depth, 0.0).max(axis=1)  # beyond its ends a surface cuts nothing
+    return np.where(at == nearest, depth, 0.0).max(axis=1)  # no overlap beyond the ends of a surface
 
 
 def _radii(mechanism: RollingChain, smallest_radius: float) -> Iterator[str]:
@@ -102,9 +102,9 @@ def _holes(mechanism: RollingChain, wall: float) -> Iterator[str]:
             link = mechanism.links[i]
             for hole, surface in zip(holes, (link.parent, link.child), strict=True):
                 if isinstance(hole, OnSurface):
-                    left = min(surface.limits[1] - hole.s, hole.s - surface.limits[0])
-                    if left < wall - 1e-12:
-                        yield f"tendon {j} has {left:.3g} mm beside its hole in link {i}, below {wall:g}"
+                    margin = min(surface.limits[1] - hole.s, hole.s - surface.limits[0])
+                    if margin < wall - 1e-12:
+                        yield f"tendon {j} has {margin:.3g} mm beside its hole in link {i}, below {wall:g}"
 
 
 def _thicknesses(mechanism: RollingChain, wall: float) -> Iterator[str]:
@@ -112,13 +112,13 @@ def _thicknesses(mechanism: RollingChain, wall: float) -> Iterator[str]:
 
     for i, link in enumerate(mechanism.links):
         bottom, top = (surface.point(_arc_lengths(surface)) for surface in (link.parent, link.child))
-        least = KDTree(bottom).query(top)[0].min()
-        if least < wall:
-            yield f"link {i} is {least:.3g} mm thick, below {wall:g}"
+        thickness = KDTree(bottom).query(top)[0].min()
+        if thickness < wall:
+            yield f"link {i} is {thickness:.3g} mm thick, below {wall:g}"
 
 
 def _joints(mechanism: RollingChain) -> list[tuple[int, Surface, Surface]]:
-    """(joint, child, parent) of every joint that differs from those before it; where links are does not matter."""
+    """(joint, child, parent) of every distinct joint, without regard to the places of the links."""
     distinct: dict[object, tuple[int, Surface, Surface]] = {}
     for i, (below, above) in enumerate(itertools.pairwise(mechanism.links)):
         pair = below.child, above.parent

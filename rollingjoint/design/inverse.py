@@ -1,4 +1,4 @@
-"""From a mechanism back to the numbers of its design, checked against the mechanism that these numbers make."""
+"""The numbers of the design of a mechanism, checked against the mechanism of that design."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ def compare(mechanism: RollingChain, design: DifferentiableChain) -> None:
 def _places(surface: Surface, breaks: Array) -> Array:
     """Arc lengths that tell two curvatures apart: in every piece of both, and at both sides of their borders."""
     borders = np.union1d(surface.profile.breaks, breaks)
-    inside = borders[:-1, None] + np.diff(borders)[:, None] * np.linspace(0.0, 1.0, 6)[:-1]
+    interior = borders[:-1, None] + np.diff(borders)[:, None] * np.linspace(0.0, 1.0, 6)[:-1]
     before = np.nextafter(borders[1:], -np.inf)
-    return np.clip(np.concatenate([inside.ravel(), before]), *surface.limits)
+    return np.clip(np.concatenate([interior.ravel(), before]), *surface.limits)
 
 
 def _holes(mechanism: RollingChain) -> Array:
@@ -84,13 +84,13 @@ def _holes(mechanism: RollingChain) -> Array:
     return arcs.reshape(2, n, 2)
 
 
-def _same(what: str, given: Array, expected: Array) -> None:
-    difference = np.abs(given - expected)
+def _same(name: str, actual: Array, expected: Array) -> None:
+    difference = np.abs(actual - expected)
     if not np.all(difference <= _TOLERANCE):
         worst = np.unravel_index(int(difference.argmax()), difference.shape)
         raise InvalidInput(
-            what,
-            float(given[worst]),
+            name,
+            float(actual[worst]),
             f"{float(expected[worst]):.9g}, as in the design of the space that is nearest",
             "Compare the fields of the space: knots, curve, symmetric, alike, stiffness.",
         )

@@ -1,7 +1,7 @@
 """Objectives under a lateral force at the tip: stiffness, load capacity, peak tension.
 
-The force is perpendicular to the axis of the tip link as it is without load, and keeps that direction (a dead
-load at the link's origin). Cases with a load start from the pose without it.
+The force is perpendicular to the axis of the tip link in the pose without load, and keeps its direction (a dead load
+at the link's origin). Cases with a load start from the pose without load.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rollingjoint.differentiable import DifferentiableChain, solve_lengths, solv
 from rollingjoint.differentiable.equilibria import Equilibria
 
 _SMALLEST_MOVE = 1e-6  # mm; smaller deflections of the tip count as this
-_STIFFEST = 1e9  # N·mm/rad; the eigenvalue of a chain whose joints are all held
+_STIFFEST = 1e9  # N·mm/rad; the eigenvalue of a chain with all joints held
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class PeakTension:
     """Largest tension when a lateral force acts on the mechanism with its tendons held [N].
 
     Solved: the equilibrium without load under the given tensions; then the tendons are locked at their unstretched
-    lengths l - tension / stiffness there, and the equilibrium with the force on either side is that of elastic tendons
-    of these lengths. Measured: the largest tension over sides and tendons. Tendons may go slack.
+    lengths l - tension / stiffness there, and the equilibrium with the force on either side has elastic tendons of
+    these lengths. Measured: the largest tension over sides and tendons. Tendons may go slack.
     Source: docs/theory.md, section 4.
 
     Args:
@@ -115,8 +115,8 @@ class LoadCapacity:
     - the distance of the contact from either end of the surfaces, less `reserve`.
 
     A level without a stable equilibrium (snap-through) is not a failed design but beyond its capacity: there the
-    smallest eigenvalue of the stiffness counts as the negative of that without load, and its zero in between as the
-    capacity. 0 where a margin is negative without load; `force` where none ever is: neither has a gradient.
+    smallest eigenvalue of the stiffness counts as the negative of its value without load, and its zero in between is
+    the capacity. 0 where a margin is negative without load; `force` where none ever is: neither has a gradient.
     Source: docs/theory.md, section 5.
 
     Args:
@@ -154,21 +154,21 @@ class LoadCapacity:
         chain = chain[:, None, None]
         loaded = solve_tensions(chain, tensions, tip_loads(pushes, chain), starts=free.joint_angles)
         without = self._margins(free, chain)
-        beyond = torch.ones_like(without)  # margins of a level without an equilibrium: only the last counts
-        beyond[..., -1] = -1.0
-        beyond = beyond * torch.cat([torch.ones_like(without[..., :-1]), without[..., -1:]], -1)
-        with_load = torch.where(loaded.ok[..., None], self._margins(loaded, chain), beyond)
+        failed = torch.ones_like(without)  # margins of a level without an equilibrium: only the last counts
+        failed[..., -1] = -1.0
+        failed = failed * torch.cat([torch.ones_like(without[..., :-1]), without[..., -1:]], -1)
+        with_load = torch.where(loaded.ok[..., None], self._margins(loaded, chain), failed)
         series = torch.cat([without.expand(-1, 2, -1, -1), with_load], 2)
         return Measured(self.force / self.levels * _first_zero(series).flatten(1).amin(-1), free.ok[:, 0, 0])
 
-    def _margins(self, found: Equilibria, chain: DifferentiableChain) -> Tensor:
+    def _margins(self, equilibria: Equilibria, chain: DifferentiableChain) -> Tensor:
         """The margins, (..., 4 J + 1): N, N, mm, mm, and last the smallest eigenvalue [N·mm/rad]."""
-        s, breaks = found.arc_lengths, chain.breaks
+        s, breaks = equilibria.arc_lengths, chain.breaks
         first = torch.maximum(breaks[..., :-1, 1, 0], breaks[..., 1:, 0, 0])
         last = torch.minimum(breaks[..., :-1, 1, -1], breaks[..., 1:, 0, -1])
-        stable = found.smallest_eigenvalue.clamp(max=_STIFFEST)[..., None]
+        stable = equilibria.smallest_eigenvalue.clamp(max=_STIFFEST)[..., None]
         ends = s - first - self.reserve, last - s - self.reserve
-        return torch.cat([found.pressing_margins, found.slip_margins(self.friction), *ends, stable], -1)
+        return torch.cat([equilibria.pressing_margins, equilibria.slip_margins(self.friction), *ends, stable], -1)
 
 
 def _sides(free: Equilibria) -> Tensor:
@@ -179,7 +179,7 @@ def _sides(free: Equilibria) -> Tensor:
 
 
 def _first_zero(series: Tensor) -> Tensor:
-    """Where a series over the second last axis first falls below zero, in steps; its last step where it never does.
+    """Step at which a series over the second last axis first falls below zero; the last step if it never does.
 
     Between the entries by linear interpolation; 0 where the first entry is negative.
     """

@@ -23,10 +23,10 @@ MARGINS = ("rolling", "clearance", "radius", "holes", "thickness")
 _SHARPNESS = 100.0
 _BLOCK = 512
 _CONTACT_STEP = 4  # cells between the sampled contacts of a joint
-_PAIR_STEP = 2  # cells between the points whose pairs are sampled
+_PAIR_STEP = 2  # cells between the sampled points of pairs
 _CHORD = 0.15  # least distance of two points over their distance along the surfaces
 _ROUNDING = 1e-9  # of places
-_CLEARANCE = 0.3  # least distance of the surfaces over that of surfaces with the least curvature
+_CLEARANCE = 0.3  # least distance of the surfaces, relative to surfaces with the least curvature
 
 
 def margins(numbers: Numbers, smallest_radius: float, wall: float) -> Tensor:
@@ -59,23 +59,23 @@ class _Sampled:
         points: complex (B, S, N) [mm].
         half_turns: exp(i tangent angle / 2), (B, S, N).
         values: convexities, (B, S, N) [1/mm].
-        control_counts: logarithm of how often each Bernstein coefficient of a curvature counts, (r,).
+        control_counts: logarithm of the weight of each Bernstein coefficient of a curvature, (r,).
     """
 
     def __init__(self, numbers: Numbers) -> None:
         self.numbers = numbers
         self.curve: Curve = numbers.curve
         self.width = numbers.half_width  # (B,)
-        wide = self.width[:, None].expand(numbers.convexity.shape[:-1])
-        angles = 0.5 * (numbers.angle[..., None] - self.curve.angles(numbers.convexity, wide))
+        widths = self.width[:, None].expand(numbers.convexity.shape[:-1])
+        angles = 0.5 * (numbers.angle[..., None] - self.curve.angles(numbers.convexity, widths))
         self.half_turns = torch.complex(torch.cos(angles), torch.sin(angles))
-        self.points = self.curve.points(numbers.convexity, numbers.angle, wide)
+        self.points = self.curve.points(numbers.convexity, numbers.angle, widths)
         self.values = numbers.convexity @ self.curve.values.T
         self.control_counts = _counts(torch.arange(len(self.curve.control)), self.curve.symmetric)
 
 
 def _counts(places: Tensor, symmetric: bool) -> Tensor:
-    """Logarithm of how often each sample counts; if symmetric, only s >= 0 is sampled: twice where s > 0."""
+    """Logarithm of the weight of each sample: 2 at s > 0 if symmetric, as s < 0 is not sampled; else 1."""
     return torch.log(1.0 + (places > _ROUNDING).to(torch.float64) * symmetric)
 
 
@@ -92,16 +92,16 @@ def _radius(sampled: _Sampled, smallest_radius: float) -> Tensor:
     return _summed(torch.stack([control, -control], 1) + sampled.control_counts) - _SHARPNESS
 
 
-class _Places(NamedTuple):
+class _SamplePlaces(NamedTuple):
     """The contacts and places at which joints are sampled.
 
     Attributes:
         contacts: on the grid, (C,).
         nearness: 1 / squared arc length from every contact to the grid, 0 at the contact, (C, N).
-        apart: power of what stands at the contact: next to nothing, (C, N).
-        far: of every row of pairs of points, the place among the contacts, (R,).
-        moved: and that of the point above among every second one, (R,).
-        closeness: 1 / squared arc length from it to every second point below, 0 at itself, (R, P).
+        apart: power of the pair at the contact, which removes it from the sum; 0 elsewhere, (C, N).
+        far: index of the contact of every row of pairs of points, (R,).
+        moved: index of the point above of every row, among every second point, (R,).
+        closeness: 1 / squared arc length from that point to every second point below, 0 at itself, (R, P).
         weights: of the pairs, (R × P).
     """
 
@@ -115,20 +115,20 @@ class _Places(NamedTuple):
 
 
 @functools.lru_cache
-def _places(cells: int, symmetric: bool) -> _Places:
+def _places(cells: int, symmetric: bool) -> _SamplePlaces:
     middle, grid = cells // 2, torch.linspace(-1.0, 1.0, cells + 1, dtype=torch.float64)
     contacts = torch.arange(middle if symmetric else middle % _CONTACT_STEP, cells + 1, _CONTACT_STEP)
     nearness = _inverse_squares(grid[contacts, None] - grid)
     places = grid[::_PAIR_STEP]
     far, moved = torch.cartesian_prod(torch.arange(0, len(contacts), 2), torch.arange(len(places))).T
-    once = (far > 0) | (places[moved] > -_ROUNDING) | (not symmetric)  # in the middle one half mirrors the other
-    far, moved = far[once], moved[once]
+    unique = (far > 0) | (places[moved] > -_ROUNDING) | (not symmetric)  # at s = 0 the halves mirror each other
+    far, moved = far[unique], moved[unique]
     counts = _counts(torch.where(far > 0, 0.0, places[moved]), symmetric)[:, None]
     closeness = _inverse_squares(places[moved, None] - places)
     missed = 0.5 * (places[1] - places[0]).square()  # curves that cross have samples nearer than that
     weights = torch.where(closeness > 0, torch.exp(_SHARPNESS * (missed * closeness + _CHORD**2) + counts), 0.0)
     apart = torch.where(nearness > 0, 0.0, -10.0 * _SHARPNESS)
-    return _Places(contacts, nearness, apart, far, moved, closeness, weights.flatten())
+    return _SamplePlaces(contacts, nearness, apart, far, moved, closeness, weights.flatten())
 
 
 def _inverse_squares(distances: Tensor) -> Tensor:
@@ -140,46 +140,46 @@ def _clearance(sampled: _Sampled) -> Tensor:
     """Clearance of the surfaces of every joint at contacts all over the range, (B,).
 
     Surfaces that meet, meet either at one arc length or at two. At one: from the child's point to the parent's, along
-    the normal of the mean of both tangents, over half the squared distance from the contact; near the contact that is
-    the relative curvature. At two: the distance over that of the arc lengths.
+    the normal of the mean of both tangents, over half the squared distance from the contact; near the contact this is
+    the relative curvature. At two: the distance over the distance in arc length.
     """
     places = _places(len(sampled.curve.grid) - 1, sampled.curve.symmetric)
     child, parent = sampled.numbers.structure.joints.T
     below, above = sampled.points[:, child], sampled.points[:, parent].conj()  # (B, J, N) in their links' frames
     first, second = sampled.half_turns[:, child], sampled.half_turns[:, parent].conj()
-    ahead = (first * second.conj())[..., places.contacts]  # half the turn from the frame above to that below
-    turn = ahead.square()
+    half_turn = (first * second.conj())[..., places.contacts]  # half the turn from the frame above to the frame below
+    turn = half_turn.square()
     shift = below[..., places.contacts] - turn * above[..., places.contacts]
-    near = _near(sampled.width, places, ahead, shift, first * second, below, above)
+    near = _near(sampled.width, places, half_turn, shift, first * second, below, above)
     below, above = below[..., ::_PAIR_STEP], above[..., ::_PAIR_STEP]
     moved = turn[..., places.far] * above[..., places.moved] + shift[..., places.far]
     return torch.logaddexp(near, _far(sampled.width, places, moved, below))
 
 
 def _near(
-    width: Tensor, places: _Places, ahead: Tensor, shift: Tensor, normal: Tensor, below: Tensor, above: Tensor
+    width: Tensor, places: _SamplePlaces, half_turn: Tensor, shift: Tensor, normal: Tensor, below: Tensor, above: Tensor
 ) -> Tensor:
     """At one arc length: the imaginary part of a product of complex matrices, (..., C, 3) and (..., 3, N)."""
     scale = (-2.0 * _SHARPNESS / width)[:, None, None, None]
-    back = ahead.conj()
-    left = scale * _flat(torch.stack([ahead, shift * back, -back], -1))
-    right = _flat(1j * torch.stack([normal * above.conj(), normal, normal * below.conj()], -1))
-    powers = torch.addcmul(places.apart, left @ right.mT, places.nearness)
+    inverse = half_turn.conj()
+    factors = scale * _flat(torch.stack([half_turn, shift * inverse, -inverse], -1))
+    columns = _flat(1j * torch.stack([normal * above.conj(), normal, normal * below.conj()], -1))
+    powers = torch.addcmul(places.apart, factors @ columns.mT, places.nearness)
     return _summed(powers) + _SHARPNESS * _CLEARANCE * LEAST_CURVATURE * width
 
 
-def _far(width: Tensor, places: _Places, moved: Tensor, below: Tensor) -> Tensor:
+def _far(width: Tensor, places: _SamplePlaces, moved: Tensor, below: Tensor) -> Tensor:
     """At two: squared distances of points above, (..., R), and below, (..., P)."""
     scale = (-_SHARPNESS / width.square())[:, None, None, None]
-    one = torch.ones_like(below.real)
-    left = torch.stack([_square(moved), torch.ones_like(moved.real), moved.real, moved.imag], -1)
-    right = scale * torch.stack([one, _square(below), -2.0 * below.real, -2.0 * below.imag], -1)
-    powers = (left @ right.mT).mul_(places.closeness)
+    ones = torch.ones_like(below.real)
+    factors = torch.stack([_square(moved), torch.ones_like(moved.real), moved.real, moved.imag], -1)
+    columns = scale * torch.stack([ones, _square(below), -2.0 * below.real, -2.0 * below.imag], -1)
+    powers = (factors @ columns.mT).mul_(places.closeness)
     return (powers.exp_().flatten(-2) @ places.weights).sum(-1).log()
 
 
 def _flat(values: Tensor) -> Tensor:
-    """Complex numbers (..., k) as pairs of real ones, (..., 2 k)."""
+    """Complex numbers (..., k) as real pairs, (..., 2 k)."""
     return torch.view_as_real(values).flatten(-2)
 
 
@@ -195,9 +195,9 @@ def _holes(sampled: _Sampled, wall: float) -> Tensor:
     places = hole / width * torch.tensor([-1.0, 1.0])[sides]
     child, parent = numbers.structure.joints.T
     at = _interpolated(sampled, places)  # (B, S, H)
-    away = at[:, :, None] - sampled.points[..., None]  # (B, S, N, H)
+    offset = at[:, :, None] - sampled.points[..., None]  # (B, S, N, H)
     turned = sampled.half_turns.square()[..., None]
-    local = away.imag * turned.real - away.real * turned.imag
+    local = offset.imag * turned.real - offset.real * turned.imag
     kappa = sampled.values[:, child] + sampled.values[:, parent]  # (B, J, N)
     square = ((places[:, None, :] - sampled.curve.grid[:, None]) * width[..., None]).square()
     soft = 0.01
@@ -239,8 +239,8 @@ def _thickness(sampled: _Sampled, smallest_radius: float, wall: float) -> Tensor
     counts = _counts(sampled.curve.grid[::_PAIR_STEP][half], sampled.curve.symmetric)
     top = top[..., half]
     scale = (-_SHARPNESS / numbers.height)[..., None, None]  # (B, L, 1, 1)
-    rest = top.imag + (numbers.height - wall - missed[:, None])[..., None]
-    left = torch.stack([torch.ones_like(rest), top.real.square() / (2.0 * reach) + rest, top.real], -1)
+    clearance = top.imag + (numbers.height - wall - missed[:, None])[..., None]
+    factors = torch.stack([torch.ones_like(clearance), top.real.square() / (2.0 * reach) + clearance, top.real], -1)
     across = bottom.real.square() / (2.0 * reach) + bottom.imag
-    right = torch.stack([across, torch.ones_like(across), bottom.real / -reach], -1)
-    return _summed(left @ (scale * right).mT + counts[:, None])
+    columns = torch.stack([across, torch.ones_like(across), bottom.real / -reach], -1)
+    return _summed(factors @ (scale * columns).mT + counts[:, None])

@@ -1,4 +1,4 @@
-"""The numbers of designs, and how surfaces and links share them."""
+"""The numbers of designs, shared by surfaces and links."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rollingjoint.design.curve import Curve
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Which of the distinct surfaces of a design lies where.
+    """Places of the distinct surfaces of a design.
 
     Attributes:
         joints: (child, parent) surface of every distinct joint, (J, 2).
@@ -31,7 +31,7 @@ class Numbers:
     """Physical numbers of designs with one leading axis.
 
     Attributes:
-        structure: which surface lies where.
+        structure: places of the surfaces.
         curve: the curve through the knot values.
         convexity: of every distinct surface, (B, S, f) [1/mm].
         angle: of a child surface at s = 0; a parent surface has the negative, (B, S) [rad].
@@ -49,14 +49,14 @@ class Numbers:
     hole: Tensor
 
     def rows(self, begin: int, end: int) -> Numbers:
-        """Some of the designs."""
+        """The designs from row `begin` up to `end`."""
         names = ("convexity", "angle", "height", "half_width", "hole")
         return replace(self, **{name: getattr(self, name)[begin:end] for name in names})
 
 
 @functools.lru_cache
 def structure(n_links: int, alike: bool, symmetric: bool) -> Structure:
-    """The structure of a chain. Surfaces that roll on nothing mirror the other one of their link."""
+    """The structure of a chain. A surface without a partner mirrors the other surface of its link."""
     if alike:
         return Structure(torch.tensor([[0, 1]]), torch.tensor([[1, 0]]), symmetric)
     joints = torch.arange(2 * (n_links - 1)).reshape(-1, 2)

@@ -30,7 +30,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 
 class Measured(NamedTuple):
-    """Values of an objective, (B,), differentiable and finite; whether every equilibrium needed was found, (B,)."""
+    """Values of an objective, (B,), differentiable and finite; ok, (B,): True if every equilibrium exists."""
 
     values: Tensor
     ok: Tensor
@@ -41,7 +41,7 @@ class Objective(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in tables."""
+        """Name in tables."""
 
     @property
     def unit(self) -> str:
@@ -91,7 +91,7 @@ class BendingShapes:
 
     @classmethod
     def of(cls, mechanism: RollingChain, tensions: ArrayLike, forces: ArrayLike = ()) -> BendingShapes:
-        """The shapes that a given mechanism takes.
+        """The shapes of a given mechanism.
 
         Raises:
             InvalidInput: as the class.
@@ -109,17 +109,17 @@ class BendingShapes:
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The root mean square distance of every design, (B,) [mm]."""
-        wanted, forces = constant(self.positions, chain), constant(self.forces, chain)
-        if wanted.shape[1] != chain.n_links:
-            raise InvalidInput("links of the wanted shapes", wanted.shape[1], f"{chain.n_links}, as the designs have")
+        desired, forces = constant(self.positions, chain), constant(self.forces, chain)
+        if desired.shape[1] != chain.n_links:
+            raise InvalidInput("links of the wanted shapes", desired.shape[1], f"{chain.n_links}, as the designs have")
         loads = tip_loads(forces, chain) if bool(forces.any()) else ()
-        found = solve_tensions(chain[:, None], constant(self.tensions, chain), loads)
-        miss = (found.poses[..., :2] - wanted)[..., 1:, :].flatten(1)
-        return Measured(torch.linalg.vector_norm(miss, dim=-1) / (miss.shape[-1] / 2) ** 0.5, found.ok.all(-1))
+        equilibria = solve_tensions(chain[:, None], constant(self.tensions, chain), loads)
+        miss = (equilibria.poses[..., :2] - desired)[..., 1:, :].flatten(1)
+        return Measured(torch.linalg.vector_norm(miss, dim=-1) / (miss.shape[-1] / 2) ** 0.5, equilibria.ok.all(-1))
 
 
 @dataclass(frozen=True)
-class _Sweep:
+class _RatioSweep:
     """A sweep of the two tendons' tensions at a constant sum, the logarithm of their ratio in equal steps.
 
     TipTravel explains its fields.
@@ -145,7 +145,7 @@ class _Sweep:
 
 
 @dataclass(frozen=True)
-class TipTravel(_Sweep):
+class TipTravel(_RatioSweep):
     """Length of the tip's path over a sweep of tension ratios [mm], the workspace of a mechanism with two tendons.
 
     Solved: the equilibrium without loads under each pair of tensions; only their ratio matters for it.
@@ -167,12 +167,12 @@ class TipTravel(_Sweep):
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The length of every design's path, (B,) [mm]."""
-        found = self._swept(chain)
-        return Measured(torch.linalg.vector_norm(found.tip.diff(dim=1), dim=-1).sum(-1), found.ok.all(-1))
+        equilibria = self._swept(chain)
+        return Measured(torch.linalg.vector_norm(equilibria.tip.diff(dim=1), dim=-1).sum(-1), equilibria.ok.all(-1))
 
 
 @dataclass(frozen=True)
-class TipRotation(_Sweep):
+class TipRotation(_RatioSweep):
     """Range of the tip's angle over a sweep of tension ratios [rad], the dexterity of a mechanism with two tendons.
 
     Solved: as for `TipTravel`, which has the arguments. Measured: the largest less the smallest angle of the tip link.
@@ -184,16 +184,16 @@ class TipRotation(_Sweep):
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The range of every design, (B,) [rad]."""
-        found = self._swept(chain)
-        return Measured(_range(found.poses[..., -1, 2]), found.ok.all(-1))
+        equilibria = self._swept(chain)
+        return Measured(_range(equilibria.poses[..., -1, 2]), equilibria.ok.all(-1))
 
 
 @dataclass(frozen=True)
-class TendonTravel(_Sweep):
-    """How far a motor must move its tendon over a sweep of tension ratios [mm, or mm/rad].
+class TendonTravel(_RatioSweep):
+    """Travel of a motor over a sweep of tension ratios [mm, or mm/rad].
 
     Solved: as for `TipTravel`. Measured: the range of the unstretched length l - tension / stiffness for the
-    tendon that must move most. A mechanism that does not bend needs next to none: use it as a limit, beside
+    tendon that moves most. A mechanism that does not bend needs hardly any travel: use it as a limit together with
     `TipRotation`, or per radian of the tip's range.
     Source: docs/theory.md, section 4.
 
@@ -215,12 +215,12 @@ class TendonTravel(_Sweep):
 
     def measure(self, chain: DifferentiableChain) -> Measured:
         """The travel of every design, (B,)."""
-        found = self._swept(chain)
-        unstretched = found.lengths - found.tensions / chain[:, None].stiffnesses
+        equilibria = self._swept(chain)
+        unstretched = equilibria.lengths - equilibria.tensions / chain[:, None].stiffnesses
         travel = _range(unstretched.mT).amax(-1)
         if self.per_radian:
-            travel = travel / _range(found.poses[..., -1, 2]).clamp(min=_SMALLEST_ROTATION)
-        return Measured(travel, found.ok.all(-1))
+            travel = travel / _range(equilibria.poses[..., -1, 2]).clamp(min=_SMALLEST_ROTATION)
+        return Measured(travel, equilibria.ok.all(-1))
 
 
 def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
@@ -233,30 +233,30 @@ def tip_loads(forces: Tensor, chain: DifferentiableChain) -> Tensor:
 
 
 def constant(values: ArrayLike | Rows | tuple[Rows, ...], chain: DifferentiableChain) -> Tensor:
-    """Numbers as a tensor beside those of a chain."""
+    """Numbers as a tensor on the device of a chain."""
     return torch.as_tensor(np.array(values, dtype=float), device=chain.device)
 
 
-def checked_tensions(what: str, values: ArrayLike | Rows) -> NDArray[np.float64]:
+def checked_tensions(name: str, values: ArrayLike | Rows) -> NDArray[np.float64]:
     """Rows of tensions, (K, m) [N].
 
     Raises:
         InvalidInput: no row, numbers that are not finite, tendons that push, a row of slack tendons.
     """
-    rows = _finite(what, values, (None, None))
+    rows = _finite(name, values, (None, None))
     if (rows < 0).any() or not (rows.sum(-1) > 0).all():
-        raise InvalidInput(what, values, "tensions of 0 or more [N], in every row one above 0")
+        raise InvalidInput(name, values, "tensions of 0 or more [N], in every row one above 0")
     return rows
 
 
-def _finite(what: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
+def _finite(name: str, values: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
     """Finite numbers of a shape, where None is any size but 0."""
     sizes = ", ".join("any" if size is None else str(size) for size in shape)
     allowed = f"finite numbers of shape ({sizes}), at least one"
-    numbers = as_floats(what, values, allowed)
+    numbers = as_floats(name, values, allowed)
     fits = numbers.ndim == len(shape) and all(s in (None, n) for n, s in zip(numbers.shape, shape, strict=True))
     if not fits or numbers.size == 0 or not np.isfinite(numbers).all():
-        raise InvalidInput(what, values, allowed)
+        raise InvalidInput(name, values, allowed)
     return numbers
 
 

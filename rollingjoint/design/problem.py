@@ -1,4 +1,4 @@
-"""A design problem: a space, objectives and limits; its cost, the number that a search minimises, and its gradient."""
+"""A design problem: a space, objectives and limits; its cost, which a search minimises, and its gradient."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Term:
 
     @property
     def factor(self) -> float:
-        """What the cost is per unit of the objective."""
+        """Cost per unit of the objective."""
         return (-1.0 if self.objective.maximise else 1.0) * self.weight / self.scale
 
 
@@ -74,12 +74,12 @@ class Limit:
     def slacks(self, values: Tensor) -> list[Tensor]:
         """Slack of values to each finite bound, relative to its size, (B,) each; negative where it is violated."""
         sides = ((values - self.low, self.low), (self.high - values, self.high))
-        return [inside / (abs(bound) or 1.0) for inside, bound in sides if math.isfinite(bound)]
+        return [distance / (abs(bound) or 1.0) for distance, bound in sides if math.isfinite(bound)]
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """An evaluation of designs, in the order in which they were given.
+    """An evaluation of designs, in the order of the input.
 
     Attributes:
         x: vectors of the designs, (B, d).
@@ -89,7 +89,7 @@ class Evaluation:
         violation: sum of the violations of margins, limits and the box, (B,), 0 or more.
         ok: every equilibrium was found, (B,).
         feasible: ok and no violation, (B,).
-        cost: what a search minimises, (B,), always finite.
+        cost: the number that a search minimises, (B,), always finite.
         worth: the sum of the terms, without the penalty, or `FAILED`, (B,).
         constraints: the margins, then the relative slack of every limit, (B, constraints), 0 or more where satisfied.
     """
@@ -114,14 +114,14 @@ class Evaluation:
 class Problem:
     """A design space with the objectives and limits of its designs.
 
-    The cost of a design is the sum of its terms plus penalty × (v + v²) of its violation v: an exact penalty, whose
-    minimum is feasible when `penalty` is larger than what a unit of violation gains. A design without an equilibrium
-    costs `FAILED` in place of the terms, and its gradient is that of its violation.
+    The cost of a design is the sum of its terms plus penalty × (v + v²) of its violation v: an exact penalty, with a
+    feasible minimum if `penalty` is larger than the gain from a unit of violation. A design without an equilibrium
+    costs `FAILED` in place of the terms, and its gradient is the gradient of the penalty.
 
     Args:
         space: of the designs.
         objectives: the terms of the cost.
-        limits: limits on objectives, beside the margins of the space.
+        limits: limits on objectives, in addition to the margins of the space.
         penalty: of a unit of violation, above 0.
     Raises:
         InvalidInput: neither an objective nor a limit, a penalty that is not above 0.
@@ -154,7 +154,7 @@ class Problem:
         """The evaluation of designs; a row does not depend on the others beyond rounding.
 
         Args:
-            x: vectors, (B, d), any numbers; beyond [-1, 1] the design is that at the border, and violates the box.
+            x: vectors, (B, d), any numbers; beyond [-1, 1] a design counts as at the border, and violates the box.
             threads: number of Python threads.
         Raises:
             InvalidInput: x without d columns, threads below 1.
@@ -173,7 +173,7 @@ class Problem:
         rows = self._rows(x)
         judged = _chunked(self._with_gradient, rows, threads)
         gradient = np.concatenate([part.numpy() for _, part in judged])
-        return _evaluation(rows, [found for found, _ in judged]), gradient
+        return _evaluation(rows, [evaluation for evaluation, _ in judged]), gradient
 
     def with_jacobian(self, x: ArrayLike) -> tuple[Evaluation, Array]:
         """The evaluation of designs, and the Jacobian of worth and constraints, (B, 1 + constraints, d).
@@ -185,7 +185,7 @@ class Problem:
         """
         rows = self._rows(x)
         judged = _chunked(self._with_jacobian, rows, 1)
-        return _evaluation(rows, [found for found, _ in judged]), np.concatenate([part for _, part in judged])
+        return _evaluation(rows, [evaluation for evaluation, _ in judged]), np.concatenate([part for _, part in judged])
 
     def against(self, mechanism: RollingChain) -> Array:
         """Values of the objectives for a given mechanism, for comparison with designs; raises as `measure`."""
@@ -216,29 +216,30 @@ class Problem:
         with torch.enable_grad():
             judged = self._tensors(leaf)
             parts = torch.cat([judged.worth[:, None], judged.constraints], 1)
-            own = parts.view(len(x), count, count).diagonal(dim1=1, dim2=2)
-            (gradient,) = torch.autograd.grad(own.sum(), leaf)
+            outputs = parts.view(len(x), count, count).diagonal(dim1=1, dim2=2)
+            (gradient,) = torch.autograd.grad(outputs.sum(), leaf)
         jacobian = torch.nan_to_num(gradient, nan=0.0).view(len(x), count, -1)
         return judged.detached()[::count], jacobian.numpy()
 
     def _tensors(self, x: Tensor) -> _EvaluationTensors:
         """The evaluation of designs as tensors."""
-        known = torch.isfinite(x).all(-1)
-        vector = torch.where(known[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
+        finite = torch.isfinite(x).all(-1)
+        vector = torch.where(finite[:, None], x, 0.0).clamp(-_FARTHEST, _FARTHEST)
         chain = self.space.chain(vector)
         margins = torch.nan_to_num(self.space.margins(vector), nan=-1.0).clamp(-_FARTHEST, _FARTHEST)
         with shared_sweeps():
-            found = {objective: objective.measure(chain) for objective in self.distinct}
-        ok = known
-        for measured in found.values():
+            measured_by_objective = {objective: objective.measure(chain) for objective in self.distinct}
+        ok = finite
+        for measured in measured_by_objective.values():
             ok = ok & measured.ok & torch.isfinite(measured.values)
         values, limited = (
-            _columns([found[entry.objective] for entry in entries], ok) for entries in (self.objectives, self.limits)
+            _columns([measured_by_objective[entry.objective] for entry in entries], ok)
+            for entries in (self.objectives, self.limits)
         )
         slacks = [slack for limit, column in zip(self.limits, limited.T, strict=True) for slack in limit.slacks(column)]
         constraints = torch.cat([margins, *(torch.where(ok, slack, 0.0)[:, None] for slack in slacks)], 1)
         violated = torch.relu(-constraints).sum(-1) + torch.relu(vector.abs() - 1.0).sum(-1)
-        violation = torch.where(known, violated, FAILED)
+        violation = torch.where(finite, violated, FAILED)
         factors = torch.tensor([term.factor for term in self.objectives], dtype=torch.float64)
         worth = torch.where(ok, values @ factors, FAILED)
         cost = worth + self.penalty * (violation + violation.square())
@@ -268,7 +269,7 @@ class _EvaluationTensors:
 
 
 def _chunked(work: Callable[[Tensor], Result], rows: Array, threads: int) -> list[Result]:
-    """The results of `work` for chunks of the rows, on that many threads."""
+    """The results of `work` for chunks of the rows, on `threads` threads."""
     threads = as_integer("threads", threads, 1, allowed="a whole number, 1 or more")
     chunks = torch.as_tensor(rows).split(min(_CHUNK, -(-len(rows) // threads)))
     if threads == 1:
@@ -281,7 +282,7 @@ def _columns(measured: list[Measured], ok: Tensor) -> Tensor:
     """Values side by side, (B, columns); finite constants where not ok."""
     if not measured:
         return torch.zeros(len(ok), 0, dtype=torch.float64)
-    columns = torch.stack([one.values for one in measured], -1)
+    columns = torch.stack([entry.values for entry in measured], -1)
     return torch.where(ok[:, None], columns, torch.nan_to_num(columns.detach(), posinf=0.0, neginf=0.0))
 
 

@@ -33,15 +33,15 @@ _DRAWN = 256  # designs drawn at a time
 _MOST_DRAWN = 100_000
 
 
-class _Part(NamedTuple):
-    """Some of the numbers of a design: their labels, and the range of each."""
+class _NumberGroup(NamedTuple):
+    """Numbers of a design with one range: their labels, and the range."""
 
     labels: tuple[str, ...]
     range: Range
 
     @property
     def free(self) -> int:
-        """How many dimensions they make."""
+        """Number of dimensions of the vector that they take."""
         return len(self.labels) if self.range[0] < self.range[1] else 0
 
 
@@ -51,7 +51,7 @@ class DesignSpace:
 
     A range (low, high) with low == high is a constant and adds no dimension. In the vector, -1 is low and 1 is high.
     Coordinates beyond the box count as its border. Links and surfaces count from the base, 0. Where links are not
-    alike, the surfaces that roll on nothing (parent of the base, child of the tip) mirror the other one of their link.
+    alike, the surfaces without a partner (parent of the base, child of the tip) mirror the other surface of their link.
 
     Args:
         n_links: links, the base included.
@@ -61,12 +61,12 @@ class DesignSpace:
         angle: tangent angle of a child surface at s = 0; a parent surface has -value; (0, 0) if symmetric [rad].
         height: of a link: its surfaces start at (0, ±height / 2) [mm].
         half_width: surfaces run over s in [-half_width, half_width], one number for the whole chain [mm].
-        hole: arc length |s| of the holes, the same on every surface, left and right each its own if not symmetric [mm].
+        hole: arc length |s| of the holes, the same on every surface, left and right separate if not symmetric [mm].
         stiffness: of the tendons [N/mm].
         symmetric: curvature even in s, angles 0, holes mirrored.
-        alike: all links alike; else each rolling surface and the height of each link is its own.
+        alike: all links alike; else each rolling surface and the height of each link are separate.
         smallest_radius: smallest radius of curvature that can be machined [mm].
-        wall: minimum material beside a hole and between the surfaces of a link [mm].
+        wall: minimum material next to a hole and between the surfaces of a link [mm].
     Raises:
         ConfigError: a value out of its range.
     """
@@ -104,7 +104,7 @@ class DesignSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What every entry of a vector is, with its unit."""
+        """Names of the entries of a vector, with units."""
         return tuple(label for part in _parts(self).values() if part.free for label in part.labels)
 
     @property
@@ -143,7 +143,7 @@ class DesignSpace:
         )
 
     def margins(self, x: Tensor) -> Tensor:
-        """Margins of the designs (..., d), (..., len(MARGINS)): 0 or more for one that is valid; no unit.
+        """Margins of the designs (..., d), (..., len(MARGINS)): 0 or more for a valid design; no unit.
 
         They can be differentiated. A row that is not finite has margins of -1.
 
@@ -151,9 +151,9 @@ class DesignSpace:
             InvalidInput: a wrong length of the last axis.
         """
         rows = self._vectors(x)
-        found = margins(self._numbers(rows.reshape(-1, self.dimensions)), self.smallest_radius, self.wall)
+        values = margins(self._numbers(rows.reshape(-1, self.dimensions)), self.smallest_radius, self.wall)
         return torch.where(
-            torch.isfinite(rows).all(-1, keepdim=True), found.reshape(*rows.shape[:-1], len(MARGINS)), -1.0
+            torch.isfinite(rows).all(-1, keepdim=True), values.reshape(*rows.shape[:-1], len(MARGINS)), -1.0
         )
 
     def mechanism(self, x: ArrayLike) -> RollingChain:
@@ -167,41 +167,41 @@ class DesignSpace:
         if vector.shape != (self.dimensions,) or not np.all(np.abs(vector) <= 1.0 + 1e-9):
             raise InvalidInput("x", x, f"{self.dimensions} numbers in [-1, 1]", "Clip it, or see DesignSpace.unit.")
         mechanism = self.chain(torch.as_tensor(vector)).mechanism()
-        found = self.faults(mechanism)
-        if found:
+        messages = self.faults(mechanism)
+        if messages:
             values = self.margins(torch.as_tensor(vector)).numpy()
             worst = int(np.argmin(values))
             raise MechanismError(
-                f"margin {MARGINS[worst]!r} of the design", float(values[worst]), "0 or more", "; ".join(found)
+                f"margin {MARGINS[worst]!r} of the design", float(values[worst]), "0 or more", "; ".join(messages)
             )
         return mechanism
 
     def faults(self, mechanism: RollingChain) -> list[str]:
-        """What is wrong with a mechanism, found without the margins and without torch; empty for a valid one."""
+        """Faults of a mechanism, checked without the margins and without torch; empty for a valid mechanism."""
         return faults(mechanism, self.smallest_radius, self.wall)
 
     def sample(self, count: int, generator: np.random.Generator, valid: bool = True) -> Array:
-        """Vectors uniform in the box, (count, d); only those of valid designs unless `valid` is False.
+        """Vectors uniform in the box, (count, d), of valid designs alone unless `valid` is False.
 
         Raises:
             InvalidInput: hardly any design is valid.
         """
         if not valid:
             return generator.uniform(-1.0, 1.0, (count, self.dimensions))
-        found, drawn = np.empty((0, self.dimensions)), 0
-        while len(found) < count:
+        samples, drawn = np.empty((0, self.dimensions)), 0
+        while len(samples) < count:
             x = generator.uniform(-1.0, 1.0, (_DRAWN, self.dimensions))
             with torch.no_grad():
                 good = (self.margins(torch.as_tensor(x)) >= 0).all(-1).numpy()
-            found, drawn = np.concatenate([found, x[good]]), drawn + _DRAWN
-            if drawn >= _MOST_DRAWN and len(found) < 1e-3 * drawn:
+            samples, drawn = np.concatenate([samples, x[good]]), drawn + _DRAWN
+            if drawn >= _MOST_DRAWN and len(samples) < 1e-3 * drawn:
                 raise InvalidInput(
                     "designs",
-                    f"{len(found)} valid of {drawn} drawn",
+                    f"{len(samples)} valid of {drawn} drawn",
                     "at least 1 in 1000",
                     "Narrow the ranges around designs that are valid.",
                 )
-        return found[:count]
+        return samples[:count]
 
     def reference(self) -> Array:
         """The vector of plain links, (d,): convexities of 0.05 /mm if that is in range, all else in the middle."""
@@ -270,10 +270,10 @@ class DesignSpace:
     def _tables(self, numbers: Numbers) -> dict[str, Tensor]:
         """The parameters of the chain that depend on the design, each with the leading axis."""
         count, n = len(numbers.convexity), self.n_links
-        own, signs = numbers.structure.links, torch.tensor([1.0, -1.0], dtype=torch.float64)
+        surfaces, signs = numbers.structure.links, torch.tensor([1.0, -1.0], dtype=torch.float64)
         pieces = torch.einsum("pkf,bsf->bspk", numbers.curve.pieces, numbers.convexity)
         powers = numbers.half_width[:, None] ** -torch.arange(pieces.shape[-1])
-        coefficients = (pieces * powers[:, None, None])[:, own] * signs[:, None, None]
+        coefficients = (pieces * powers[:, None, None])[:, surfaces] * signs[:, None, None]
         starts = -0.5 * signs * numbers.height[..., None]
         arcs = numbers.hole * torch.tensor([-1.0, 1.0])
         breaks = numbers.half_width[:, None] * numbers.curve.breaks
@@ -281,14 +281,14 @@ class DesignSpace:
             "breaks": breaks[:, None, None].expand(count, n, 2, -1),
             "coefficients": coefficients.expand(count, n, *coefficients.shape[2:]),
             "starts": torch.stack([torch.zeros_like(starts), starts], -1).expand(count, n, 2, 2),
-            "angles": (-signs * numbers.angle[:, own]).expand(count, n, 2),
+            "angles": (-signs * numbers.angle[:, surfaces]).expand(count, n, 2),
             "hole_arcs": arcs[:, :, None, None].expand(count, 2, n, 2),
             "stiffnesses": torch.full((count, 2), self.stiffness, dtype=torch.float64),
         }
 
 
 @functools.lru_cache
-def _parts(space: DesignSpace) -> dict[str, _Part]:
+def _parts(space: DesignSpace) -> dict[str, _NumberGroup]:
     """The numbers of a design, in the order of the vector."""
     n = space.n_links
     if space.alike:
@@ -305,11 +305,13 @@ def _parts(space: DesignSpace) -> dict[str, _Part]:
     heights = ("height [mm]",) if space.alike else tuple(f"link {i} height [mm]" for i in range(n))
     holes = ("hole [mm]",) if space.symmetric else ("left hole [mm]", "right hole [mm]")
     return {
-        "convexity": _Part(tuple(f"{s}convexity at {p} [1/mm]" for s in surfaces for p in places), space.convexity),
-        "angle": _Part(tuple(f"{surface}angle [rad]" for surface in surfaces), space.angle),
-        "height": _Part(heights, space.height),
-        "half_width": _Part(("half width [mm]",), space.half_width),
-        "hole": _Part(holes, space.hole),
+        "convexity": _NumberGroup(
+            tuple(f"{s}convexity at {p} [1/mm]" for s in surfaces for p in places), space.convexity
+        ),
+        "angle": _NumberGroup(tuple(f"{surface}angle [rad]" for surface in surfaces), space.angle),
+        "height": _NumberGroup(heights, space.height),
+        "half_width": _NumberGroup(("half width [mm]",), space.half_width),
+        "hole": _NumberGroup(holes, space.hole),
     }
 
 

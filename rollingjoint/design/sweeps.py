@@ -1,4 +1,4 @@
-"""Sweeps of tensions that several objectives of one design need, solved once."""
+"""Sweeps of tensions, solved once for all objectives of a design."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _solved: ContextVar[dict[object, Equilibria] | None] = ContextVar("solved", defa
 def shared_sweeps() -> Iterator[None]:
     """A context, of one thread, in which a sweep of a chain is solved once for all objectives.
 
-    They then share one graph: differentiate their sum, or use `retain_graph`. Nothing is kept after the context.
+    They then share one graph: differentiate their sum, or use `retain_graph`. The context keeps no results.
     """
     token = _solved.set({})
     try:
@@ -31,10 +31,10 @@ def shared_sweeps() -> Iterator[None]:
 
 def swept(chain: DifferentiableChain, tensions: NDArray[np.float64]) -> Equilibria:
     """Equilibria of every design without loads under every row of tensions (cases, m) [N], (B, cases)."""
-    known = _solved.get()
-    if known is None:
-        known = {}
+    solved = _solved.get()
+    if solved is None:
+        solved = {}
     key = chain, tensions.tobytes(), torch.is_grad_enabled()
-    if key not in known:
-        known[key] = solve_tensions(chain[:, None], torch.as_tensor(tensions, device=chain.device))
-    return known[key]
+    if key not in solved:
+        solved[key] = solve_tensions(chain[:, None], torch.as_tensor(tensions, device=chain.device))
+    return solved[key]

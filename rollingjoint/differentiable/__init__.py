@@ -1,13 +1,13 @@
 """Equilibria as differentiable functions of the design, the inputs and the loads, in torch.
 
-Nothing else in the project imports this package; `import rollingjoint` needs no torch. docs/differentiable.md shows it.
+No other module of the library imports this package; `import rollingjoint` needs no torch. See docs/differentiable.md.
 
 Modules:
     compiled: batches through the compiled solver.
-    design: a mechanism, or many, as tensors.
-    equilibria: what the solvers return.
-    friction: friction of the tendons, and what one step leaves to the next.
-    geometry: where surfaces touch, how tendons run.
+    design: one mechanism or many as tensors.
+    equilibria: results of the solvers.
+    friction: friction of the tendons, and its memory from step to step.
+    geometry: contacts of surfaces, routes of tendons.
     loads: loads, their energy, moments and stiffness.
     looking: looks of the host at numbers on a device.
     newton: Newton's method on many rows; the equilibria of a batch of designs.

@@ -1,4 +1,4 @@
-"""Rows of a differentiable batch through the compiled solver, which builds their mechanisms."""
+"""Rows of a differentiable batch in the compiled solver, which builds their mechanisms."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ def solve_compiled(
     """Equilibria of some rows of a batch.
 
     Args:
-        design: with leading axes that broadcast to those of the mask.
-        law: tendon law, (..., m) each.
+        design: mechanisms, with leading axes that broadcast to the shape of the mask.
+        law: tendon law, tensors (..., m).
         loads: load tables, (..., rows, columns).
         starts: joint angles, (..., J) [rad].
-        mask: which rows to solve, (...).
+        mask: True for the rows to solve, (...).
     Returns:
-        joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...), that of
-        a mechanism that cannot be built being INVALID_INPUT. Other rows keep their starts.
+        joint angles (..., J) [rad]; whether a joint is held at the end of its surface (..., J); Status (...),
+        INVALID_INPUT for a mechanism that cannot be built. Other rows keep their starts.
     """
-    design = design.replace(friction=None)  # which the law has: mechanisms that differ in nothing else are one
+    design = design.replace(friction=None)  # part of the law: mechanisms that differ by friction alone are built once
     places = torch.arange(design.batch.numel(), device=mask.device).reshape(design.batch).expand(mask.shape)[mask]
     built = {place: _built(design, place) for place in places.unique().tolist()}
-    known = torch.tensor([built[place] is not None for place in places.tolist()], device=mask.device)
+    buildable = torch.tensor([built[place] is not None for place in places.tolist()], device=mask.device)
     mask = mask.clone()
-    mask[mask.clone()] = known
+    mask[mask.clone()] = buildable
     phi, held = starts.clone(), torch.zeros_like(starts, dtype=torch.bool)
     status = torch.full(mask.shape, int(Status.INVALID_INPUT), device=mask.device)
     if not bool(mask.any()):
         return phi, held, status
-    mechanisms = tuple(chain for place in places[known].tolist() if (chain := built[place]) is not None)
+    mechanisms = tuple(chain for place in places[buildable].tolist() if (chain := built[place]) is not None)
 
     def rows(values: Tensor, axes: int = 1) -> np.ndarray:
-        own = values.shape[values.ndim - axes :]
-        return np.ascontiguousarray(values.detach().expand(*mask.shape, *own)[mask].cpu().numpy())
+        trailing = values.shape[values.ndim - axes :]
+        return np.ascontiguousarray(values.detach().expand(*mask.shape, *trailing)[mask].cpu().numpy())
 
     laws = TendonLaw(*(rows(values) for values in law.rows))
     table, begin = rows(loads, 2), rows(starts)

@@ -1,4 +1,4 @@
-"""Mechanisms as tensors, by which equilibria can be differentiated."""
+"""Mechanisms as tensors, for derivatives of equilibria by their parameters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import Load
 from rollingjoint.profile import Profile, Surface
 
-PARAMETERS = {  # axes after those of the batch; n links, m tendons, 2 for (parent, child), p pieces of k coefficients
+PARAMETERS = {  # axes after the leading ones; n links, m tendons, 2 for (parent, child), p pieces of k coefficients
     "breaks": ("n", 2, "p + 1"),
     "coefficients": ("n", 2, "p", "k"),
     "starts": ("n", 2, 2),
@@ -39,7 +39,7 @@ _SAMPLES = 9  # of the relative curvature in every piece
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableChain:
-    """Mechanisms with as many links, tendons and crossed joints as one another, as tensors of double precision.
+    """Mechanisms with equal numbers of links, tendons and crossed joints, as tensors of double precision.
 
     Every field may have leading axes; together they broadcast to `batch`. Links count from the base, surfaces are
     (parent, child). Padding (pieces of zero length at the end, numbers of a hole of the other kind) has no
@@ -53,8 +53,8 @@ class DifferentiableChain:
         holes: parent and child hole of every tendon in every link, (..., m, n, 2, 2) [mm].
         hole_arcs: arc length of the holes that lie on a surface, (..., m, n, 2) [mm].
         stiffnesses: of the tendons, (..., m) [N/mm].
-        on_surface: which holes lie on a surface, (m, n, 2).
-        crossed: how many joints each tendon crosses, (m,).
+        on_surface: True for holes that lie on a surface, (m, n, 2).
+        crossed: number of joints that each tendon crosses, (m,).
         springs: loads that belong to every mechanism, constant.
         friction: of the tendons.
     Raises:
@@ -96,14 +96,14 @@ class DifferentiableChain:
         """The mechanism as tensors; a list of them with a leading axis.
 
         Args:
-            mechanism: one, or several with as many links and tendons, whose tendons end alike and pass as many holes
-                on surfaces.
+            mechanism: one, or several with equal numbers of links and tendons, tendons that end at the same links, and
+                the same holes on surfaces.
             requires_grad: names of the parameters to differentiate by.
-            device: where the tensors are.
+            device: of the tensors.
         Raises:
             InvalidInput: mechanisms of different structure, or not planar chains; a name that is not a parameter.
         """
-        chains = [planar(each) for each in (mechanism if isinstance(mechanism, Sequence) else [mechanism])]
+        chains = [planar(entry) for entry in (mechanism if isinstance(mechanism, Sequence) else [mechanism])]
         profiles = [s.profile for chain in chains for link in chain.links for s in (link.parent, link.child)]
         pieces, degrees = np.max([profile.coefficients.shape for profile in profiles], axis=0)
         rows = [_numbers(chain, int(pieces), int(degrees)) for chain in chains]
@@ -129,7 +129,7 @@ class DifferentiableChain:
 
     @functools.cached_property
     def batch(self) -> torch.Size:
-        """The leading axes that the parameters broadcast to."""
+        """The leading axes to which all parameters broadcast."""
         shapes = {name: tuple(getattr(self, name).shape[: -len(axes)]) for name, axes in PARAMETERS.items()}
         if self.friction is not None:
             shapes |= {name: tuple(getattr(self.friction, name).shape[:-1]) for name in COEFFICIENTS}
@@ -150,7 +150,7 @@ class DifferentiableChain:
 
     @property
     def device(self) -> torch.device:
-        """Where the tensors are."""
+        """The device of the tensors."""
         return self.starts.device
 
     def replace(self, **changes: Any) -> DifferentiableChain:
@@ -175,7 +175,7 @@ class DifferentiableChain:
         return self._each(lambda tensor, axes: tensor.expand(*self.batch, *tensor.shape[-axes:])[places])
 
     def over(self, n_axes: int) -> DifferentiableChain:
-        """The designs with leading axes of size 1 in front, so that there are n_axes of them in every parameter."""
+        """The designs with axes of size 1 in front, so that every parameter has n_axes leading axes."""
         return self._each(lambda tensor, axes: tensor[(None,) * (n_axes + axes - tensor.ndim)])
 
     def where(self, valid: Tensor) -> DifferentiableChain:
@@ -188,11 +188,11 @@ class DifferentiableChain:
         plain["starts"][..., 0, 1].fill_(-10.0)
         plain["starts"][..., 1, 1].fill_(10.0)
         plain["stiffnesses"].fill_(1.0)
-        chosen = {}
+        tensors = {}
         for name, axes in PARAMETERS.items():
             mask = valid[(..., *(None,) * len(axes))]
-            chosen[name] = torch.where(mask, getattr(self, name), plain[name])
-        return dataclasses.replace(self, **chosen)
+            tensors[name] = torch.where(mask, getattr(self, name), plain[name])
+        return dataclasses.replace(self, **tensors)
 
     def surfaces(self) -> Surfaces:
         """Every surface, (..., n, 2); where one link was expanded to n, they are computed once."""
@@ -211,7 +211,7 @@ class DifferentiableChain:
             return good & _rolling(self.where(good))
 
     def finite(self) -> Tensor:
-        """Whether the numbers can be those of a mechanism at all, (batch)."""
+        """Whether the numbers are finite, in range and in order, (batch): necessary for a mechanism."""
         good = torch.ones(self.batch, dtype=torch.bool, device=self.device)
         for name, axes in PARAMETERS.items():
             good = good & (getattr(self, name).abs() <= LARGEST_INPUT).flatten(-len(axes)).all(-1)
@@ -239,13 +239,13 @@ class DifferentiableChain:
         Raises:
             MechanismError: it cannot be built.
         """
-        one = self[np.unravel_index(int(place), self.batch)] if self.batch else self
-        numbers = [getattr(one, name).detach().cpu().numpy() for name in PARAMETERS]
-        structure = self.on_surface.cpu().numpy().tobytes(), tuple(self.crossed.tolist()), one._frictions()
+        design = self[np.unravel_index(int(place), self.batch)] if self.batch else self
+        numbers = [getattr(design, name).detach().cpu().numpy() for name in PARAMETERS]
+        structure = self.on_surface.cpu().numpy().tobytes(), tuple(self.crossed.tolist()), design._frictions()
         return _mechanism(self.springs, *structure, tuple(a.shape for a in numbers), *(a.tobytes() for a in numbers))
 
     def _frictions(self) -> tuple[CapstanFriction | None, ...]:
-        """Of every tendon of one design."""
+        """Friction of every tendon of one design."""
         if self.friction is None:
             return (None,) * self.n_tendons
         columns = [tensor.detach().expand(self.n_tendons).tolist() for tensor in self.friction.tensors]
@@ -258,37 +258,37 @@ class DifferentiableChain:
 
 
 def _most_turn() -> float:
-    """By how much a piece may turn [rad]: less where the host does not look how many nodes its quadrature needs."""
+    """Largest turn of a piece [rad]: smaller where the host does not look at the nodes that its quadrature needs."""
     return _MOST_TURN if may_look() else MOST_UNSEEN_TURN
 
 
 def _rolling(design: DifferentiableChain) -> Tensor:
     """Whether the relative curvature of every joint is below 0 where it is sampled."""
-    inside = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES, device=design.device).to(torch.float64)
+    fractions = torch.linspace(0.0, 1.0 - 1e-9, _SAMPLES, device=design.device).to(torch.float64)
     below, above = design.breaks[..., :-1, 1, :], design.breaks[..., 1:, 0, :]
     if seen((below == above).all(), False):
-        return _rolling_alike(design, below.diff(dim=-1), inside)
+        return _rolling_alike(design, below.diff(dim=-1), fractions)
     joints = design.surfaces().joints()
     low, high = joints.common_range()
     begins = joints.pieces[..., 0]
     ends = joints.limits[..., 1:].expand(*begins.shape[:-1], 1)
     lengths = torch.cat([begins[..., 1:], ends], -1) - begins
-    s = (begins[..., None] + lengths[..., None] * inside).flatten(-3).movedim(-1, -2)  # (..., samples, J)
+    s = (begins[..., None] + lengths[..., None] * fractions).flatten(-3).movedim(-1, -2)  # (..., samples, J)
     s = torch.minimum(torch.maximum(s, low[..., None, :]), high[..., None, :])
     curvature = joints.several().at(s[..., None].expand(*s.shape, 2)).curvature()
     return (curvature[..., 0] < curvature[..., 1]).flatten(-2).all(-1) & (low < high).all(-1)
 
 
-def _rolling_alike(design: DifferentiableChain, lengths: Tensor, inside: Tensor) -> Tensor:
-    """`_rolling` for joints whose two surfaces have the same pieces, of these lengths (..., J, p)."""
-    degrees = torch.arange(design.coefficients.shape[-1], device=design.device).to(inside)
+def _rolling_alike(design: DifferentiableChain, lengths: Tensor, fractions: Tensor) -> Tensor:
+    """`_rolling` for joints with two surfaces of the same pieces, of these lengths (..., J, p)."""
+    degrees = torch.arange(design.coefficients.shape[-1], device=design.device).to(fractions)
     relative = design.coefficients[..., :-1, 1, :, :] - design.coefficients[..., 1:, 0, :, :]
-    samples = (relative * lengths[..., None] ** degrees) @ (inside ** degrees[:, None])
+    samples = (relative * lengths[..., None] ** degrees) @ (fractions ** degrees[:, None])
     return ((samples < 0) | (lengths[..., None] == 0)).flatten(-3).all(-1)
 
 
 def _friction(chains: Sequence[RollingChain], single: bool) -> DifferentiableFriction | None:
-    """That of the tendons of one mechanism, or of several with a leading axis."""
+    """Friction of the tendons of one mechanism, or of several with a leading axis; None without friction."""
     if not any(chain.has_friction for chain in chains):
         return None
     for chain in chains:
@@ -306,9 +306,9 @@ def _numbers(chain: RollingChain, pieces: int, degrees: int) -> dict[str, np.nda
     surfaces = [(link.parent, link.child) for link in chain.links]
     for i, pair in enumerate(surfaces):
         for side, surface in enumerate(pair):
-            own = surface.profile.coefficients
-            breaks[i, side] = np.pad(surface.profile.breaks, (0, pieces - len(own)), "edge")
-            coefficients[i, side, : len(own), : own.shape[1]] = own
+            table = surface.profile.coefficients
+            breaks[i, side] = np.pad(surface.profile.breaks, (0, pieces - len(table)), "edge")
+            coefficients[i, side, : len(table), : table.shape[1]] = table
     for j, tendon in enumerate(chain.tendons):
         for i, ends in enumerate(tendon.link_holes(n)):
             for side, hole in enumerate(ends):

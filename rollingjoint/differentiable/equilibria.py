@@ -1,4 +1,4 @@
-"""Differentiable equilibria: what the solvers return."""
+"""Differentiable equilibria: results of the solvers."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from rollingjoint.differentiable.surface import as_pairs
 class Equilibria:
     """Equilibria of a batch; names, shapes and units as in `rollingjoint.Equilibrium`, with any leading axes.
 
-    Every tensor of numbers can be differentiated once. Where `ok` is False, its gradients are zero and its numbers are
-    those of the pose at which the solver gave up: finite but meaningless.
+    Every tensor of numbers can be differentiated once. Where `ok` is False, its gradients are zero and its numbers
+    belong to the last pose of the failed solve: finite but meaningless.
     """
 
     status: Tensor
@@ -97,37 +97,37 @@ class Equilibria:
 
     @property
     def dissipated_work(self) -> Tensor:
-        """(...) what friction has taken up in the step from the history to here [N·mm]."""
+        """(...) energy that friction dissipated in the step since the history [N·mm]."""
         rubbing = self._state.rubbing
         return torch.zeros_like(self.lengths[..., 0]) if rubbing is None else self._shown(rubbing.work) * self.ok
 
     @cached_property
     def friction_state(self) -> FrictionStates:
-        """What friction remembers, the history of the next step. Gradients flow through it.
+        """The friction state, history of the next step. Gradients flow through it.
 
-        In a row that is not ok it is a constant: what was remembered before; slips and angles are those of the pose if
-        that is INDETERMINATE.
+        In a row that is not ok it is the history before, as a constant; slips and angles are of the pose if its status
+        is INDETERMINATE.
         """
         return self.remembered(None)
 
     def remembered(self, friction: DifferentiableFriction | None) -> FrictionStates:
-        """`friction_state`; where nothing has slipped yet, in terms of the friction of the step to come."""
+        """`friction_state`; without a step with friction before, in terms of the friction of the next step."""
         state, before = self._state, self._state.law.history
         friction = friction or state.law.friction or DifferentiableFriction(0.0)
         friction = friction.where(friction.usable()).each(lambda tensor: tensor.to(state.phi))
         rubbing = state.rubbing or state.rubbing_under(friction)
-        found = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
+        reached = FrictionStates(rubbing.states.mT, rubbing.slips.mT, rubbing.grips.mT, state.phi).each(
             lambda tensor, _: self._shown(tensor)
         )
         if before is None or seen(self.ok.all(), False):
-            return found
+            return reached
         stands = self.status <= int(Status.INDETERMINATE)
-        kept = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
-        chosen = {}
+        masks = {"states": self.ok, "grips": self.ok, "slips": stands, "angles": stands}
+        tensors = {}
         for name, axes in HISTORY.items():
-            mask = kept[name][(..., *(None,) * axes)]
-            chosen[name] = torch.where(mask, getattr(found, name), getattr(before, name).detach())
-        return FrictionStates(**chosen)
+            mask = masks[name][(..., *(None,) * axes)]
+            tensors[name] = torch.where(mask, getattr(reached, name), getattr(before, name).detach())
+        return FrictionStates(**tensors)
 
     @property
     def lengths(self) -> Tensor:
@@ -168,7 +168,7 @@ class Equilibria:
     def smallest_eigenvalue(self) -> Tensor:
         """(...) smallest real part of the eigenvalues of the stiffness over the free joints [N·mm/rad]; inf if none is.
 
-        Its gradient means something where the eigenvalue is simple.
+        Its gradient is meaningful where the eigenvalue is simple.
         """
         held, H = ~self.free_joints, self.stiffness
         far = 1.0 + H.detach().abs().flatten(-2).sum(-1)  # beyond every eigenvalue

@@ -1,4 +1,4 @@
-"""Tendon friction with memory, in tensors: its coefficients, and what one step leaves to the next."""
+"""Tendon friction with memory, in tensors: its coefficients, and its state from step to step."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import NO_FRICTION, RANGES, CapstanFriction
 from rollingjoint.kernels.arrays import LARGEST_INPUT
 
-COEFFICIENTS = ("mu", "presliding", "extra_turn", "constant", "compliance")  # order: that of friction_coefficients
-HISTORY = {"states": 2, "slips": 2, "grips": 2, "angles": 1}  # axes after those of the batch
+COEFFICIENTS = ("mu", "presliding", "extra_turn", "constant", "compliance")  # in the order of friction_coefficients
+HISTORY = {"states": 2, "slips": 2, "grips": 2, "angles": 1}  # axes after the leading ones
 
 
 def _number(value: Any) -> Tensor:
@@ -28,7 +28,7 @@ class DifferentiableFriction:
     """Friction of the tendons as `rollingjoint.CapstanFriction` has it, by tensors that can be differentiated.
 
     Each is a number, or a tensor: (..., m) with one value per tendon, (..., 1) with one for all, leading axes as of
-    designs. A row whose numbers are not in the ranges of CapstanFriction is INVALID_INPUT. Rolling resistance is not
+    designs. A row with numbers outside the ranges of CapstanFriction is INVALID_INPUT. Rolling resistance is not
     covered.
 
     Args:
@@ -65,7 +65,7 @@ class DifferentiableFriction:
         return torch.stack(torch.broadcast_tensors(*good)).all(0)
 
     def where(self, good: Tensor) -> DifferentiableFriction:
-        """The friction; in rows that are not good, (...), a constant that can be solved with."""
+        """The friction; in rows that are not good, (...), a valid constant."""
         calm = (0.0, NO_FRICTION.presliding, 0.0, 0.0, 0.0)
         pairs = zip(self.tensors, calm, strict=True)
         return DifferentiableFriction(*(torch.where(good[..., None], tensor, value) for tensor, value in pairs))
@@ -74,10 +74,10 @@ class DifferentiableFriction:
 def as_friction(
     friction: DifferentiableFriction | CapstanFriction, n_tendons: int, like: Tensor
 ) -> DifferentiableFriction:
-    """The friction of so many tendons, on the device of another tensor.
+    """The friction of `n_tendons` tendons, on the device of the tensor `like`.
 
     Raises:
-        InvalidInput: it is none, has rolling resistance, or numbers for another number of tendons.
+        InvalidInput: another type, rolling resistance, or coefficients for another number of tendons.
     """
     if isinstance(friction, CapstanFriction):
         without_rolling(friction.rolling)
@@ -98,7 +98,7 @@ def without_rolling(arm: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FrictionStates:
-    """What friction remembers of the steps of a batch, as `rollingjoint.FrictionState`: the history of the next ones.
+    """Friction states of a batch, as `rollingjoint.FrictionState`: the history of the next step.
 
     Gradients flow through it.
 
@@ -115,7 +115,7 @@ class FrictionStates:
     angles: Tensor
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> FrictionStates:
-        """The same with every tensor changed, by a function that also gets the number of its own axes."""
+        """The same with every tensor changed, by a function of the tensor and its number of trailing axes."""
         return FrictionStates(**{name: change(getattr(self, name), axes) for name, axes in HISTORY.items()})
 
     @property

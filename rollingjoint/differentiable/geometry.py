@@ -1,4 +1,4 @@
-"""Geometry of a chain: where surfaces touch, how tendons run. The plane is the complex plane: x + iy."""
+"""Geometry of a chain: contacts of surfaces, routes of tendons. The plane is the complex plane: x + iy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Joints(NamedTuple):
 
 @dataclass(frozen=True)
 class Contact:
-    """Where the surfaces of every joint touch; the place has (..., J, 2), child and parent."""
+    """Contact of the surfaces of every joint; the place has (..., J, 2), child and parent."""
 
     place: Place
 
@@ -38,7 +38,7 @@ class Contact:
 
     @cached_property
     def tangent_angles(self) -> Tensor:
-        """In the frames of both links, (..., J, 2) [rad]."""
+        """Tangent angles in the frames of both links, (..., J, 2) [rad]."""
         return self.place.tangent_angle()
 
     @cached_property
@@ -54,7 +54,7 @@ class Contact:
 
     @cached_property
     def points(self) -> Tensor:
-        """In the frames of both links, complex (..., J, 2) [mm]."""
+        """Contact points in the frames of both links, complex (..., J, 2) [mm]."""
         return self.place.point()
 
     @cached_property
@@ -63,25 +63,25 @@ class Contact:
         return turned(self.tangent_angles[..., 0])
 
     def joints(self, phi: Tensor) -> Joints:
-        """The joints at angles phi, (..., J) [rad]; whoever differentiates has contacts that depend on them."""
+        """The joints at angles phi, (..., J) [rad]; for derivatives the contacts must depend on phi."""
         turn, (below, above) = turned(phi), self.points.unbind(-1)
         return Joints(turn, below, below - turn * above, self.tangents, self.tangents / self.kappa)
 
     def moved(self, by: Tensor) -> Contact:
-        """The contacts so much further on, (..., J)."""
+        """The contacts moved by this arc length, (..., J) [mm]."""
         return Contact(self.place.moved(by[..., None]))
 
 
 @dataclass(frozen=True)
 class Routes:
-    """How the tendons run through the links.
+    """Routes of the tendons through the links.
 
     Attributes:
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
         crosses: whether tendon j crosses joint i, (m, J), 1 or 0.
         channels: length of every tendon inside the links, (..., m) [mm].
-        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y where there is none. Only
-            friction asks for them: None where none can act.
+        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y for an empty channel. Only
+            friction needs them: None where no friction can act.
     """
 
     below: Tensor
@@ -91,14 +91,14 @@ class Routes:
     along: Tensor | None = None
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> Routes:
-        """The same with every tensor that has leading axes changed, by a function that also gets its own axes."""
+        """The same with every tensor but `crosses` changed, by a function of it and its number of trailing axes."""
         along = None if self.along is None else change(self.along, 2)
         return Routes(change(self.below, 2), change(self.above, 2), self.crosses, change(self.channels, 1), along)
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What does not depend on the pose.
+    """Geometry that does not depend on the pose.
 
     Attributes:
         joints: (..., J, 2) surfaces: child below, parent above.
@@ -136,12 +136,12 @@ class Geometry:
         """The contacts at arc lengths s, (..., J)."""
         return Contact(self.joints.at(s[..., None].expand(*s.shape, 2)))
 
-    def contacts(self, phi: Tensor, guess: Tensor, most: int = 60) -> Tensor:
+    def contacts(self, phi: Tensor, guess: Tensor, iterations: int = 60) -> Tensor:
         """Contacts s at joint angles phi, (..., J) [mm], constants; Newton's method from a guess, in a bracket."""
         low, high = self.limits
         low, high = low.expand_as(phi), high.expand_as(phi)
         s = torch.minimum(torch.maximum(guess, low), high)
-        for _ in range(most):
+        for _ in range(iterations):
             contact = self.contact(s)
             error = contact.angles - phi  # falls as s grows
             if seen((error.abs() <= 2e-15 * (1.0 + phi.abs())).all(), False):

@@ -1,6 +1,6 @@
 """Loads on the differentiable chain: the columns of load tables, and their energy, forces and stiffness at a pose.
 
-The plane is the complex plane: x + iy. Everything has leading axes and is differentiable by everything.
+The plane is the complex plane: x + iy. All tensors have leading axes, and all results have derivatives by all inputs.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS
 
 _COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}
-_BESIDES_DEAD = ("bx", "by"), ("k",), ("torsion",)  # what follows its link, pulls, twists: 0 where nothing does
+_BESIDES_DEAD = ("bx", "by"), ("k",), ("torsion",)  # columns of follower forces, springs, torsion springs; 0: none
 
 
 class Loads:
@@ -25,7 +25,7 @@ class Loads:
     Args:
         table: columns load.LOAD_COLUMNS.
         n_joints: of the chain.
-        only_dead: nothing but dead forces and moments is to act, whatever else the table has.
+        only_dead: let dead forces and moments alone act, whatever else the table has.
     """
 
     def __init__(self, table: Tensor, n_joints: int, only_dead: bool = False) -> None:
@@ -37,12 +37,12 @@ class Loads:
         self.moments, self.springs = map(self._number, ("moment", "k"))
         self.torsions, self.rests = map(self._number, ("torsion", "rest"))
         self.others, beyond_other = self._link("other")
-        self.between = self.beyond - beyond_other  # the turns of which joints a torsion spring sees, and their signs
+        self.between = self.beyond - beyond_other  # signs with which joint angles turn a torsion spring
         self.any = table.shape[-2] > 0
         self.follow, self.pull, self.twist = (not only_dead and self._acts(*names) for names in _BESIDES_DEAD)
 
     def of_links(self, values: Tensor, links: Tensor | None = None) -> Tensor:
-        """What the loaded links, or others (..., rows), have, (..., rows), of values (..., n)."""
+        """Values (..., n) of the loaded links, or of other links (..., rows): (..., rows)."""
         return values.gather(-1, (self.links if links is None else links).expand(*values.shape[:-1], -1))
 
     def sums(self, values: Tensor) -> Tensor:
@@ -59,7 +59,7 @@ class Loads:
         return (self.body != 0).any(-1)
 
     def dead_alone(self) -> Tensor:
-        """Where nothing but dead forces and moments acts, and all numbers are in range, (...)."""
+        """Where dead forces and moments act alone, and all numbers are in range, (...)."""
         others = torch.stack([self._number(name) == 0.0 for names in _BESIDES_DEAD for name in names]).all(0)
         return (others & (self.table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
 
@@ -86,7 +86,7 @@ class LoadsAtPose:
     """Loads on a chain at one pose.
 
     Args:
-        loads: what acts.
+        loads: load tables.
         positions, rotations: origin of every link, and exp(i angle), complex (..., n).
         link_angles: (..., n) [rad].
         contacts: contact points, complex (..., J) [mm].
@@ -100,7 +100,7 @@ class LoadsAtPose:
 
     @cached_property
     def _acting(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Of every row of the load table where it acts, its force, its part that follows, if any does; (..., rows)."""
+        """Point, force and follower part of the force of every row of the load table, (..., rows)."""
         loads, turn = self.loads, self.loads.of_links(self.rotations)
         x = loads.of_links(self.positions) + turn * loads.points
         force, follower = loads.dead.expand_as(x), x
@@ -111,7 +111,7 @@ class LoadsAtPose:
 
     @cached_property
     def _twists(self) -> Tensor:
-        """By how much the torsion spring of every row is turned from rest, (..., rows) [rad]."""
+        """Turn of the torsion spring of every row from rest, (..., rows) [rad]."""
         loads, angles = self.loads, self.link_angles
         return loads.of_links(angles) - loads.of_links(angles, loads.others) - loads.rests
 
@@ -131,7 +131,7 @@ class LoadsAtPose:
         return moments - ((self.loads.torsions * self._twists)[..., None] * self.loads.between).sum(-2)
 
     def stiffness(self) -> Tensor:
-        """What the loads add to H, (..., J, J), the moving contact of each joint itself left out."""
+        """Contribution of the loads to H, (..., J, J), without the moving contact of each joint itself."""
         (x, f, follower), c, loads = self._acting, self.contacts, self.loads
         later, ci, cm = loads.later, c[..., :, None], c[..., None, :]
         H = (loads.sums(dot(x, f)) - dot(c, self.forces))[..., later]
@@ -150,8 +150,8 @@ class LoadsAtPose:
         loads, x = self.loads, self._acting[0]
         work = -dot(loads.dead, x) - loads.moments * loads.of_links(self.link_angles)
         if loads.pull:
-            away = loads.anchors - x
-            work = work + 0.5 * loads.springs * dot(away, away)
+            offset = loads.anchors - x
+            work = work + 0.5 * loads.springs * dot(offset, offset)
         if loads.twist:
             work = work + 0.5 * loads.torsions * self._twists.square()
         return work

@@ -1,6 +1,6 @@
-"""Looks of the host at numbers on a device, each of which waits for all that the device has still to do.
+"""Looks of the host at numbers on a device. Each look waits for all pending work of the device.
 
-Where a look only saves work, it is taken on the CPU alone, where it costs nothing: results are the same without it.
+Where a look only saves work, it is taken on the CPU alone, where it is free: results are the same without it.
 Where the host has to decide, it looks unless a fixed number of steps was asked for.
 """
 
@@ -17,7 +17,7 @@ _BLIND = ContextVar("blind", default=False)
 
 
 def seen(flag: Tensor, otherwise: bool) -> bool:
-    """A flag on the CPU; on another device `otherwise`, the value with which everything is computed."""
+    """A flag on the CPU; on another device `otherwise`, the value that leaves all work in place."""
     if flag.device.type != "cpu" or _AS_ON_A_DEVICE.get() or _BLIND.get():
         return otherwise
     return bool(flag)
@@ -30,14 +30,14 @@ def may_look() -> bool:
 
 @contextmanager
 def as_on_a_device() -> Iterator[None]:
-    """A context in which no look that only saves work is taken, on the CPU either: what a device would compute."""
+    """A context without looks that only save work, on the CPU too: the computation of a device."""
     with _turned_on(_AS_ON_A_DEVICE):
         yield
 
 
 @contextmanager
 def without_looking(blind: bool = True) -> Iterator[None]:
-    """A context in which the host looks at nothing; with False one that changes nothing."""
+    """A context without looks of the host; with False, no change."""
     if not blind:
         yield
         return

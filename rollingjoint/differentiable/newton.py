@@ -1,11 +1,11 @@
 """Newton's method on many rows in torch: an iteration for every solver, and the equilibria of a batch of designs.
 
-`Search.advanced` is the iteration; a `Problem` says what differs: where trials lie, and what to do where the stiffness
-is not definite. None of these reads a number back from a device.
+`LineSearches.advanced` is the iteration; an `EnergyProblem` defines the rest: the place of trials, and the course where
+the stiffness is not definite. No number is read back from a device here.
 
-`minimise` solves a batch whose rows have designs of their own; no tables are built. Every row descends its energy; one
-that gets stuck is left to the compiled solver. Friction has no energy: every Newton step is judged by the work of the
-holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
+`minimise` solves a batch in which every row has a separate design; no tables are built. Every row descends its energy;
+a row that gets stuck is left to the compiled solver. Friction has no energy: every Newton step is judged by the work of
+the holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from rollingjoint.kernels.arrays import (
     SMALLEST_PIVOT,
 )
 
-_MOST_STEPS = 60
+_MAX_STEPS = 60
 _ARMIJO = 1e-4
 _AT_END = 1e-13  # rad
-_WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
+_WORTH = 64  # rows; half of the batch and at least these must have converged before the remaining rows go on alone
 
 Origin = tuple[Tensor, ...]
-"""What a problem remembers of the pose where a line search began; joint angles, (..., J) [rad], come first."""
+"""Memory of a problem of the pose where a line search began; joint angles, (..., J) [rad], come first."""
 
 
-class Problem(Protocol):
-    """Chains whose equilibria are sought."""
+class EnergyProblem(Protocol):
+    """Chains in search of equilibria, as the iteration sees them."""
 
     @property
     def limits(self) -> tuple[Tensor, Tensor]:
@@ -49,64 +49,64 @@ class Problem(Protocol):
 
     @property
     def shortest(self) -> float:
-        """Of a step, the smallest part that is tried."""
+        """The smallest part of a step that is tried."""
 
     @property
     def helps(self) -> bool:
         """Whether rows go on where the stiffness is not definite."""
 
-    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+    def step(self, state: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
         """Newton's step of the free joints, (..., J) [rad]; whether the stiffness is definite, (...)."""
 
     def trial(self, origin: Origin, step: Tensor) -> Tensor:
-        """What is to be evaluated next, (..., J), a step away from there."""
+        """The next point to evaluate, (..., J), one step from the origin."""
 
     def work(self, before: Origin, after: Origin) -> Tensor | float:
-        """Work of the step between them against what has no energy, (...) [N·mm]."""
+        """Work of the step between them against friction, which has no energy, (...) [N·mm]."""
 
 
-class Search(NamedTuple):
-    """Where every row is in its line search, (...); a row that neither runs nor has arrived is left."""
+class LineSearches(NamedTuple):
+    """The line searches of all rows, (...); a row that neither runs nor has arrived is left to another solver."""
 
     running: Tensor
     arrived: Tensor
     x: Tensor  # to be evaluated next, (..., J): joint angles, or contacts
     held: Tensor  # joints at an end of their surfaces where the line search began, (..., J)
     origin: Origin
-    residual: Tensor  # there, (..., J)
-    step: Tensor  # from there, (..., J)
-    energy: Tensor  # there
+    residual: Tensor  # at the origin, (..., J)
+    step: Tensor  # from the origin, (..., J)
+    energy: Tensor  # at the origin
     magnitude: Tensor
     worst: Tensor
     part: Tensor  # of the step that is tried
 
     @classmethod
-    def begun(cls, x: Tensor, origin: Origin, running: Tensor) -> Search:
-        """From these points in the rows that run. The first evaluation is always accepted."""
+    def begun(cls, x: Tensor, origin: Origin, running: Tensor) -> LineSearches:
+        """Searches from these points in the running rows. The first evaluation is always accepted."""
         none, nothing = torch.zeros_like(running), torch.zeros_like(x)
-        zero, one = torch.zeros_like(x[..., 0]), torch.ones_like(x[..., 0])
+        zero, unit = torch.zeros_like(x[..., 0]), torch.ones_like(x[..., 0])
         never = torch.zeros_like(x, dtype=torch.bool)
-        return cls(running, none, x, never, origin, nothing, nothing, one * torch.inf, zero, zero, one)
+        return cls(running, none, x, never, origin, nothing, nothing, unit * torch.inf, zero, zero, unit)
 
-    def advanced(self, problem: Problem, found: ChainState, here: Origin) -> Search:
-        """The next points of every row, from what was found at these: another step, a shorter one, or the end."""
-        (low, high), r, phi = problem.limits, found.residual, here[0]
+    def advanced(self, problem: EnergyProblem, state: ChainState, point: Origin) -> LineSearches:
+        """The next points of every row, from the state at its points: another step, a shorter one, or the end."""
+        (low, high), r, phi = problem.limits, state.residual, point[0]
         held = pressed(phi, low, high, r)
-        worst, (energy, magnitude) = largest_free(r, held), found.energy
+        worst, (energy, magnitude) = largest_free(r, held), state.energy
         slope = (self.residual * (phi - self.origin[0])).sum(-1)
-        fall, noise = self.energy - energy - problem.work(self.origin, here), ROUNDING * (self.magnitude + magnitude)
+        fall, noise = self.energy - energy - problem.work(self.origin, point), ROUNDING * (self.magnitude + magnitude)
         accepted = improves(fall, slope, noise, worst, self.worst) & self.running
-        whole, definite = problem.step(found, held)
-        at_rest = accepted & (worst <= residual_goal(found.force_scale))
+        full_step, definite = problem.step(state, held)
+        at_rest = accepted & (worst <= residual_goal(state.force_scale))
 
         part = torch.where(accepted, 1.0, 0.5 * self.part)
         running = self.running & ~at_rest & (part >= problem.shortest)
         if not problem.helps:
             running = running & (definite | ~accepted)
         taken = accepted[..., None]
-        origin = tuple(_where(accepted, *pair) for pair in zip(here, self.origin, strict=True))
-        step = torch.where(taken, whole, self.step)
-        return Search(
+        origin = tuple(_where(accepted, *pair) for pair in zip(point, self.origin, strict=True))
+        step = torch.where(taken, full_step, self.step)
+        return LineSearches(
             running,
             self.arrived | at_rest & definite,
             torch.where(running[..., None], problem.trial(origin, part[..., None] * step), self.x),
@@ -120,59 +120,59 @@ class Search(NamedTuple):
             part,
         )
 
-    def chosen(self, mask: Tensor) -> Search:
+    def chosen(self, mask: Tensor) -> LineSearches:
         """The rows of a mask (...), with one leading axis, (A, ...)."""
         origin = tuple(values[mask] for values in self.origin)
-        return Search(**{name: getattr(self, name)[mask] for name in _OF_ROWS}, origin=origin)
+        return LineSearches(**{name: getattr(self, name)[mask] for name in _OF_ROWS}, origin=origin)
 
-    def put(self, mask: Tensor, part: Search) -> Search:
-        """These rows, those of a mask (...) replaced by the part."""
+    def put(self, mask: Tensor, part: LineSearches) -> LineSearches:
+        """All rows, with the rows of a mask (...) replaced by the part."""
         pairs = zip(self.origin, part.origin, strict=True)
         origin = tuple(values.index_put((mask,), new) for values, new in pairs)
         rows = {name: getattr(self, name).index_put((mask,), getattr(part, name)) for name in _OF_ROWS}
-        return Search(**rows, origin=origin)
+        return LineSearches(**rows, origin=origin)
 
 
-_OF_ROWS = [name for name in Search._fields if name != "origin"]
+_OF_ROWS = [name for name in LineSearches._fields if name != "origin"]
 
 
 def minimise(
     geometry: Geometry, law: Law, loads: Loads, s: Tensor, steps: int | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Stable equilibria from contacts s, (..., J) [mm]: with `steps` so many Newton steps of all rows, no more or less.
+    """Stable equilibria from contacts s, (..., J) [mm]; `steps`: exact number of Newton steps of all rows.
 
     Returns:
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
         row has converged, (...).
     """
-    problem = _Rolling.of(geometry, law, loads, s)
+    problem = _DesignProblem.of(geometry, law, loads, s)
     s = within(s, problem.first, problem.last)
-    potential = ~loads.without_potential().expand(s.shape[:-1])  # forces that turn with their links have none
-    search = Search.begun(s, problem.nowhere(s), potential)
-    search = _descended(problem, search, 1 + (_MOST_STEPS if steps is None else steps), steps is None)
+    potential = ~loads.without_potential().expand(s.shape[:-1])  # follower forces have none
+    search = LineSearches.begun(s, problem.nowhere(s), potential)
+    search = _descended(problem, search, 1 + (_MAX_STEPS if steps is None else steps), steps is None)
     return search.x, search.held, search.arrived
 
 
-def _descended(problem: _Rolling, search: Search, most: int, looking: bool) -> Search:
-    """The rows after at most so many evaluations.
+def _descended(problem: _DesignProblem, search: LineSearches, count: int, looking: bool) -> LineSearches:
+    """The rows after at most `count` evaluations.
 
-    Looking, it ends when no row is left, and when few of many are, they go on alone, which does not change their
-    results; else every row takes part in every evaluation.
+    With `looking` it ends when no row runs; few remaining rows go on alone, which does not change their results.
+    Otherwise every row takes part in every evaluation.
     """
-    for taken in range(1, most + 1):
+    for evaluations in range(1, count + 1):
         search = search.advanced(problem, *problem.at(search.x))
         running = search.running
-        left = int(running.sum()) if looking else running.numel()
-        if left == 0:
+        remaining = int(running.sum()) if looking else running.numel()
+        if remaining == 0:
             break
-        if 2 * left <= running.numel() - _WORTH:
-            rest = _descended(problem.chosen(running), search.chosen(running), most - taken, looking)
-            return search.put(running, rest)
+        if 2 * remaining <= running.numel() - _WORTH:
+            part = _descended(problem.chosen(running), search.chosen(running), count - evaluations, looking)
+            return search.put(running, part)
     return search
 
 
 @dataclass(frozen=True)
-class _Rolling:
+class _DesignProblem:
     """The problem of a batch of designs; x are contacts s. The angle falls as the contact moves on."""
 
     shortest: ClassVar[float] = 1.0 / 256
@@ -185,8 +185,8 @@ class _Rolling:
     limits: tuple[Tensor, Tensor]
 
     @classmethod
-    def of(cls, geometry: Geometry, law: Law, loads: Loads, like: Tensor) -> _Rolling:
-        """The problem with as many rows as contacts (..., J)."""
+    def of(cls, geometry: Geometry, law: Law, loads: Loads, like: Tensor) -> _DesignProblem:
+        """The problem with the rows of contacts (..., J)."""
         first, last = (side.expand_as(like) for side in geometry.limits)
         largest, smallest = (geometry.contact(side).angles for side in (first, last))
         return cls(geometry, law, loads, first, last, (smallest, largest))
@@ -201,39 +201,39 @@ class _Rolling:
         return torch.zeros_like(s), s, torch.ones_like(s), *([gaps] * 3 if self._rubs else [])
 
     def at(self, s: Tensor) -> tuple[ChainState, Origin]:
-        """The chains with their contacts at s; joint angles, s, kappa, and what friction's work is made of."""
+        """The chains with their contacts at s; joint angles, s, kappa, and the terms of the work of friction."""
         contact = self.geometry.contact(s)
         phi = contact.angles
-        found = ChainState(self.geometry.routes, self.law, self.loads, phi, contact.joints(phi))
-        rubbing = found.rubbing
+        state = ChainState(self.geometry.routes, self.law, self.loads, phi, contact.joints(phi))
+        rubbing = state.rubbing
         friction = () if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
-        return found, (phi, s, contact.kappa, *friction)
+        return state, (phi, s, contact.kappa, *friction)
 
-    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
-        """See Problem; a joint at an end that its step pushes outwards is held, too."""
-        r = found.residual
-        H = found.stiffness.expand(*r.shape, r.shape[-1])
+    def step(self, state: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """See EnergyProblem; a joint at an end that its step pushes outwards is held, too."""
+        r = state.residual
+        H = state.stiffness.expand(*r.shape, r.shape[-1])
         step, definite = _newton(H, r, held, not self._rubs)
-        outwards = held | pressed(found.phi, *self.limits, -step)
+        outwards = held | pressed(state.phi, *self.limits, -step)
         if seen((outwards != held).any(), True):
             step, _ = _newton(H, r, outwards, not self._rubs)
         return shortened(step), definite
 
     def trial(self, origin: Origin, step: Tensor) -> Tensor:
-        """See Problem: two corrections, which near rest are exact; exactly an end at an end."""
+        """See EnergyProblem: two corrections, which near rest are exact; exactly an end at an end."""
         (phi, s, kappa), (smallest, largest) = origin[:3], self.limits
         phi = within(phi + step, smallest, largest)
         s = self.geometry.contacts(phi, s + step / kappa, 2)
         return torch.where(phi <= smallest, self.last, torch.where(phi >= largest, self.first, s))
 
     def work(self, before: Origin, after: Origin) -> Tensor | float:
-        """See Problem: that of friction."""
+        """See EnergyProblem."""
         if self.law.friction is None or not self._rubs:
             return 0.0
         distal, reached, grips = before[3:]
         return frozen_work(self.law.friction.presliding, grips, reached, after[3] - distal)
 
-    def chosen(self, mask: Tensor) -> _Rolling:
+    def chosen(self, mask: Tensor) -> _DesignProblem:
         """The problem of the rows of a mask (...), which get one leading axis, (A)."""
 
         def rows(values: Tensor, axes: int = 1) -> Tensor:
@@ -247,16 +247,16 @@ class _Rolling:
             pieces=rows(surfaces.pieces, 4),
         )
         loads = Loads(rows(self.loads.table, 2), routes.crosses.shape[-1])
-        return _Rolling.of(Geometry(joints, routes.each(rows)), self.law.each(rows), loads, rows(self.first))
+        return _DesignProblem.of(Geometry(joints, routes.each(rows)), self.law.each(rows), loads, rows(self.first))
 
 
 def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
     """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes.
 
-    Where nobody looks which rows these are, theirs is a step down the gradient, no longer than the stiffness admits.
+    Without looks of the host these rows step down the gradient, no longer than the stiffness admits.
 
-    Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not. Returns
-    also whether it is, (...).
+    Friction and follower forces make H nonsymmetric; then its symmetric part counts. Returns also whether H is
+    definite, (...).
     """
     free, right = freed(H, held), torch.where(held, 0.0, -residual)
     even = free if symmetric else 0.5 * (free + free.mT)
@@ -316,13 +316,13 @@ def within(angles: Tensor, smallest: Tensor, largest: Tensor) -> Tensor:
 
 
 def freed(H: Tensor, held: Tensor) -> Tensor:
-    """H with the rows and columns of held joints those of the identity."""
-    either = held[..., :, None] | held[..., None, :]
-    return torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
+    """H with the rows and columns of held joints replaced by the identity."""
+    held_pair = held[..., :, None] | held[..., None, :]
+    return torch.where(held_pair, 0.0, H) + torch.diag_embed(held.to(H.dtype))
 
 
 def definite(H: Tensor, held: Tensor, pivots: Tensor) -> Tensor:
-    """Whether H over the free joints, of these pivots (..., J), is positive definite beyond rounding, (...)."""
+    """Whether H over the free joints, with pivots (..., J), is positive definite beyond rounding, (...)."""
     size = largest_free(H.diagonal(dim1=-2, dim2=-1), held)
     return (torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * size) & (size >= NEGLIGIBLE)
 

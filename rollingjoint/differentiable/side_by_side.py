@@ -1,9 +1,8 @@
 """Equilibria of many tabulated chains side by side on a device, in a fixed number of passes, without gradients.
 
-The method is that of kernels/lanes.py, pass by pass: Newton's method on the energy where it meets no
-difficulty, by the iteration that `newton` has for all solvers. A row that leaves this path has not `arrived`; the
-compiled solver takes it from its start. Between the passes nothing is read back from the device, so that a CUDA graph
-can hold the whole solve.
+The method follows kernels/lanes.py pass by pass: Newton's method on the energy where it meets no difficulty, by the
+iteration that `newton` has for all solvers. A row that leaves this path has not `arrived`; the compiled solver takes it
+from its start. No number is read back from the device between the passes: a CUDA graph can hold the whole solve.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from torch import Tensor
 
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import seen
-from rollingjoint.differentiable.newton import Origin, Search, definite, freed, shortened, within
+from rollingjoint.differentiable.newton import LineSearches, Origin, definite, freed, shortened, within
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.differentiable.tabulated import TabulatedChain
 from rollingjoint.errors import InvalidInput
@@ -29,11 +28,11 @@ from rollingjoint.kernels.rolling import Chain
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""
 
-_FEW = 64  # on the CPU a solve ends when one row in so many is still running: alone they are solved faster elsewhere
+_FEW = 64  # on the CPU a solve ends with one row in _FEW running: other solvers are faster for the remaining rows
 
 
 class Settled(NamedTuple):
-    """Equilibria of B rows; where a row has not arrived, numbers that mean nothing."""
+    """Equilibria of B rows; the numbers of a row that has not arrived are meaningless."""
 
     arrived: Tensor  # (B,)
     held: Tensor  # (B,) whether a joint is held at the end of its surface
@@ -42,19 +41,19 @@ class Settled(NamedTuple):
     tensions: Tensor  # (B, m) N
     lengths: Tensor  # (B, m) mm
     responses: Tensor  # (B, J, m) d joint angle / d command, rad/mm
-    contacts: Tensor  # (B, J, 2) where links touch, mm
+    contacts: Tensor  # (B, J, 2) contact points, mm
 
 
 class SideBySide:
-    """A solver of B rows on a device, each with its mechanism, which are solved again and again.
+    """A solver of B rows on a device, each with its mechanism, for many solves.
 
     Args:
-        arrays: a stack of designs, the `arrays` of a mechanism or what `chain.stacks.stack` makes of several.
-        designs: which of them each row has, (B,).
-        device: where everything is.
-        passes: how many evaluations a solve has; on the CPU it ends when nearly every row is done.
+        arrays: a stack of designs, the `arrays` of a mechanism or the result of `chain.stacks.stack` for several.
+        designs: index of the design of each row, (B,).
+        device: of all tensors.
+        passes: number of evaluations in a solve; on the CPU it ends when nearly every row is done.
     Raises:
-        InvalidInput: chains of more than 15 joints, or with springs of their own.
+        InvalidInput: chains of more than 15 joints, or with springs.
     """
 
     most_joints: ClassVar[int] = MOST_JOINTS
@@ -70,7 +69,7 @@ class SideBySide:
         self.passes = passes
 
     def put(self, rows: NDArray[np.int64], arrays: Chain) -> None:
-        """Replace the mechanisms of some rows, of a stack in which every row has a design of its own."""
+        """Replace the mechanisms of some rows, in a stack with one design per row."""
         self.tables.put(rows, arrays)
 
     @torch.no_grad()
@@ -92,25 +91,27 @@ class SideBySide:
             starts: joint angles to start from, (B, J) [rad].
         """
         law = Law(commands, stiffnesses, *tension_limits)
-        acting, problem = Loads(loads, starts.shape[-1], only_dead=True), _Tabulated(self.tables)
+        dead_loads, problem = Loads(loads, starts.shape[-1], only_dead=True), _TabulatedProblem(self.tables)
         angles = within(starts.nan_to_num(), *problem.limits)
-        search = Search.begun(angles, (angles,), acting.dead_alone() & _resolvable(commands) & _resolvable(starts))
+        search = LineSearches.begun(
+            angles, (angles,), dead_loads.dead_alone() & _resolvable(commands) & _resolvable(starts)
+        )
         for _ in range(self.passes):
-            found = self.tables.at(search.x, law, acting)
-            search = search.advanced(problem, found, (search.x,))
+            state = self.tables.at(search.x, law, dead_loads)
+            search = search.advanced(problem, state, (search.x,))
             if seen(_FEW * search.running.sum() <= len(starts), False):
                 break
-        responses = problem.factor.solve((found.elastic[..., None] * found.rates).mT * ~search.held[..., None])
-        poses = torch.cat([torch.view_as_real(found.positions), found.link_angles[..., None]], -1)
+        responses = problem.factor.solve((state.elastic[..., None] * state.rates).mT * ~search.held[..., None])
+        poses = torch.cat([torch.view_as_real(state.positions), state.link_angles[..., None]], -1)
         return Settled(
             search.arrived,
             search.held.any(-1),
             search.x,
             poses,
-            found.tensions,
-            found.lengths,
+            state.tensions,
+            state.lengths,
             responses,
-            torch.view_as_real(found.contacts),
+            torch.view_as_real(state.contacts),
         )
 
 
@@ -120,8 +121,8 @@ def _resolvable(values: Tensor) -> Tensor:
 
 
 @dataclass
-class _Tabulated:
-    """The problem of tabulated chains; x are joint angles. Where a stiffness is not definite, its row is left.
+class _TabulatedProblem:
+    """The problem of tabulated chains; x are joint angles. A row is left where its stiffness is not definite.
 
     Attributes:
         factor: of the stiffness from which the latest step was taken.
@@ -137,18 +138,18 @@ class _Tabulated:
         """Smallest and largest angle of every joint, (B or 1, J) each [rad]."""
         return self.tables.limits
 
-    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
-        """See newton.Problem."""
-        self.factor = _Factor.of(freed(found.stiffness, held))
-        step = self.factor.solve(torch.where(held, 0.0, -found.residual)[..., None])[..., 0]
-        return shortened(step), definite(found.stiffness, held, torch.stack(self.factor.pivots, -1))
+    def step(self, state: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """See newton.EnergyProblem."""
+        self.factor = _Factor.of(freed(state.stiffness, held))
+        step = self.factor.solve(torch.where(held, 0.0, -state.residual)[..., None])[..., 0]
+        return shortened(step), definite(state.stiffness, held, torch.stack(self.factor.pivots, -1))
 
     def trial(self, origin: Origin, step: Tensor) -> Tensor:
-        """See newton.Problem."""
+        """See newton.EnergyProblem."""
         return within(origin[0] + step, *self.limits)
 
     def work(self, before: Origin, after: Origin) -> float:
-        """See newton.Problem: there is no friction."""
+        """See newton.EnergyProblem; zero without friction."""
         return 0.0
 
 
@@ -160,12 +161,12 @@ class _Factor(NamedTuple):
 
     @classmethod
     def of(cls, matrix: Tensor) -> _Factor:
-        """The factor, column by column: no library call that would have to report an error to the host."""
-        columns, pivots, rest = [], [], matrix
+        """The factor, column by column, without library calls, which report errors to the host."""
+        columns, pivots, remainder = [], [], matrix
         for _ in range(matrix.shape[-1]):
-            pivot, below = rest[:, 0, 0], rest[:, 1:, 0]
+            pivot, below = remainder[:, 0, 0], remainder[:, 1:, 0]
             column = below / pivot[:, None]
-            rest = rest[:, 1:, 1:] - column[:, :, None] * below[:, None, :]
+            remainder = remainder[:, 1:, 1:] - column[:, :, None] * below[:, None, :]
             columns.append(column)
             pivots.append(pivot)
         return cls(columns, pivots)
@@ -173,12 +174,12 @@ class _Factor(NamedTuple):
     def solve(self, right: Tensor) -> Tensor:
         """The solutions for right sides (B, J, k)."""
         forward: list[Tensor] = []
-        rest = right
+        remainder = right
         for column in self.columns:
-            forward.append(rest[:, 0])
-            rest = rest[:, 1:] - column[:, :, None] * rest[:, :1]
-        found = right[:, :0]
+            forward.append(remainder[:, 0])
+            remainder = remainder[:, 1:] - column[:, :, None] * remainder[:, :1]
+        solution = right[:, :0]
         for value, column, pivot in zip(forward[::-1], self.columns[::-1], self.pivots[::-1], strict=True):
-            last = value / pivot[:, None] - (column[:, :, None] * found).sum(1)
-            found = torch.cat([last[:, None], found], 1)
-        return found
+            last = value / pivot[:, None] - (column[:, :, None] * solution).sum(1)
+            solution = torch.cat([last[:, None], solution], 1)
+        return solution

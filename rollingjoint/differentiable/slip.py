@@ -1,6 +1,6 @@
-"""Friction at one pose: how far the holes have slipped, the tension in every gap and its slopes.
+"""Friction at one pose: slip at the holes, the tension in every gap and its slopes.
 
-The axes are (..., m, J), as of all gaps. Symbols: z friction state, sigma slip coordinate, gamma turn at the holes of a
+Shapes are (..., m, J), as of all gaps. Symbols: z friction state, sigma slip coordinate, gamma turn at the holes of a
 link, T0 tension at the motor, T in a gap, g gap, C compliance.
 """
 
@@ -14,13 +14,13 @@ from torch import Tensor
 
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
 
-FIRM = 1.0 - 1e-7  # a hole sticks if its friction state is smaller; the rest is rounding
+FIRM = 1.0 - 1e-7  # a hole sticks if its friction state is smaller; the difference is rounding
 _STILL = 1e-8  # a friction state below it is zero
 
 
 @dataclass(frozen=True)
 class GapsAtPose:
-    """What friction sees of the gaps, (..., m, J) where not said otherwise.
+    """The gaps at one pose, as friction needs them, (..., m, J) unless stated.
 
     Args:
         lengths, rates: g [mm] and g' [mm/rad], 0 where a tendon does not cross.
@@ -43,11 +43,11 @@ class GapsAtPose:
 
 @dataclass(frozen=True)
 class FrictionAtPose:
-    """Friction at one pose: states, tensions and their slopes, (..., m, J) where not said otherwise.
+    """Friction at one pose: states, tensions and their slopes, (..., m, J) unless stated.
 
     Args:
         friction: of the tendons.
-        history: what the step to this pose starts from; None at a start: no hole has slipped, z = 0.
+        history: friction states before the step to this pose; None at a start: no hole has slipped, z = 0.
         gaps: at this pose.
     """
 
@@ -63,8 +63,8 @@ class FrictionAtPose:
     @cached_property
     def _compliance(self) -> Tensor:
         """C of every link, the stretch of the tendon beyond it [mm/N]."""
-        left = _beyond(self.gaps.crosses)
-        return self.friction.compliance[..., None] * left / left[..., :1].clamp(min=1.0)
+        gaps_beyond = _beyond(self.gaps.crosses)
+        return self.friction.compliance[..., None] * gaps_beyond / gaps_beyond[..., :1].clamp(min=1.0)
 
     @cached_property
     def slips(self) -> Tensor:
@@ -73,7 +73,7 @@ class FrictionAtPose:
 
     @cached_property
     def slipped(self) -> Tensor:
-        """By how much sigma has grown in this step [mm]."""
+        """Growth of sigma in this step [mm]."""
         return torch.zeros_like(self.slips) if self.history is None else self.slips - self.history.slips.mT
 
     @cached_property
@@ -95,9 +95,9 @@ class FrictionAtPose:
 
     @cached_property
     def turns(self) -> Tensor:
-        """gamma of every link, at the hole where the tendon leaves it and that where it has entered [rad]."""
-        left, entered = (_sign(turn) * turn for turn in (self.gaps.turns_below, self.gaps.turns_above))
-        return (self.friction.extra_turn[..., None] + left + _later(entered)) * self.gaps.crosses
+        """gamma of every link, at the hole where the tendon leaves and the hole where it enters [rad]."""
+        leaving, entering = (_sign(turn) * turn for turn in (self.gaps.turns_below, self.gaps.turns_above))
+        return (self.friction.extra_turn[..., None] + leaving + _later(entering)) * self.gaps.crosses
 
     @cached_property
     def _decay(self) -> Tensor:
@@ -116,24 +116,24 @@ class FrictionAtPose:
 
     @cached_property
     def tensions(self) -> Tensor:
-        """T in every gap [N]; 0 in those that a tendon does not cross."""
+        """T in every gap [N]; 0 in gaps that a tendon does not cross."""
         return torch.where(self._pulls, self._unlimited, 0.0)
 
     @cached_property
     def grips(self) -> Tensor:
-        """Q: what the holes of a link take from the tension at z = 1 [N]."""
+        """Q: loss of tension at the holes of a link at z = 1 [N]."""
         motor, z = self.gaps.tensions[..., None], self.states
         below = torch.cat([motor.expand_as(z)[..., :1], self.tensions[..., :-1]], -1)
         carried = motor * torch.cat([torch.ones_like(z[..., :1]), self._decay[..., :-1]], -1)
         slope = self.friction.mu[..., None] * self.turns
         pulling = carried * slope * _relative_loss(slope * z) + self.friction.constant[..., None]
         slack = ~self._pulls & (z.detach().abs() > _STILL)
-        left = below / torch.where(slack, z, 1.0)  # what is left below is all that the holes can take
-        return torch.where(self._pulls, pulling, left) * self.gaps.crosses
+        yielding = below / torch.where(slack, z, 1.0)  # the tension below is all that the holes can take
+        return torch.where(self._pulls, pulling, yielding) * self.gaps.crosses
 
     @property
     def work(self) -> Tensor:
-        """Work that the holes take in this step, with the mean of the grips before and after it, (...) [N·mm]."""
+        """Work dissipated at the holes in this step, with the mean of the grips before and after it, (...) [N·mm]."""
         if self.history is None:
             return torch.zeros_like(self.slips[..., 0, 0])
         per_grip = self.friction.presliding[..., None] * (_well(self.reached) - _well(self.history.states.mT))
@@ -153,9 +153,11 @@ class FrictionAtPose:
             moving, stretched = (torch.cumsum(weights * sticks * c, -1) for c in (1.0, self._compliance))
             return moving[..., first] * rates - stretched[..., :, None] * elastic
 
-        left = self.states * _sign(gaps.turns_below) * gaps.rates_below
-        entered = _earlier(self.states) * _sign(gaps.turns_above) * gaps.rates_above
-        turned = left[..., None, :] * (joints[:, None] >= joints) + entered[..., None, :] * (joints[:, None] > joints)
+        leaving = self.states * _sign(gaps.turns_below) * gaps.rates_below
+        entering = _earlier(self.states) * _sign(gaps.turns_above) * gaps.rates_above
+        turned = leaving[..., None, :] * (joints[:, None] >= joints) + entering[..., None, :] * (
+            joints[:, None] > joints
+        )
         exponent = friction.mu[..., None, None] * (passed(self.turns) - turned)
         decay, tensions = self._decay[..., None], gaps.tensions[..., None, None]
         slopes = decay * (elastic + tensions * exponent)
@@ -164,12 +166,12 @@ class FrictionAtPose:
 
 
 def frozen_work(presliding: Tensor, grips: Tensor, reached: Tensor, moved: Tensor) -> Tensor:
-    """Work against friction while the distal lengths move and the grips are those at the beginning, (...) [N·mm].
+    """Work against friction while the distal lengths move, with the grips at the beginning, (...) [N·mm].
 
     Args:
         presliding: of the tendons, (..., m or 1) [mm].
         grips, reached: at the beginning, (..., m, J).
-        moved: by how much the distal lengths grow, (..., m, J) [mm].
+        moved: growth of the distal lengths, (..., m, J) [mm].
     """
     per_slip = 1.0 / presliding[..., None]
     return (grips / per_slip * (_well(reached - moved * per_slip) - _well(reached))).sum((-2, -1))

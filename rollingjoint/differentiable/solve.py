@@ -34,10 +34,10 @@ from rollingjoint.kernels.planar_loads import LINK_COLUMNS, STIFFNESSES
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 
 History = Equilibria | FrictionStates | FrictionState | None
-"""The equilibria before a step with friction, what friction remembers of them, or None for no friction at all."""
+"""The equilibria before a step with friction, their friction state, or None for no friction at all."""
 
 _LINKS = [LOAD_COLUMNS.index(name) for name in LINK_COLUMNS]
-_CROSSED = -1e-9  # mm; a lower gap has holes that have changed places
+_CROSSED = -1e-9  # mm; below it the holes of a gap have changed places
 
 
 def solve_tensions(
@@ -53,18 +53,18 @@ def solve_tensions(
     """Equilibria under given tensions.
 
     Args:
-        design: mechanisms with any leading axes; they broadcast with those of the other arguments: `design[:, None]`
+        design: mechanisms with any leading axes, which broadcast with the other arguments: `design[:, None]`
             and tensions (C, m) make a table of designs and load cases.
         tensions: (..., m) [N].
         loads: loads shared by all rows, or load tables (..., rows, columns), columns load.LOAD_COLUMNS.
-        starts: joint angles to start from, (..., n - 1) [rad]; default those of the history, or s = 0.
+        starts: joint angles to start from, (..., n - 1) [rad]; default: the angles of the history, or s = 0.
         solver: "torch" builds no tables: for new designs. "compiled" builds each mechanism, tens of milliseconds, and
-            keeps the last 256: for one mechanism that is solved again and again.
-        friction: of the tendons; default that of the design. It acts where there is a history.
+            keeps the last 256: for many solves of one mechanism.
+        friction: of the tendons; default: the friction of the design. It acts where there is a history.
         history: the equilibria before this step, or their `friction_state`; gradients flow through it. Without it the
-            result is the pose without friction, in which nothing has ever slipped.
-        steps: of Newton's method, exactly so many of all rows, in which the host never waits for the device; None: as
-            many as each row needs. A row that has not arrived by then is NOT_CONVERGED, where without `steps` it would
+            result is the pose without friction, before any slip.
+        steps: exact number of Newton's steps of all rows, in which the host never waits for the device; None: until
+            each row has arrived. With `steps`, a row that has not arrived is NOT_CONVERGED, where it would otherwise
             go to the compiled solver; a piece of a surface that turns by more than 11 rad is INVALID_INPUT, and so is
             a wrong link in a load table.
     Returns:
@@ -111,7 +111,7 @@ def solve_lengths(
 
 
 def _fixed(steps: int | None, solver: str) -> bool:
-    """Whether a number of steps is given; raises InvalidInput for one that cannot be used."""
+    """Whether a number of steps is given; raises InvalidInput for an unusable number."""
     if steps is None:
         return False
     if solver != "torch":
@@ -133,9 +133,9 @@ def _solve(
     if solver not in ("torch", "compiled"):
         raise InvalidInput("solver", solver, '"torch" or "compiled"')
     table = _table(design, loads)
-    acting = design.friction if friction is None else as_friction(friction, design.n_tendons, design.starts)
-    before = None if history is None else _history(design, acting, history)
-    law = replace(law, friction=acting, history=None if acting is None else before)
+    applied_friction = design.friction if friction is None else as_friction(friction, design.n_tendons, design.starts)
+    before = None if history is None else _history(design, applied_friction, history)
+    law = replace(law, friction=applied_friction, history=None if applied_friction is None else before)
     starts = before.angles if starts is None and before is not None else starts
     begin = None if starts is None else _numbers(design, "starts", starts, design.n_links - 1).detach()
     shapes = [design.batch, table.shape[:-2], *law.leading, *([] if begin is None else [begin.shape[:-1]])]
@@ -145,16 +145,16 @@ def _solve(
         raise InvalidInput("leading axes", [tuple(shape) for shape in shapes], "axes that broadcast") from None
     law = law.each(lambda tensor, axes: tensor.expand(*batch, *tensor.shape[tensor.ndim - axes :]))
     table = table[(None,) * (len(batch) + 2 - table.ndim)]
-    wide = design.over(len(batch))
-    rolls = wide.valid()
+    expanded = design.over(len(batch))
+    rolls = expanded.valid()
     good = rolls & _usable(law, table, design.n_links) & (True if begin is None else torch.isfinite(begin).all(-1))
     good = good.expand(batch)
     law, table = _where(good, law, table)
-    wide = wide.where(rolls)
-    geometry = Geometry.of(wide)
+    expanded = expanded.where(rolls)
+    geometry = Geometry.of(expanded)
     with torch.no_grad():
-        s, held, status = _search(wide, geometry.detach(), law, table, begin, good, solver, steps)
-    return _tied(geometry, law, _acting(wide, table), s, held, status)
+        s, held, status = _search(expanded, geometry.detach(), law, table, begin, good, solver, steps)
+    return _tied(geometry, law, _acting(expanded, table), s, held, status)
 
 
 def _search(
@@ -167,29 +167,29 @@ def _search(
     solver: str,
     steps: int | None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Contacts at the equilibria, which joints are held at the ends of their surfaces, and how each row ended."""
+    """Contacts at the equilibria, whether joints are held at the ends of their surfaces, and the status of each row."""
     begin = torch.zeros(*good.shape, design.n_links - 1, dtype=torch.float64, device=design.device)
     if starts is not None:
         begin = geometry.contacts(torch.nan_to_num(starts).expand_as(begin), begin)
     status = torch.full(good.shape, int(Status.INVALID_INPUT), device=design.device)
     s, held = begin, torch.zeros_like(begin, dtype=torch.bool)
-    left = good
+    unsolved = good
     if solver == "torch":
-        acting = _acting(design, loads)
-        s, held, arrived = minimise(geometry, law, acting, begin, steps)
+        all_loads = _acting(design, loads)
+        s, held, arrived = minimise(geometry, law, all_loads, begin, steps)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
-        state = ChainState(geometry.routes, law, acting, contact.angles, contact.joints(contact.angles))
+        state = ChainState(geometry.routes, law, all_loads, contact.angles, contact.joints(contact.angles))
         crossed = state.crossing < _CROSSED
-        found = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
-        status = torch.where(good & arrived & ~crossed, found, status)
-        left = good & ~arrived
+        outcome = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
+        status = torch.where(good & arrived & ~crossed, outcome, status)
+        unsolved = good & ~arrived
     if not may_look():
-        status = torch.where(left, int(Status.NOT_CONVERGED), status)
-    elif bool(left.any()):
-        phi, stops, ends = solve_compiled(design, law, loads, geometry.contact(begin).angles, left)
-        s = torch.where(left[..., None], geometry.contacts(phi, begin), s)
-        held, status = torch.where(left[..., None], stops, held), torch.where(left, ends, status)
+        status = torch.where(unsolved, int(Status.NOT_CONVERGED), status)
+    elif bool(unsolved.any()):
+        phi, stops, ends = solve_compiled(design, law, loads, geometry.contact(begin).angles, unsolved)
+        s = torch.where(unsolved[..., None], geometry.contacts(phi, begin), s)
+        held, status = torch.where(unsolved[..., None], stops, held), torch.where(unsolved, ends, status)
     return s, held, status
 
 
@@ -201,28 +201,28 @@ def _acting(design: DifferentiableChain, table: Tensor) -> Loads:
     return Loads(table, design.n_links - 1)
 
 
-def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
-    """The equilibria at contacts s as functions of everything that the geometry, the law and the loads depend on."""
+def _tied(geometry: Geometry, law: Law, loads: Loads, s: Tensor, held: Tensor, status: Tensor) -> Equilibria:
+    """The equilibria at contacts s as functions of all parameters behind the geometry, the law and the loads."""
     first, last = geometry.limits
     s = torch.where(held, torch.where(2.0 * s > first + last, last, first), s)
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
     joints = contact.moved((near - angle) / kappa).joints(near)
-    before = ChainState(geometry.routes, law, acting, near, joints)
+    before = ChainState(geometry.routes, law, loads, near, joints)
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
-    there = contact.moved((phi - angle) / kappa)
-    return Equilibria(status, ~held, there.s, ChainState(geometry.routes, law, acting, phi, there.joints(phi)))
+    moved = contact.moved((phi - angle) / kappa)
+    return Equilibria(status, ~held, moved.s, ChainState(geometry.routes, law, loads, phi, moved.joints(phi)))
 
 
 class _NewtonStep(torch.autograd.Function):
     """phi - H⁻¹ r on the joints that are not held; backwards it is the adjoint solve with the transpose of H.
 
-    Exact first derivatives at r = 0. Second ones would need dH; they are refused.
+    First derivatives are exact at r = 0. Second derivatives, which would need dH, are refused.
     """
 
     @staticmethod
@@ -234,7 +234,7 @@ class _NewtonStep(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """Gradients by phi (of held joints) and by the residual (of free ones)."""
+        """Gradients by phi (held joints) and by the residual (free joints)."""
         H, held = ctx.saved_tensors
         adjoint = _solved(freed(H, held).mT, torch.where(held, 0.0, gradient))
         return torch.where(held, gradient, 0.0), torch.where(held, 0.0, -adjoint), None, None
@@ -246,23 +246,23 @@ def _solved(matrix: Tensor, right: Tensor) -> Tensor:
 
 
 def _usable(law: Law, table: Tensor, n_links: int) -> Tensor:
-    """Whether the inputs of a row can be solved with: finite, in range, on links that exist, no pushing spring."""
+    """Whether the inputs of a row are valid: finite, in range, on links that exist, no pushing spring."""
     command, stiffness, low, high = (row.detach() for row in law.rows)
     numbers = torch.stack([command, stiffness, low]).abs().amax((0, -1)) <= LARGEST_INPUT
     limits = ((low >= 0) & (high >= low)).all(-1)
-    known = table.detach().abs() <= LARGEST_INPUT
+    in_range = table.detach().abs() <= LARGEST_INPUT
     pushing = torch.stack([table[..., column] < 0 for column in STIFFNESSES], -1)
     links = table.detach()[..., _LINKS[0]], table.detach()[..., _LINKS[1]]
     for link in links:
         limits = limits & ((link >= 0) & (link < n_links) & (link % 1 == 0)).all(-1)
-    good = numbers & limits & known.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
+    good = numbers & limits & in_range.flatten(-2).all(-1) & ~pushing.flatten(-2).any(-1)
     for part in (law.friction, law.history):
         good = good if part is None else good & part.usable()
     return good
 
 
 def _where(good: Tensor, law: Law, table: Tensor) -> tuple[Law, Tensor]:
-    """Law and loads; in rows that are not good, constants that can be solved with."""
+    """Law and loads; in rows that are not good, valid constants."""
     if seen(good.all(), False):
         return law, table
     return law.where(good), torch.where(good[..., None, None], table, 0.0)
@@ -272,7 +272,7 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
     """Load tables, (..., rows, columns)."""
     if not isinstance(loads, Tensor):
         return torch.as_tensor(load_table(loads, design.n_links), device=design.device)
-    table = with_all_columns(loads, LOAD_COLUMNS, lambda given, n: pad(given, (0, n))) if loads.ndim >= 2 else None
+    table = with_all_columns(loads, LOAD_COLUMNS, lambda columns, n: pad(columns, (0, n))) if loads.ndim >= 2 else None
     if table is None:
         raise InvalidInput("shape of the load table", tuple(loads.shape), f"(..., rows, {len(LOAD_COLUMNS)})")
     links = wrong_links(table.detach(), LOAD_COLUMNS, design.n_links) if may_look() else None
@@ -282,15 +282,15 @@ def _table(design: DifferentiableChain, loads: Sequence[Load] | Tensor) -> Tenso
 
 
 def _history(design: DifferentiableChain, friction: DifferentiableFriction | None, history: object) -> FrictionStates:
-    """What a step with this friction starts from."""
+    """The friction states from which a step with this friction starts."""
     before: Any = history.remembered(friction) if isinstance(history, Equilibria) else history
     if not isinstance(before, FrictionStates | FrictionState):
         raise InvalidInput("history", history, "Equilibria of rollingjoint.differentiable, or a friction_state")
     shapes = {"angles": (design.n_links - 1,)} | dict.fromkeys(
         ("states", "slips", "grips"), (design.n_links - 1, design.n_tendons)
     )
-    given = {name: getattr(before, name) for name in HISTORY}
-    copied = {name: values if isinstance(values, Tensor) else torch.tensor(values) for name, values in given.items()}
+    fields = {name: getattr(before, name) for name in HISTORY}
+    copied = {name: values if isinstance(values, Tensor) else torch.tensor(values) for name, values in fields.items()}
     tensors = {name: tensor.to(design.starts) for name, tensor in copied.items()}
     for name, tensor in tensors.items():
         if tuple(tensor.shape[-HISTORY[name] :]) != shapes[name]:
@@ -300,14 +300,14 @@ def _history(design: DifferentiableChain, friction: DifferentiableFriction | Non
 
 
 def _on_device(design: DifferentiableChain, limit: Tensor | float) -> Tensor:
-    """A limit beside the design; a number is filled in there, which is no copy from the host."""
+    """A limit on the device of the design; a number is filled in there, without a copy from the host."""
     if isinstance(limit, int | float):
         return torch.full((), limit, dtype=torch.float64, device=design.device)
     return torch.as_tensor(limit, dtype=torch.float64, device=design.device)
 
 
-def _numbers(design: DifferentiableChain, what: str, values: Tensor, size: int) -> Tensor:
+def _numbers(design: DifferentiableChain, name: str, values: Tensor, size: int) -> Tensor:
     tensor = torch.as_tensor(values, dtype=torch.float64, device=design.device)  # a list would become single precision
     if tensor.ndim == 0 or tensor.shape[-1] != size:
-        raise InvalidInput(f"shape of {what}", tuple(tensor.shape), f"(..., {size})")
+        raise InvalidInput(f"shape of {name}", tuple(tensor.shape), f"(..., {size})")
     return tensor

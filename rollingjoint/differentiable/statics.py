@@ -1,8 +1,8 @@
 """The whole chain at given joint angles: poses, tendons, residual, stiffness, energy, contact forces.
 
 The plane is the complex plane: x + iy. Symbols as in docs/theory.md, sections 2 to 5: c contact point, e tangent,
-F force, r residual, H stiffness. Everything has leading axes and is differentiable by everything; nothing is read back
-from a device.
+F force, r residual, H stiffness. All tensors have leading axes, and all results have derivatives by all inputs; no
+number is read back from a device.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rollingjoint.kernels.rolling import CLOSED_GAP
 class Law:
     """Tendon law, (..., m) each: tension at the motor = clip(stiffness × (length - command), low, high).
 
-    With friction and the history that a step starts from, the gaps have tensions of their own.
+    With friction and the history before a step, tensions differ from gap to gap.
     """
 
     command: Tensor
@@ -51,18 +51,18 @@ class Law:
     def leading(self) -> list[torch.Size]:
         """The leading axes of every tensor."""
         numbers = self.rows if self.friction is None else (*self.rows, *self.friction.tensors)
-        found = [tensor.shape[:-1] for tensor in numbers]
-        return found if self.history is None else [*found, *self.history.leading]
+        axes = [tensor.shape[:-1] for tensor in numbers]
+        return axes if self.history is None else [*axes, *self.history.leading]
 
     def each(self, change: Callable[[Tensor, int], Tensor]) -> Law:
-        """The law with every tensor changed, by a function that also gets the number of its own axes."""
+        """The law with every tensor changed, by a function of the tensor and its number of trailing axes."""
         command, stiffness, low, high = (change(row, 1) for row in self.rows)
         friction = None if self.friction is None else self.friction.each(lambda tensor: change(tensor, 1))
         history = None if self.history is None else self.history.each(change)
         return Law(command, stiffness, low, high, self.prescribed, friction, history)
 
     def where(self, good: Tensor) -> Law:
-        """The law; in rows that are not good, (...), a constant that can be solved with."""
+        """The law; in rows that are not good, (...), a valid constant."""
         command, stiffness, low, high = (torch.where(good[..., None], row, 1.0) for row in self.rows)
         friction = None if self.friction is None else self.friction.where(good)
         history = None if self.history is None else self.history.where(self.history.usable())
@@ -127,7 +127,7 @@ class ChainState:
 
     @cached_property
     def _gaps(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Of every gap length, direction, upper end seen from the contact, 1 / length: 0 where closed; (..., m, J)."""
+        """Length, direction, upper end from the contact, 1 / length (0: closed) of every gap, (..., m, J) each."""
         joints, routes = self.joints, self.routes
         end = joints.origin[..., None, :] + joints.turn[..., None, :] * routes.above
         span = end - routes.below
@@ -183,7 +183,7 @@ class ChainState:
         return self.rubbing_under(self.law.friction)
 
     def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
-        """What this friction is at this pose."""
+        """This friction at this pose."""
         length, direction, _, per_length = self._gaps
         crosses, channels = self.routes.crosses, self.routes.along
         assert channels is not None
@@ -239,7 +239,7 @@ class ChainState:
 
     @cached_property
     def _own_stiffness(self) -> Tensor:
-        """What gaps and the moving pole add at every joint, (..., J)."""
+        """Stiffness from gaps and the moving pole at every joint alone, (..., J)."""
         _, direction, _, per_length = self._gaps
         along, pole = self._levers[0], self.joints.pole  # |Jr|² - g'² is the square of r · v, r the lever
         second = along * (along * per_length - 1.0) + cross(direction, pole[..., None, :])
@@ -266,5 +266,5 @@ class ChainState:
     @cached_property
     def force_scale(self) -> Tensor:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
-        sizes = torch.maximum(self._torques.abs(), self._pulls)  # nothing pushes
+        sizes = torch.maximum(self._torques.abs(), self._pulls)  # tendons only pull
         return (sizes.sum(-2) + self.moments.abs()).amax(-1)

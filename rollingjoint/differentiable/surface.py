@@ -1,7 +1,7 @@
 """Contact surfaces in torch: curvature coefficients to tangent angles and points, and knot values to coefficients.
 
 The plane is the complex plane: x + iy; a turn by an angle is a product with exp(i angle). Points are integrals by
-Gauss-Legendre quadrature over each piece of the curvature, with as many nodes as make it exact to rounding.
+Gauss-Legendre quadrature over each piece of the curvature, with enough nodes for an error within rounding.
 Source: docs/theory.md, section 1.
 """
 
@@ -16,15 +16,15 @@ from torch import Tensor
 
 from rollingjoint.differentiable.looking import may_look
 
-MOST_UNSEEN_TURN = 11.0  # rad; what a piece may turn by where the host does not look how far it does
+MOST_UNSEEN_TURN = 11.0  # rad; largest turn of a piece where the host does not look at its turn
 
-# Columns of a piece: where it begins, the point there; coefficients of the tangent angle from _TANGENT on
+# Columns of a piece: its first arc length, the point at it; coefficients of the tangent angle from _TANGENT on
 _FIRST, _X, _Y, _TANGENT = range(4)
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where arc lengths lie on their surfaces, all that evaluates the surface there: (...)."""
+    """Arc lengths on their surfaces, with the pieces and quadrature to evaluate the surfaces there: (...)."""
 
     s: Tensor
     piece: Tensor  # (..., 3 + k)
@@ -37,7 +37,7 @@ class Place:
         return self.s - self.piece[..., _FIRST]
 
     def moved(self, by: Tensor) -> Place:
-        """The places so much further on, on the same pieces."""
+        """The places moved by this arc length, on the same pieces."""
         return replace(self, s=self.s + by)
 
     def tangent_angle(self) -> Tensor:
@@ -74,7 +74,7 @@ class Surfaces:
 
     @classmethod
     def of(cls, breaks: Tensor, coefficients: Tensor, starts: Tensor, angles: Tensor) -> Surfaces:
-        """The surfaces with these curvatures (..., p, k); start (..., 2) and angle (...) are those at arc length 0."""
+        """The surfaces with these curvatures (..., p, k), starts (..., 2) and angles (...) at arc length 0."""
         lengths = breaks.diff(dim=-1)
         turning = turning_coefficients(coefficients)
         inner, last = breaks.detach()[..., 1:-1], breaks.detach()[..., -1:]
@@ -128,12 +128,12 @@ class Surfaces:
         return Surfaces(limits, borders, pieces, self.nodes, self.weights)
 
     def joints(self) -> Surfaces:
-        """Of links (..., n, 2) the two surfaces of every joint, (..., n - 1, 2): child below, parent above."""
+        """The two surfaces of every joint, (..., n - 1, 2), child below and parent above, from links (..., n, 2)."""
 
-        def pair(table: Tensor, own: int) -> Tensor:
-            rest = (slice(None),) * own
-            below, above = table[(..., slice(None, -1), 1, *rest)], table[(..., slice(1, None), 0, *rest)]
-            return torch.stack([below, above], -1 - own)
+        def pair(table: Tensor, axes: int) -> Tensor:
+            trailing = (slice(None),) * axes
+            below, above = table[(..., slice(None, -1), 1, *trailing)], table[(..., slice(1, None), 0, *trailing)]
+            return torch.stack([below, above], -1 - axes)
 
         tables = pair(self.limits, 1), pair(self.borders, 1), pair(self.pieces, 2)
         return Surfaces(*tables, self.nodes, self.weights)
@@ -183,7 +183,7 @@ def as_pairs(numbers: Tensor) -> Tensor:
 
 
 def turning_bound(coefficients: Tensor, lengths: Tensor) -> Tensor:
-    """A bound of what each piece can turn, (...) [rad]; coefficients (..., k) of the tangent angle."""
+    """Upper bound of the turn of each piece, (...) [rad]; coefficients (..., k) of the tangent angle."""
     return _horner(coefficients.detach().abs(), lengths.detach())
 
 
@@ -194,7 +194,7 @@ def turning_coefficients(coefficients: Tensor) -> Tensor:
 
 
 def _begun(gains: Tensor) -> Tensor:
-    """What has been gained where each piece begins, (..., p)."""
+    """Sum of the gains before each piece, (..., p)."""
     return torch.cumsum(gains, -1) - gains
 
 

@@ -1,7 +1,7 @@
 """Joints as the compiled solver's tables on a device, evaluated at joint angles: its numbers to rounding.
 
-The plane is the complex plane: x + iy. Symbols as in docs/theory.md. Everything has one leading axis, rows (B, ...),
-without gradients, and nothing here reads a number back from the device.
+The plane is the complex plane: x + iy. Symbols as in docs/theory.md. All tensors have one leading axis, rows (B, ...),
+without gradients, and no number is read back from the device.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class TabulatedChain:
         cells: smallest and largest angle, middle, 2 / width, (cells, 4).
         coefficients: of the joint's numbers in powers of a cell's coordinate, (powers, cells, 8).
         routes: of the tendons, leading axis B or 1.
-        most: how many cells a bucket reaches beyond its first one.
+        depth: largest number of cells of a bucket after its first one.
     """
 
     joints: Tensor
@@ -39,13 +39,13 @@ class TabulatedChain:
     cells: Tensor
     coefficients: Tensor
     routes: Routes
-    most: int
+    depth: int
 
     @classmethod
     def of(cls, arrays: Chain, designs: NDArray[np.int64], device: torch.device | str) -> TabulatedChain:
-        """The tables of a stack of designs, of which every row has one."""
-        chosen = slice(None) if len(arrays.joints) == 1 else designs
-        joints, buckets, holes, channels = (getattr(arrays, name)[chosen] for name in _OF_DESIGNS)
+        """The tables of a stack of designs, one design per row."""
+        selection = slice(None) if len(arrays.joints) == 1 else designs
+        joints, buckets, holes, channels = (getattr(arrays, name)[selection] for name in _OF_DESIGNS)
         crosses = np.arange(joints.shape[1]) < arrays.tendon_joints[:, None]
         low_high, first_cells, cells = (
             torch.tensor(values, device=device) for values in (joints, buckets, arrays.cells)
@@ -64,7 +64,7 @@ class TabulatedChain:
         )
 
     def put(self, rows: NDArray[np.int64], arrays: Chain) -> None:
-        """Replace the tables of some rows, of a stack in which every row has a design of its own."""
+        """Replace the tables of some rows, in a stack with one design per row."""
         device, count = self.cells.device, len(arrays.joints)
         at = torch.as_tensor(rows, device=device)
         per_design = len(arrays.cells) // count
@@ -75,8 +75,8 @@ class TabulatedChain:
         cells = arrays.cells.reshape(count, per_design, -1)[rows]
         self.cells.view(count, per_design, -1)[at] = torch.tensor(cells, device=device)
         coefficients = arrays.coefficients.reshape(count, per_design, N_COEFFICIENTS, 8)[rows]
-        mine = self.coefficients.view(N_COEFFICIENTS, count, per_design, 8)
-        mine[:, at] = torch.tensor(np.moveaxis(coefficients, 2, 0), device=device)
+        table = self.coefficients.view(N_COEFFICIENTS, count, per_design, 8)
+        table[:, at] = torch.tensor(np.moveaxis(coefficients, 2, 0), device=device)
 
     @property
     def limits(self) -> tuple[Tensor, Tensor]:
@@ -92,10 +92,10 @@ class TabulatedChain:
         bucket = ((angles - low) * per_radian).nan_to_num(0.0).clamp(0.0, BUCKETS - 1.0).long()[..., None]
         buckets = self.buckets.expand(len(angles), -1, -1)
         first, last = buckets.gather(-1, 2 * bucket)[..., 0], buckets.gather(-1, 2 * bucket + 1)[..., 0]
-        for _ in range(self.most.bit_length()):  # halves the cells of the bucket that are still possible
+        for _ in range(self.depth.bit_length()):  # halves the cells of the bucket that are still possible
             middle = (first + last + 1) // 2
-            beyond = angles >= self.cells[middle, 0]
-            first, last = torch.where(beyond, middle, first), torch.where(beyond, last, middle - 1)
+            upper = angles >= self.cells[middle, 0]
+            first, last = torch.where(upper, middle, first), torch.where(upper, last, middle - 1)
             last = torch.maximum(first, last)
         flat = first.flatten()
         place = self.cells.index_select(0, flat)

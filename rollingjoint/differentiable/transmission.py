@@ -19,7 +19,7 @@ def sheath_direction(tendon: Tensor, motor: Tensor, half_width: Tensor) -> Tenso
 
 
 def sheath_ratio(friction: Tensor, direction: Tensor) -> Tensor:
-    """Tension at the motor over the one behind the sheath."""
+    """Ratio of the tension at the motor to the tension behind the sheath."""
     return (friction * direction).exp()
 
 
@@ -39,6 +39,6 @@ def unstretched_length(length: Tensor, tension: Tensor, stiffness: Tensor) -> Te
 
 
 def motor_yield(motor: Tensor, goal: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
-    """(q, where the motor is going) after a limit of tension has shifted its tendon by this much [mm]."""
+    """(q, goal of the motor) after a limit of tension has shifted its tendon [mm]."""
     motor, goal = motor + shift, goal + shift
     return motor, torch.where(shift.abs() > FREE, motor, goal)

@@ -1,21 +1,21 @@
 """Parameters of a mechanism from measurements: friction, stiffness, offsets, base angle, errors of surfaces.
 
 Modules:
-    doubts: what the data cannot tell.
-    errors: how far predictions are from readings.
-    findings: what fits to all runs and to each found.
-    fit: least-squares fits, and the variances of what they find.
-    identification: the function that does it all, and its result.
-    lengths: measured tendon lengths met by tensions.
+    doubts: limits of the data, as warnings.
+    errors: distances between predictions and readings.
+    findings: estimates from all runs together and from each run.
+    fit: least-squares fits, and the variances of their values.
+    identification: the function `identify` and its result.
+    lengths: tensions that meet measured tendon lengths.
     measurement_file: YAML -> measurements.
     measurements: runs of steps with their inputs and readings.
-    model: what would be read at given parameters, and its derivatives.
-    parameters: what can be identified.
+    model: predicted readings at given parameters, and their derivatives.
+    parameters: the parameters that can be identified.
     path: the equilibria of a run, and their derivatives.
     pictures: profiles, residuals and poses as pictures.
     profile: profiles of a fit, and intervals.
     ranges: ranges for domain randomisation.
-    reading: what would be read at an equilibrium.
+    reading: the predicted readings at an equilibrium.
     report: an identification as text and plain values.
 """
 

@@ -1,4 +1,4 @@
-"""How far predictions are from readings: last link, largest, mean."""
+"""Errors of predictions: of the last link, the largest, the mean."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rollingjoint.identify.measurements import Measurements
 Array = NDArray[np.float64]
 
 LINKS = ("position", "angle")
-"""The quantities that links have; the others are those of tendons."""
+"""Quantities of links; the remaining ones belong to tendons."""
 
 
 class Errors(NamedTuple):
-    """Errors of one quantity: of links the mean of the last measured one, the largest, and the mean of all."""
+    """Errors of one quantity: mean over the last measured links, largest, and mean of all."""
 
     last: float
     largest: float
     mean: float
 
     def text(self, quantity: str) -> str:
-        """The numbers for a table; tendons have no last one."""
+        """The numbers for a table; `last` is left out for tendons."""
         shown = self if quantity in LINKS else self[1:]
         return " / ".join("-" if np.isnan(number) else f"{number:.2f}" for number in shown)
 
@@ -32,9 +32,9 @@ def errors_of(measurements: Measurements, quantity: str, deviations: Array) -> E
     """Errors of one quantity.
 
     Args:
-        measurements: which say where it is in a reading.
+        measurements: define the columns of a reading.
         quantity: "position", "angle", "length" or "tension".
-        deviations: measured minus predicted, (steps, M); NaN where nothing was read.
+        deviations: measured minus predicted, (steps, M); NaN: not read.
     """
     table = distances(measurements, quantity, deviations)
     read = table[np.any(np.isfinite(table), axis=1)]
@@ -45,7 +45,7 @@ def errors_of(measurements: Measurements, quantity: str, deviations: Array) -> E
 
 
 def distances(measurements: Measurements, quantity: str, deviations: Array) -> Array:
-    """Error of every link or tendon in every step, (steps, n or m); NaN where nothing was read."""
+    """Error of every link or tendon in every step, (steps, n or m); NaN: not read."""
     table = deviations[:, measurements.columns(quantity)]
     if quantity != "position":
         return np.abs(table)
@@ -53,6 +53,6 @@ def distances(measurements: Measurements, quantity: str, deviations: Array) -> A
 
 
 def quantities(measurements: Measurements) -> list[str]:
-    """What is fitted and was read, in order."""
+    """Names of the quantities that are fitted and were read, in order."""
     readings = measurements.readings(measurements.runs)
     return [name for name in measurements.deviations if np.isfinite(readings[:, measurements.columns(name)]).any()]

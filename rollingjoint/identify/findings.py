@@ -1,4 +1,4 @@
-"""What fits to measurements found: estimates for all runs and for each, and how far predictions are from readings."""
+"""Estimates from all runs together and from each run, and the errors of their predictions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rollingjoint.identify.errors import Errors, errors_of, quantities
 from rollingjoint.identify.fit import Fit
 from rollingjoint.identify.measurements import Measurements
 from rollingjoint.identify.parameters import Coefficient
-from rollingjoint.identify.profile import Profile
+from rollingjoint.identify.profile import LikelihoodProfile
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class Estimates:
     """A fit to some runs, with an interval for every coefficient."""
 
     fit: Fit
-    profiles: tuple[Profile, ...]
+    profiles: tuple[LikelihoodProfile, ...]
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
@@ -38,20 +38,20 @@ class Estimates:
     @property
     def intervals(self) -> Array:
         """Lower and upper ends, (p, 2); ends of the searched range where the data set none."""
-        return np.array([each.interval for each in self.profiles]).reshape(-1, 2)
+        return np.array([profile.interval for profile in self.profiles]).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What fits to all runs and to each of them found.
+    """Estimates from all runs together and from each run.
 
     Args:
-        measurements: what was fitted.
+        measurements: the fitted measurements.
         confidence: of the intervals.
         together: one fit to all runs.
         alone: a fit to each run; empty for a single run.
         held_out: for each run, values of all coefficients from the other runs alone; empty for a single run. A value
-            that every run has of its own is the mean of those of the other runs.
+            per run becomes the mean over the other runs.
     """
 
     measurements: Measurements
@@ -68,35 +68,41 @@ class Findings:
     @property
     def values(self) -> dict[str, float]:
         """The best values for all runs together, by label."""
-        return {each.label: float(v) for each, v in zip(self.coefficients, self.together.values, strict=True)}
+        return {
+            coefficient.label: float(value)
+            for coefficient, value in zip(self.coefficients, self.together.values, strict=True)
+        }
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """Their intervals, by label."""
+        """Intervals of `values`, by label."""
         ends = zip(self.coefficients, self.together.profiles, strict=True)
-        return {each.label: found.interval for each, found in ends}
+        return {coefficient.label: profile.interval for coefficient, profile in ends}
 
     @cached_property
     def deviations(self) -> dict[str, Array]:
         """Measured minus predicted for all runs, (steps, M) each.
 
         "nominal": the mechanism as designed; "together": one fit to all runs; "alone": every run with its own fit;
-        "held out": every run with the values from the others. The last two only with several runs.
+        "held out": every run with the values from the other runs. The last two only with several runs.
         """
         model = self.together.fit.model
-        found = {"nominal": model.nominal, "together": self.together.values}
-        tables = {name: model.readings - model.predictions(values) for name, values in found.items()}
+        values_by_kind = {"nominal": model.nominal, "together": self.together.values}
+        tables = {name: model.readings - model.predictions(values) for name, values in values_by_kind.items()}
         if self.alone:
             tables["alone"] = np.concatenate(
-                [each.fit.model.readings - each.fit.model.predictions(each.values) for each in self.alone.values()]
+                [
+                    estimates.fit.model.readings - estimates.fit.model.predictions(estimates.values)
+                    for estimates in self.alone.values()
+                ]
             )
             everywhere = {run: model.readings - model.predictions(v) for run, v in self.held_out.items()}
             tables["held out"] = np.concatenate([everywhere[run][self.rows(run)] for run in self.held_out])
         return tables
 
     def rows(self, run: str | None) -> NDArray[np.int64]:
-        """The steps of a run, or of all, among those of all runs."""
-        names = [each.name for each in self.measurements.runs for _ in each.steps]
+        """Row numbers of the steps of a run, or of all runs, in tables of all steps."""
+        names = [entry.name for entry in self.measurements.runs for _ in entry.steps]
         return np.flatnonzero([run in (None, name) for name in names])
 
     def errors(self, quantity: str, which: str, run: str | None = None) -> Errors:
@@ -105,5 +111,5 @@ class Findings:
 
     @cached_property
     def quantities(self) -> list[str]:
-        """What was fitted."""
+        """Names of the fitted quantities."""
         return quantities(self.measurements)

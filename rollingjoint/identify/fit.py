@@ -1,4 +1,4 @@
-"""Least-squares fits of a model, and what the data cannot tell.
+"""Least-squares fits of a model, with variances, correlations and undetermined coefficients.
 
 Source: A. C. Cameron and D. L. Miller, A Practitioner's Guide to Cluster-Robust Inference, 2015, sec. VI: jackknife.
 """
@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import SolverError
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 
 Array = NDArray[np.float64]
 
-_SMALLEST_EFFECT = 1e-7  # standard deviations that the whole range of a coefficient moves a reading; less is silence
+_SMALLEST_EFFECT = 1e-7  # of the whole range of a coefficient on the readings, standard deviations; below it: silent
 _SINGULAR = 1e-6  # singular values of normalised derivatives below it: directions without effect
-_SHARE = 0.1  # of such a direction, from which on a coefficient takes part in it
+_SHARE = 0.1  # smallest component of a coefficient that belongs to such a direction
 _SMALLEST_SCALE = 1e-18  # of the mean squared residual, where the model fits to rounding
 _AT_BOUND = 1e-4  # of the range
 
@@ -28,12 +28,12 @@ class Fit:
     """Values that fit the data best.
 
     Args:
-        model: what was fitted.
+        model: the fitted model.
         values: (p,).
-        silent: (p,) True where the data say nothing about a coefficient, which keeps its nominal value.
+        silent: (p,) True where the data have no information on a coefficient, which keeps its nominal value.
     """
 
-    model: Model
+    model: MeasurementModel
     values: Array
     silent: NDArray[np.bool_]
 
@@ -54,7 +54,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Mean squared residual, estimated; 1 where the standard deviations are true ones."""
+        """Mean squared residual, estimated; 1 with true standard deviations."""
         return 1.0 if self.model.measurements.absolute else self.misfit
 
     @property
@@ -69,7 +69,7 @@ class Fit:
 
     @cached_property
     def tangled(self) -> list[list[int]]:
-        """Groups of coefficients whose effects on the readings cancel: the data cannot tell them apart."""
+        """Groups of coefficients with effects on the readings that cancel: the data cannot tell them apart."""
         heard = np.flatnonzero(~self.silent & self.jacobian.any(axis=0))
         J = self.jacobian[:, heard] / np.linalg.norm(self.jacobian[:, heard], axis=0)
         _, sizes, directions = np.linalg.svd(J, full_matrices=len(J) < len(heard))
@@ -79,7 +79,7 @@ class Fit:
 
     @cached_property
     def determined(self) -> NDArray[np.bool_]:
-        """(p,) whether a coefficient has an effect of its own on the readings."""
+        """(p,) True where the effect of a coefficient on the readings can be told from all others."""
         alone = ~self.silent & self.jacobian.any(axis=0)
         alone[[place for group in self.tangled for place in group]] = False
         return alone
@@ -102,16 +102,16 @@ class Fit:
         """Variance of each coefficient by the jackknife over steps / variance if all readings were independent, (p,).
 
         The readings of one step share their causes: links stand on each other. The jackknife leaves out one step at a
-        time, to first order, which is right whatever the readings of a step have in common. At least 1; infinite where
-        everything rests on one step; NaN where a coefficient is not determined.
+        time, to first order, which is right for any dependence within a step. At least 1; infinite where
+        all information rests on one step; NaN where a coefficient is not determined.
         """
         J, robust = self.jacobian[:, self.determined], np.zeros_like(self._covariance)
         for step in np.unique(self.model.steps):
             rows = self.model.steps == step
-            kept = np.eye(rows.sum()) - J[rows] @ self._covariance @ J[rows].T
-            if np.linalg.cond(kept) > 1e10:
+            remainder = np.eye(rows.sum()) - J[rows] @ self._covariance @ J[rows].T
+            if np.linalg.cond(remainder) > 1e10:
                 return self._spread(np.full(len(robust), np.inf))
-            change = self._covariance @ J[rows].T @ np.linalg.solve(kept, self.residuals[rows])
+            change = self._covariance @ J[rows].T @ np.linalg.solve(remainder, self.residuals[rows])
             robust += np.outer(change, change)
         share = (self.n_steps - 1) / self.n_steps
         return self._spread(np.maximum(share * np.diag(robust) / (self.misfit * np.diag(self._covariance)), 1.0))
@@ -129,23 +129,23 @@ class Fit:
         return full
 
 
-def fit(model: Model) -> Fit:
+def fit(model: MeasurementModel) -> Fit:
     """The values within their ranges that fit the data best.
 
     Raises:
-        SolverError: no equilibrium at some step, whatever the values.
+        SolverError: no equilibrium at some step for any values.
     """
     low, high = model.bounds
     silent = np.linalg.norm(model.jacobian(model.start), axis=0) * (high - low) < _SMALLEST_EFFECT
     values = np.where(silent, model.nominal, model.start)
-    found = Fit(model, minimise(model, values, ~silent), silent)
-    if not np.all(np.isfinite(model.predictions(found.values)[model.weights > 0])):
+    result = Fit(model, minimise(model, values, ~silent), silent)
+    if not np.all(np.isfinite(model.predictions(result.values)[model.weights > 0])):
         raise SolverError("no equilibrium at some steps: check units and order of what was given, and the mechanism")
-    return found
+    return result
 
 
-def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: float = 1e-12) -> Array:
-    """The best values, those that are not free held at the start, (p,), their cost right to the relative tolerance."""
+def minimise(model: MeasurementModel, start: Array, free: NDArray[np.bool_], tolerance: float = 1e-12) -> Array:
+    """Values of least cost, (p,), with the cost to a relative tolerance; values that are not free stay at the start."""
     from scipy.optimize import least_squares
 
     def full(part: Array) -> Array:
@@ -157,7 +157,7 @@ def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: flo
         return start.copy()
     low, high = model.bounds[:, free]
     margin = 1e-6 * (high - low)
-    found = least_squares(
+    solution = least_squares(
         lambda part: model.residuals(full(part)),
         np.clip(start[free], low + margin, high - margin),
         lambda part: model.jacobian(full(part))[:, free],
@@ -168,16 +168,16 @@ def minimise(model: Model, start: Array, free: NDArray[np.bool_], tolerance: flo
         gtol=tolerance,
         max_nfev=100,
     )
-    return _on_bounds(model, full(found.x), free)
+    return _on_bounds(model, full(solution.x), free)
 
 
-def _on_bounds(model: Model, values: Array, free: NDArray[np.bool_]) -> Array:
-    """The values, those near a bound moved onto it where that fits no worse (the search stays inside)."""
+def _on_bounds(model: MeasurementModel, values: Array, free: NDArray[np.bool_]) -> Array:
+    """The values, moved onto a bound nearby where that fits no worse (the search stays inside)."""
     for place in np.flatnonzero(free):
         for bound in model.bounds[:, place]:
             moved = values.copy()
             moved[place] = bound
             if abs(values[place] - bound) < _AT_BOUND * np.ptp(model.bounds[:, place]):
-                before, after = (np.sum(model.residuals(each) ** 2) for each in (values, moved))
+                before, after = (np.sum(model.residuals(trial) ** 2) for trial in (values, moved))
                 values = moved if after <= before * (1 + 1e-9) else values
     return values

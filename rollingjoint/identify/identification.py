@@ -1,4 +1,4 @@
-"""Identification: parameters that make a model read what was measured, how sure they are, and what they predict."""
+"""Identification of parameters from measurements, with intervals and predictions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rollingjoint.identify.doubts import doubts
 from rollingjoint.identify.findings import Estimates, Findings
 from rollingjoint.identify.fit import Fit, fit
 from rollingjoint.identify.measurements import Measurements
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 from rollingjoint.identify.parameters import coefficients_of
 from rollingjoint.identify.profile import linear_profile, profile
 from rollingjoint.identify.ranges import Ranges, ranges
@@ -24,16 +24,16 @@ from rollingjoint.identify.report import as_dict, report
 Array = NDArray[np.float64]
 
 INTERVALS = {"profile": profile, "linear": linear_profile}
-"""How intervals are found."""
+"""Methods for intervals, by name."""
 
 
 @dataclass(frozen=True)
 class Identification(Findings):
-    """What `identify` found: see Findings, and what follows from it."""
+    """Result of `identify`: Findings with warnings, ranges and a report."""
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What the data cannot tell, one line each."""
+        """Limits of the data, one line each."""
         return tuple(doubts(self))
 
     @cached_property
@@ -56,29 +56,29 @@ def identify(
     confidence: float = 0.95,
     intervals: str = "profile",
 ) -> Identification:
-    """The values of some parameters under which the model reads what was measured.
+    """The values of some parameters with which the model fits the measurements best.
 
     Least squares over all readings that have a standard deviation, by scipy.optimize.least_squares. Derivatives follow
     from the equilibria by the implicit function theorem, through every step of a path with friction, by mu, stiffness,
-    offsets and base angle; by the others, and by all but the base angle with method "least_squares", they are
-    central differences.
+    offsets and base angle; for other parameters, and with method "least_squares" for all but the base angle, they
+    are central differences.
 
     Args:
         measurements: from load_measurements, or built.
-        parameters: names from KINDS; "offsets:run" gives every run values of its own.
+        parameters: names from KINDS; "offsets:run" gives every run separate values.
         confidence: of the intervals, 0.5 to 0.999.
         intervals: "profile", from profile likelihoods, or "linear", faster and rougher.
     Raises:
         InvalidInput: unknown parameters, a confidence out of range.
-        SolverError: a step without an equilibrium, whatever the values.
+        SolverError: a step without an equilibrium for any values.
     """
     as_number("confidence", confidence, 0.5, 0.999)
     find = INTERVALS[as_choice("intervals", intervals, tuple(INTERVALS))]
-    model = Model(measurements, coefficients_of(parameters, measurements))
+    model = MeasurementModel(measurements, coefficients_of(parameters, measurements))
     names = [run.name for run in measurements.runs]
 
-    def estimates(found: Fit) -> Estimates:
-        return Estimates(found, tuple(find(found, place, confidence) for place in range(len(found.values))))
+    def estimates(result: Fit) -> Estimates:
+        return Estimates(result, tuple(find(result, place, confidence) for place in range(len(result.values))))
 
     together = estimates(fit(model))
     if len(names) == 1:
@@ -86,18 +86,15 @@ def identify(
     alone = {name: estimates(fit(model.select([name]))) for name in names}
     held_out = {}
     for name in names:
-        others = [other for other in names if other != name]
-        found = alone[others[0]].fit if len(others) == 1 else fit(model.select(others))
-        held_out[name] = _carried_over(found, model)
+        others = [run for run in names if run != name]
+        result = alone[others[0]].fit if len(others) == 1 else fit(model.select(others))
+        held_out[name] = _carried_over(result, model)
     return Identification(measurements, confidence, together, alone, held_out)
 
 
-def _carried_over(found: Fit, model: Model) -> Array:
+def _carried_over(result: Fit, model: MeasurementModel) -> Array:
     """Values of all coefficients of a model from a fit to some of its runs, (p,)."""
-    known = list(zip(found.model.coefficients, found.values, strict=True))
-    return np.array(
-        [
-            np.mean([v for other, v in known if (other.name, other.tendon) == (each.name, each.tendon)])
-            for each in model.coefficients
-        ]
-    )
+    values: dict[tuple[str, int | None], list[float]] = {}
+    for coefficient, value in zip(result.model.coefficients, result.values, strict=True):
+        values.setdefault((coefficient.name, coefficient.tendon), []).append(value)
+    return np.array([np.mean(values[coefficient.name, coefficient.tendon]) for coefficient in model.coefficients])

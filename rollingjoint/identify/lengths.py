@@ -1,4 +1,4 @@
-"""Measured tendon lengths met in the least-squares sense by tensions, with friction and its history.
+"""Tensions that meet measured tendon lengths in the least-squares sense, with friction and its history.
 
 solve_lengths(method="least_squares") does the same without friction. Here the search is Newton's on the logarithms of
 the tensions, from where the same step ended at the last parameters; its second derivatives come from differences of the
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _GOAL = 1e-10  # step of the logarithms that ends the search
 _DIFFERENCE = 1e-4
-_SINGULAR = 1e-6  # a smaller curvature, relative to the largest, is that of the level, which has no effect
+_SINGULAR = 1e-6  # a smaller curvature, relative to the largest, belongs to the mean, which has no effect
 _LARGEST_STEP, _LARGEST = 0.5, 7.0  # of the logarithms
 _MAX_ITERATIONS = 60
 
@@ -37,15 +37,15 @@ class NearestLengths:
     _known: dict[Hashable, tuple[Array, Array]] = field(default_factory=dict)
 
     def solve(self, mechanism: AnyChain, lengths: Array, loads: Sequence[Load], history: Any, key: Hashable) -> Any:
-        """The equilibrium whose lengths are nearest; Status.NOT_CONVERGED where positive tensions give none."""
+        """The equilibrium with the nearest lengths; Status.NOT_CONVERGED where positive tensions give none."""
 
         def at(logs: Array) -> tuple[Any, Array | None]:
             """The equilibrium and the gradient of half the sum of squares."""
-            found = solve_tensions(mechanism, np.exp(logs), loads, history=history)
-            if not found.ok:
-                return found, None
-            rates = dlengths_dtensions(found) * np.exp(logs)
-            return found, rates.T @ (found.lengths - lengths)
+            equilibrium = solve_tensions(mechanism, np.exp(logs), loads, history=history)
+            if not equilibrium.ok:
+                return equilibrium, None
+            rates = dlengths_dtensions(equilibrium) * np.exp(logs)
+            return equilibrium, rates.T @ (equilibrium.lengths - lengths)
 
         logs, inverse = self._known.get(key, (np.zeros(mechanism.n_tendons), None))
         fresh, last = False, np.inf

@@ -34,8 +34,8 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
     """The measurements that the content of a measurement file describes.
 
     Args:
-        content: what yaml.safe_load gives.
-        source: how messages call it, usually the file name.
+        content: from yaml.safe_load.
+        source: name for messages, usually the file name.
         folder: where the file of a mechanism is looked for, after the presets.
     Raises:
         ConfigError: a wrong key, type or number, with the place.
@@ -54,8 +54,8 @@ def measurements_from_dict(content: object, source: str = "measurements", folder
     if "absolute" in top:
         options["absolute"] = as_boolean(f"{source}: absolute", top["absolute"], ConfigError)
     if "deviations" in top:
-        given = mapping(f"{source}: deviations", top["deviations"], tuple(QUANTITIES))
-        options["deviations"] = {key: number(f"{source}: deviations.{key}", value) for key, value in given.items()}
+        deviations = mapping(f"{source}: deviations", top["deviations"], tuple(QUANTITIES))
+        options["deviations"] = {key: number(f"{source}: deviations.{key}", value) for key, value in deviations.items()}
     options |= {key: text(f"{source}: {key}", top[key]) for key in ("about", "source") if key in top}
     with located(source):
         return Measurements(
@@ -67,8 +67,8 @@ def _mechanism(where: str, value: object, folder: Path) -> AnyChain:
     if isinstance(value, Mapping):
         return mechanism_from_dict(value, where)
     name = text(where, value)
-    beside = folder / name
-    return load_mechanism(beside if beside.is_file() else name)
+    candidate = folder / name
+    return load_mechanism(candidate if candidate.is_file() else name)
 
 
 def _run(source: str, name: str, steps: object, mechanism: AnyChain) -> Run:
@@ -77,30 +77,32 @@ def _run(source: str, name: str, steps: object, mechanism: AnyChain) -> Run:
 
 def _step(where: str, content: object, mechanism: AnyChain) -> Step:
     step = mapping(where, content, STEP_KEYS)
-    read: dict[str, Any] = {key: numbers(f"{where}.{key}", step[key]) for key in GIVEN if key in step}
+    fields: dict[str, Any] = {key: numbers(f"{where}.{key}", step[key]) for key in GIVEN if key in step}
     if "approach" in step:
-        read["approach"] = [_input(place, item) for place, item in numbered(f"{where}.approach", step["approach"])]
+        fields["approach"] = [_input(place, item) for place, item in numbered(f"{where}.approach", step["approach"])]
     if "forces" in step:
-        read["forces"] = [_force(place, item, mechanism) for place, item in numbered(f"{where}.forces", step["forces"])]
+        fields["forces"] = [
+            _force(place, item, mechanism) for place, item in numbered(f"{where}.forces", step["forces"])
+        ]
     if "weight" in step:
-        read["weight"] = number(f"{where}.weight", step["weight"])
+        fields["weight"] = number(f"{where}.weight", step["weight"])
     with located(where):
-        return Step(**read, **_shape(where, step, mechanism))
+        return Step(**fields, **_shape(where, step, mechanism))
 
 
 def _shape(where: str, step: Mapping[str, Any], mechanism: AnyChain) -> dict[str, Any]:
-    """Positions and angles of a step, from whichever of poses, positions and tip it has."""
-    there = [key for key in ("poses", "positions", "tip") if key in step]
-    if len(there) > 1:
-        raise ConfigError(where, there, "one of poses, positions and tip")
-    if not there:
+    """Positions and angles of a step, from its poses, positions or tip."""
+    present = [key for key in ("poses", "positions", "tip") if key in step]
+    if len(present) > 1:
+        raise ConfigError(where, present, "one of poses, positions and tip")
+    if not present:
         return {}
     dimension, n = mechanism.dimension, mechanism.n_links
-    if there == ["tip"]:
+    if present == ["tip"]:
         return {
             "positions": np.vstack([np.full((n - 1, dimension), np.nan), _row(f"{where}.tip", step["tip"], dimension)])
         }
-    key = there[0]
+    key = present[0]
     if key == "poses" and dimension == 3:
         raise ConfigError(f"{where}.poses", step[key], "positions or tip, for an arm")
     width = dimension + (key == "poses")
@@ -120,10 +122,10 @@ def _row(where: str, row: object, width: int) -> list[float]:
 
 
 def _input(where: str, content: object) -> Input:
-    given = mapping(where, content, GIVEN)
-    if len(given) != 1:
+    entry = mapping(where, content, GIVEN)
+    if len(entry) != 1:
         raise ConfigError(where, content, "either tensions or lengths, such as {tensions: [3, 3]}")
-    name, values = next(iter(given.items()))
+    name, values = next(iter(entry.items()))
     with located(where):
         return Input(name, tuple(numbers(f"{where}.{name}", values)))
 

@@ -1,4 +1,4 @@
-"""What was measured: runs of steps, each with its inputs, the way it was approached, and what was read there."""
+"""Measurements: runs of steps, each with its inputs, the inputs on the way to it, and its readings."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from rollingjoint.load import WorldForce
 Array = NDArray[np.float64]
 
 GIVEN = ("tensions", "lengths")
-"""What the motors were given."""
+"""Kinds of inputs to the motors."""
 
 METHODS = ("elastic", "least_squares")
-"""How given lengths are understood, see solve_lengths."""
+"""Meanings of given lengths, see solve_lengths."""
 
 QUANTITIES = {"position": "mm", "angle": "rad", "length": "mm", "tension": "N"}
-"""What can be measured, and its unit."""
+"""Quantities that can be measured, with units."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """What the motors were given: tensions [N] or lengths [mm], one number per tendon, and which of the two."""
+    """Input of the motors: `given` is "tensions" [N] or "lengths" [mm], with one number per tendon."""
 
     given: str
     values: tuple[float, ...]
@@ -43,15 +43,15 @@ class Input:
 
 @dataclass(frozen=True)
 class Step:
-    """One place of a path where something was read; None and NaN: not measured.
+    """One step of a run, with its readings; None and NaN: not measured.
 
     Args:
-        tensions: (m,) [N]. lengths: (m,) [mm]. One of them was given (Measurements.given), the other is a measurement.
+        tensions: (m,) [N]. lengths: (m,) [mm]. One is the input (Measurements.given), the other is measured.
         approach: inputs passed through since the step before, in order; only a mechanism with friction remembers them.
         positions: origins of the links, base first, (n, 2 or 3) [mm].
         angles: of the links of a planar chain, (n,) [rad].
         forces: known forces at the origins of links [N], base frame.
-        weight: the step counts as this many.
+        weight: number of equal steps that the step counts for.
     """
 
     tensions: ArrayLike | None = None
@@ -63,7 +63,7 @@ class Step:
     weight: float = 1.0
 
     def input(self, given: str) -> Input:
-        """What the motors were given."""
+        """The input of the motors of one kind, "tensions" or "lengths"."""
         values = getattr(self, given)
         if values is None:
             raise InvalidInput(f"{given} of a step", None, f"{given}, which were given", "Or change `given`.")
@@ -72,7 +72,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Run:
-    """Steps in the order in which they were made, and the name of the run."""
+    """Steps in the order of measurement, with the name of the run."""
 
     name: str
     steps: Sequence[Step]
@@ -87,11 +87,11 @@ class Measurements:
         runs: at least one.
         deviations: standard deviation of each measured quantity that is fitted: "position" [mm] per coordinate,
             "angle" [rad], "length" [mm], "tension" [N].
-        given: "tensions" or "lengths": what the motors were given in every step.
+        given: "tensions" or "lengths": the input of the motors in every step.
         method: for lengths: "elastic", the unstretched length that the motors leave, or "least_squares", lengths
             measured along the mechanism.
         tension_limits: minimum and maximum tension [N], for elastic tendons.
-        absolute: whether the deviations are true ones. False: only their ratios count, and the scale of the errors is
+        absolute: whether the deviations are true values. False: only their ratios count, and the scale of the errors is
             estimated from the residuals.
         about, source: for the report.
     Raises:
@@ -136,17 +136,17 @@ class Measurements:
         return np.concatenate([np.full(count, self.deviations.get(name, np.inf)) for name, count in counts.items()])
 
     def columns(self, quantity: str) -> slice:
-        """The place of a quantity in a reading."""
+        """The columns of a quantity in a reading."""
         n, m = self.mechanism.n_links, self.mechanism.n_tendons
         stops = np.cumsum([0, n * self.dimension, n, m, m])
         place = list(QUANTITIES).index(quantity)
         return slice(int(stops[place]), int(stops[place + 1]))
 
     def readings(self, runs: Sequence[Run]) -> Array:
-        """What was read in every step of the runs, (steps, M): positions, angles, lengths, tensions; NaN: not read."""
+        """Readings in every step of the runs, (steps, M): positions, angles, lengths, tensions; NaN: not read."""
         steps = [step for run in runs for step in run.steps]
-        found = np.full((len(steps), self.columns("tension").stop), np.nan)
-        for row, step in zip(found, steps, strict=True):
+        table = np.full((len(steps), self.columns("tension").stop), np.nan)
+        for row, step in zip(table, steps, strict=True):
             for quantity, values in (
                 ("position", step.positions),
                 ("angle", step.angles),
@@ -156,11 +156,11 @@ class Measurements:
                 if values is not None:
                     row[self.columns(quantity)] = np.asarray(values, float).ravel()
         first = np.r_[0 : self.dimension, self.columns("angle").start]
-        found[:, first] = np.nan  # the base, which is where the frame is
-        return found
+        table[:, first] = np.nan  # the base defines the frame
+        return table
 
     def input_given(self, given: str, method: str | None = None) -> Measurements:
-        """The same measurements with the other quantity as what was given."""
+        """The same measurements with `given` as the input of the motors."""
         return replace(self, given=given, method=method or self.method)
 
     def select(self, names: Sequence[str]) -> Measurements:

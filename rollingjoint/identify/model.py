@@ -1,4 +1,4 @@
-"""The model of measurements: what would be read at given parameters, and its derivatives by them."""
+"""The model of measurements: predicted readings at given parameters, and their derivatives."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from rollingjoint.identify.reading import reading, reading_rates
 
 Array = NDArray[np.float64]
 
-_SMALLEST_MU = 1e-7  # where the derivative at no friction at all is taken
-_FAR = 1e3  # standard deviations that every reading is off where there is no equilibrium
+_SMALLEST_MU = 1e-7  # in place of zero, for derivatives by mu
+_FAR = 1e3  # residual of every reading where there is no equilibrium, standard deviations
 
 
 @dataclass(frozen=True)
-class Model:
+class MeasurementModel:
     """Measurements and the unknown numbers in them.
 
     Readings are rows (steps, M): positions, angles, lengths, tensions, see Measurements.readings.
@@ -33,34 +33,36 @@ class Model:
     measurements: Measurements
     coefficients: tuple[Coefficient, ...]
 
-    def select(self, runs: Sequence[str]) -> Model:
-        """The model of some runs, with the unknown numbers that they depend on."""
-        kept = tuple(each for each in self.coefficients if each.run is None or each.run in runs)
-        return Model(self.measurements.select(runs), kept)
+    def select(self, runs: Sequence[str]) -> MeasurementModel:
+        """The model of some runs, with the unknown numbers on which they depend."""
+        coefficients = tuple(
+            coefficient for coefficient in self.coefficients if coefficient.run is None or coefficient.run in runs
+        )
+        return MeasurementModel(self.measurements.select(runs), coefficients)
 
     @property
     def nominal(self) -> Array:
         """Values of the mechanism as designed, (p,)."""
-        return np.array([each.nominal(self.measurements.mechanism) for each in self.coefficients])
+        return np.array([coefficient.nominal(self.measurements.mechanism) for coefficient in self.coefficients])
 
     @property
     def start(self) -> Array:
         """Values where a fit starts, (p,)."""
-        return np.array([each.kind.start for each in self.coefficients])
+        return np.array([coefficient.kind.start for coefficient in self.coefficients])
 
     @property
     def bounds(self) -> Array:
         """Lowest and highest values, (2, p)."""
-        return np.array([each.bounds for each in self.coefficients]).reshape(-1, 2).T
+        return np.array([coefficient.bounds for coefficient in self.coefficients]).reshape(-1, 2).T
 
     @cached_property
     def readings(self) -> Array:
-        """What was read, (steps, M); NaN where nothing was."""
+        """Measured readings, (steps, M); NaN: not read."""
         return self.measurements.readings(self.measurements.runs)
 
     @cached_property
     def weights(self) -> Array:
-        """What a deviation is multiplied by, (steps, M); zero for what was not read or is not fitted."""
+        """Factors on the deviations, (steps, M); zero where a quantity was not read or is not fitted."""
         counts = np.array([step.weight for run in self.measurements.runs for step in run.steps])
         weights = np.sqrt(counts)[:, None] / self.measurements.scales
         return np.where(np.isfinite(self.readings), weights, 0.0)
@@ -83,7 +85,7 @@ class Model:
         return -np.nan_to_num(slopes[used] * self.weights[used][:, None])
 
     def predictions(self, values: Array) -> Array:
-        """What would be read, (steps, M); NaN where there is no equilibrium."""
+        """Predicted readings, (steps, M); NaN where there is no equilibrium."""
         return np.concatenate([self._predictions(run, values) for run in self.measurements.runs])
 
     def equilibria(self, run: Run, values: Array) -> list[Any]:
@@ -94,38 +96,38 @@ class Model:
     def _nearest(self) -> NearestLengths:
         return NearestLengths()
 
-    def _path(self, run: Run, here: dict[str, Any]) -> list[Reached]:
-        mechanism = varied(self.measurements.mechanism, here)
-        return follow(self.measurements, run, mechanism, here["offsets"], self._nearest)
+    def _path(self, run: Run, parameters: dict[str, Any]) -> list[Reached]:
+        mechanism = varied(self.measurements.mechanism, parameters)
+        return follow(self.measurements, run, mechanism, parameters["offsets"], self._nearest)
 
     def values_in(self, run: Run, values: Array) -> dict[str, Any]:
         """The value of every kind of parameter in a run."""
         return values_in_run(self.coefficients, values, run.name, self.measurements.mechanism)
 
     def _predictions(self, run: Run, values: Array) -> Array:
-        here, found = self.values_in(run, values), np.full((len(run.steps), self.readings.shape[1]), np.nan)
+        parameters, rows = self.values_in(run, values), np.full((len(run.steps), self.readings.shape[1]), np.nan)
         try:
             equilibria = self.equilibria(run, values)
         except MechanismError:  # surfaces that cannot roll on each other
-            return found
-        for row, equilibrium in zip(found, equilibria, strict=True):
+            return rows
+        for row, equilibrium in zip(rows, equilibria, strict=True):
             if equilibrium.ok:
-                row[:] = reading(equilibrium, here)
-        return found
+                row[:] = reading(equilibrium, parameters)
+        return rows
 
     def _slopes(self, run: Run, values: Array) -> Array:
         """d predictions of a run / d values, (steps, M, p): implicit derivatives, or central differences."""
         slopes = np.zeros((len(run.steps), self.readings.shape[1], len(values)))
-        columns = [self._column(each) for each in self.coefficients]
+        columns = [self._column(coefficient) for coefficient in self.coefficients]
         if any(column is not None for column in columns):
             closed = self._closed_slopes(run, values)
-        for place, (each, column) in enumerate(zip(self.coefficients, columns, strict=True)):
-            if each.run in (None, run.name):
+        for place, (coefficient, column) in enumerate(zip(self.coefficients, columns, strict=True)):
+            if coefficient.run in (None, run.name):
                 slopes[..., place] = self._difference(run, values, place) if column is None else closed[..., column]
         return slopes
 
     def _column(self, coefficient: Coefficient) -> int | None:
-        """The column of the closed slopes that a coefficient has; None: only differences will do."""
+        """The column of the closed slopes of a coefficient; None: it needs differences."""
         m = self.measurements.mechanism.n_tendons
         if coefficient.name == "base_angle":
             return -1
@@ -135,30 +137,36 @@ class Model:
 
     @property
     def _closed(self) -> bool:
-        """Whether equilibria have derivatives in closed form, by the parameters that have any."""
+        """Whether equilibria have derivatives in closed form."""
         searched = self.measurements.given == "lengths" and self.measurements.method == "least_squares"
-        other = [name for name in ("constant", "rolling") if self._occurs(name)]  # rates_along lacks their terms
-        return not searched and not other
+        unsupported = [name for name in ("constant", "rolling") if self._occurs(name)]  # rates_along lacks their terms
+        return not searched and not unsupported
 
     def _occurs(self, name: str) -> bool:
         """Whether a coefficient of friction is sought or is not zero."""
         mechanism = self.measurements.mechanism
         frictions = [mechanism.friction, *(getattr(tendon, "friction", None) for tendon in mechanism.tendons)]
-        given = any(each is not None and getattr(each, name) for each in frictions)
-        return given or any(each.name == name for each in self.coefficients)
+        present = any(friction is not None and getattr(friction, name) for friction in frictions)
+        return present or any(coefficient.name == name for coefficient in self.coefficients)
 
     def _closed_slopes(self, run: Run, values: Array) -> Array:
         """Derivatives that follow from the equilibria, (steps, M, columns)."""
-        here = self.values_in(run, values)
-        if any(each.name == "mu" for each in self.coefficients):
-            here["mu"] = max(here["mu"], _SMALLEST_MU)
-        path = self._path(run, here)
-        pairs = zip(path, rates_along(path, here), strict=True)
-        return np.array([reading_rates(reached.equilibrium, rates, here) for reached, rates in pairs if reached.read])
+        parameters = self.values_in(run, values)
+        if any(coefficient.name == "mu" for coefficient in self.coefficients):
+            parameters["mu"] = max(parameters["mu"], _SMALLEST_MU)
+        path = self._path(run, parameters)
+        pairs = zip(path, rates_along(path, parameters), strict=True)
+        return np.array(
+            [reading_rates(reached.equilibrium, rates, parameters) for reached, rates in pairs if reached.read]
+        )
 
     def _difference(self, run: Run, values: Array, place: int) -> Array:
-        """Differences of the predictions, (steps, M): central ones, or one-sided at the end of the range."""
+        """Differences of the predictions, (steps, M): central, or one-sided at the end of the range."""
         low, high = self.coefficients[place].bounds
         ends = np.clip(values[place] + np.array([-1.0, 1.0]) * self.coefficients[place].kind.step, low, high)
         below, above = (np.where(np.arange(len(values)) == place, end, values) for end in ends)
         return (self._predictions(run, above) - self._predictions(run, below)) / np.ptp(ends)
+
+
+Model = MeasurementModel
+"""Earlier name, which pickles have."""

@@ -1,4 +1,4 @@
-"""What can be identified: kinds of parameters, the numbers that each stands for, and a mechanism with other values."""
+"""Parameters that can be identified: their kinds, their coefficients, and a mechanism with other values."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Kind:
     """A kind of parameter.
 
     Args:
-        meaning: what it is, one line.
+        meaning: description, one line.
         unit: for tables; empty for a pure number.
         nominal: the value of the mechanism as designed.
         start: where a fit starts.
         low, high: the range that is searched.
         step: a small change, for pictures and numerical derivatives.
-        per_tendon: whether every tendon has a number of its own.
+        per_tendon: whether every tendon has a separate number.
         planar: whether only planar chains have it.
     """
 
@@ -88,12 +88,12 @@ FRICTION = ("mu", "presliding", "constant", "rolling")
 """The kinds that are fields of CapstanFriction."""
 
 PER_RUN = ":run"
-"""Added to a name: every run has a value of its own."""
+"""Suffix of a name: every run has a separate value."""
 
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One unknown number: its kind, and the tendon or the run that it belongs to, None for all."""
+    """One unknown number of a kind, of one tendon or run; None: of all."""
 
     name: str
     tendon: int | None = None
@@ -126,17 +126,17 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
     """The unknown numbers behind names such as "offsets" or "base_angle:run".
 
     Raises:
-        InvalidInput: no or unknown names, a name given twice, or one that the mechanism does not have.
+        InvalidInput: no or unknown names, a name given twice, a parameter that the mechanism lacks.
     """
     if not parameters:
         raise InvalidInput("parameters", parameters, f"at least one of {', '.join(KINDS)}")
-    found: list[Coefficient] = []
+    coefficients: list[Coefficient] = []
     for word in parameters:
         name, colon, scope = word.partition(":")
         as_choice("parameters", name, tuple(KINDS))
         if colon and colon + scope != PER_RUN:
             raise InvalidInput("parameters", word, f"{name}, or {name}{PER_RUN} for one value per run")
-        if any(other.name == name for other in found):
+        if any(coefficient.name == name for coefficient in coefficients):
             raise InvalidInput("parameters", word, "every name once")
         if name in FRICTION and any(tendon.friction for tendon in measurements.mechanism.tendons):
             hint = "Give the mechanism a friction, and its tendons none."
@@ -145,27 +145,27 @@ def coefficients_of(parameters: Sequence[str], measurements: Measurements) -> tu
             raise InvalidInput("parameters", word, "parameters of arms, without " + name, "Only planar chains have it.")
         tendons = range(measurements.mechanism.n_tendons) if KINDS[name].per_tendon else (None,)
         runs = [run.name for run in measurements.runs] if colon else [None]
-        found += [Coefficient(name, tendon, run) for run in runs for tendon in tendons]
-    return tuple(found)
+        coefficients += [Coefficient(name, tendon, run) for run in runs for tendon in tendons]
+    return tuple(coefficients)
 
 
 def values_in_run(coefficients: Sequence[Coefficient], values: Array, run: str, mechanism: AnyChain) -> dict[str, Any]:
     """Value of every kind in a run, a number or (m,), one per tendon; nominal where it is not sought."""
-    found: dict[str, Any] = {
+    parameters: dict[str, Any] = {
         name: np.full(mechanism.n_tendons, kind.nominal) if kind.per_tendon else Coefficient(name).nominal(mechanism)
         for name, kind in KINDS.items()
     }
     for coefficient, value in zip(coefficients, values, strict=True):
         if coefficient.run in (None, run):
             if coefficient.tendon is None:
-                found[coefficient.name] = float(value)
+                parameters[coefficient.name] = float(value)
             else:
-                found[coefficient.name][coefficient.tendon] = value
-    return found
+                parameters[coefficient.name][coefficient.tendon] = value
+    return parameters
 
 
 def varied(mechanism: AnyChain, values: Mapping[str, Any]) -> AnyChain:
-    """The mechanism with these values; those of commands and frames are no part of it."""
+    """The mechanism with these values; offsets and the base angle do not change it."""
     changes: dict[str, Any] = {}
     friction = mechanism.friction or CapstanFriction(0.0)
     rubbing = dataclasses.replace(friction, **{name: values[name] for name in FRICTION})
@@ -186,6 +186,6 @@ def varied(mechanism: AnyChain, values: Mapping[str, Any]) -> AnyChain:
 
 
 def _moved(surface: Surface, move: tuple[float, float, float], sign: int) -> Surface:
-    """The surface shifted and turned on its link about its own start."""
+    """The surface shifted on its link and turned about its start."""
     (x, y), (dx, dy, turn) = surface.start, move
     return dataclasses.replace(surface, start=(x + sign * dx, y + sign * dy), angle=surface.angle + sign * turn)

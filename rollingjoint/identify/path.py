@@ -1,4 +1,4 @@
-"""The equilibria of one run at given parameters, and how joint angles and tensions change with them."""
+"""The equilibria of one run at given parameters, and derivatives of joint angles and tensions by them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STILL = 1e-8  # a friction state below it is zero
 
 
 class Reached(NamedTuple):
-    """An equilibrium on a path, and whether something was read there."""
+    """An equilibrium on a path, and whether there are readings of it."""
 
     equilibrium: Any
     read: bool
@@ -38,25 +38,25 @@ class Rates(NamedTuple):
 def follow(
     measurements: Measurements, run: Run, mechanism: AnyChain, offsets: Array, nearest: NearestLengths
 ) -> list[Reached]:
-    """The equilibria of a run in order; with friction those of the approaches too, each step from the one before.
+    """The equilibria of a run in order, with friction also of the approaches, each step from the previous one.
 
-    The first of them is the pose without friction, in which nothing has ever slipped.
+    The first is the pose without friction, before any slip.
     """
-    found: list[Reached] = []
+    path: list[Reached] = []
     history: Any = None
     for number, step in enumerate(run.steps):
         passed = [*(step.approach if mechanism.has_friction else ()), step.input(measurements.given)]
-        for place, given in enumerate(passed, 1 - len(passed)):
+        for place, entry in enumerate(passed, 1 - len(passed)):
             solve = _Solve(measurements, mechanism, step, offsets, nearest, (run.name, number, place))
-            equilibrium = solve(given, history)
-            found.append(Reached(equilibrium, place == 0))
+            equilibrium = solve(entry, history)
+            path.append(Reached(equilibrium, place == 0))
             if mechanism.has_friction and equilibrium.status <= Status.INDETERMINATE:
                 history = equilibrium
-    return found
+    return path
 
 
 class _Solve(NamedTuple):
-    """How the equilibrium of one input is found."""
+    """A solve for the equilibrium of one input."""
 
     measurements: Measurements
     mechanism: AnyChain
@@ -65,47 +65,47 @@ class _Solve(NamedTuple):
     nearest: NearestLengths
     key: tuple[str, int, int]
 
-    def __call__(self, given: Input, history: Any) -> Any:
-        if given.given == "tensions":
-            return solve_tensions(self.mechanism, given.values, self.step.forces, history=history)
-        lengths = np.array(given.values) + self.offsets
+    def __call__(self, entry: Input, history: Any) -> Any:
+        if entry.given == "tensions":
+            return solve_tensions(self.mechanism, entry.values, self.step.forces, history=history)
+        lengths = np.array(entry.values) + self.offsets
         if self.measurements.method == "least_squares":
             return self.nearest.solve(self.mechanism, lengths, self.step.forces, history, self.key)
         limits = self.measurements.tension_limits
         return solve_lengths(self.mechanism, lengths, self.step.forces, tension_limits=limits, history=history)
 
 
-def rates_along(path: Sequence[Reached], here: Mapping[str, Any]) -> list[Rates]:
+def rates_along(path: Sequence[Reached], parameters: Mapping[str, Any]) -> list[Rates]:
     """Derivatives of every equilibrium of a path, of elastic tendons or under given tensions.
 
     By the implicit function theorem in every step: dphi = -A⁻¹ dr with the residual r and its Jacobian A of
     docs/theory.md, sections 4 and 9; friction states and slips carry their derivatives to the next step. One-sided
     where a hole is about to slip.
     """
-    found: list[Rates] = []
+    derivatives: list[Rates] = []
     carried: Array | None = None
     for equilibrium, _ in path:
         if equilibrium.ok:
-            rates = _rates(equilibrium, here, carried)
+            rates = _rates(equilibrium, parameters, carried)
             carried = _carried(equilibrium, rates, carried)
-        else:  # nothing to differentiate
+        else:  # no derivatives
             n_joints, n_tendons = equilibrium.tendon_rates.shape
             rates = Rates(np.zeros((n_joints, n_tendons + 2)), np.zeros((n_tendons, n_tendons + 2)))
-        found.append(rates)
-    return found
+        derivatives.append(rates)
+    return derivatives
 
 
-def _rates(equilibrium: Solution, here: Mapping[str, Any], carried: Array | None) -> Rates:
+def _rates(equilibrium: Solution, parameters: Mapping[str, Any], carried: Array | None) -> Rates:
     slope, torques = equilibrium.tendon_stiffness, equilibrium.torques_per_tension
-    by_factor = np.where(slope > 0, equilibrium.tensions, 0.0) / here["stiffness"]
+    by_factor = np.where(slope > 0, equilibrium.tensions, 0.0) / parameters["stiffness"]
     direct = np.column_stack([-np.diag(slope), by_factor, np.zeros_like(slope)])  # d tensions at the same angles
     torque = torques @ direct
     if equilibrium.friction is not None:
         lever, tensions = equilibrium.tendon_rates, equilibrium.gap_tensions
         states, logs = equilibrium.friction_states, _mu_turns(equilibrium)
-        by_mu = -tensions * np.cumsum(states * logs, axis=0) / here["mu"]
+        by_mu = -tensions * np.cumsum(states * logs, axis=0) / parameters["mu"]
         torque[:, -1] += (lever * by_mu).sum(axis=1)
-        if carried is not None:  # d friction states at the same angles, of what sticks
+        if carried is not None:  # d friction states at the same angles, where tendons stick
             change = np.where(equilibrium.sticking[..., None], carried, 0.0)
             by_states = -tensions[..., None] * np.cumsum(logs[..., None] * change, axis=0)
             torque += (lever[..., None] * by_states).sum(axis=1)
@@ -114,7 +114,7 @@ def _rates(equilibrium: Solution, here: Mapping[str, Any], carried: Array | None
 
 
 def _carried(equilibrium: Solution, rates: Rates, carried: Array | None) -> Array:
-    """Derivatives of z + s / presliding, which is what a step remembers of friction states and slips, (n - 1, m, P)."""
+    """Derivatives of z + s / presliding, the memory of friction states and slips in a step, (n - 1, m, P)."""
     friction = equilibrium.mechanism.friction_coefficients
     presliding, compliance = friction[:, 1, None], friction[:, 4]
     gaps = equilibrium.tendon_rates[..., None] * rates.angles[:, None]  # of the lengths of every gap
@@ -123,7 +123,7 @@ def _carried(equilibrium: Solution, rates: Rates, carried: Array | None) -> Arra
     before = np.zeros_like(slips) if carried is None else carried
     states = np.where(equilibrium.sticking[..., None], before - slips / presliding, 0.0)
     if equilibrium.friction is None:
-        states = np.zeros_like(slips)  # nothing has ever slipped
+        states = np.zeros_like(slips)  # before any slip
     return states + slips / presliding
 
 

@@ -1,4 +1,4 @@
-"""Ranges for domain randomisation: what the intervals of identified parameters mean for the tracking environment."""
+"""Ranges for domain randomisation: settings of the tracking environment from the intervals of parameters."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ Ranges = dict[str, dict[str, float | list[float]]]
 _STIFFNESS_SPREAD = 0.9  # the largest that the environment takes
 
 
-def ranges(found: Findings) -> Ranges:
+def ranges(findings: Findings) -> Ranges:
     """Settings `friction` and `randomization` of the tracking environment, as rj_gym.TrackingConfig takes them.
 
-    Each range holds the intervals of the fit to all runs and of those to every run alone, so that it covers runs that
+    Each range holds the intervals of the fits to all runs together and to each run, so that it covers runs that
     differ; presliding is the best value. Parameters that the data do not determine are left out.
     """
-    names = list(dict.fromkeys(each.name for each in found.coefficients))
-    spans = {name: span for name in names if (span := _span(found, name))}
+    names = list(dict.fromkeys(coefficient.name for coefficient in findings.coefficients))
+    spans = {name: span for name in names if (span := _span(findings, name))}
     largest = {name: max(abs(end - KINDS[name].nominal) for end in span) for name, span in spans.items()}
     friction: dict[str, float | list[float]] = {}
     if "mu" in spans:
         friction["mu"] = [_rounded(end) for end in spans["mu"]]
     if "presliding" in spans:
-        best = zip(found.coefficients, found.together.values, strict=True)
-        friction["presliding"] = _rounded(np.mean([value for each, value in best if each.name == "presliding"]))
+        best = zip(findings.coefficients, findings.together.values, strict=True)
+        friction["presliding"] = _rounded(
+            np.mean([value for coefficient, value in best if coefficient.name == "presliding"])
+        )
     randomization: dict[str, float | list[float]] = {}
     if "stiffness" in spans:
         randomization["stiffness_spread"] = _rounded(min(largest["stiffness"], _STIFFNESS_SPREAD))
@@ -43,13 +45,13 @@ def ranges(found: Findings) -> Ranges:
     return {name: settings for name, settings in sections.items() if settings}
 
 
-def _span(found: Findings, name: str) -> tuple[float, float] | None:
-    """The smallest range that holds all intervals of a parameter that the data set at least one end of."""
+def _span(findings: Findings, name: str) -> tuple[float, float] | None:
+    """The smallest range that holds all intervals of a parameter with at least one end set by the data."""
     ends = [
-        each.interval
-        for estimates in (found.together, *found.alone.values())
-        for coefficient, each in zip(estimates.coefficients, estimates.profiles, strict=True)
-        if coefficient.name == name and any(each.bounded)
+        profile.interval
+        for estimates in (findings.together, *findings.alone.values())
+        for coefficient, profile in zip(estimates.coefficients, estimates.profiles, strict=True)
+        if coefficient.name == name and any(profile.bounded)
     ]
     return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
 

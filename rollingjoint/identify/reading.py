@@ -1,4 +1,4 @@
-"""What would be read at an equilibrium: positions, angles, lengths and tensions in one row; and its derivatives."""
+"""Predicted readings at an equilibrium: positions, angles, lengths, tensions in one row; and its derivatives."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ Array = NDArray[np.float64]
 _QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-def reading(equilibrium: Any, here: Mapping[str, Any]) -> Array:
+def reading(equilibrium: Any, parameters: Mapping[str, Any]) -> Array:
     """The row at values of all parameters, (M,), in the order of Measurements.readings."""
     positions, angles = _origins(equilibrium), np.zeros(equilibrium.mechanism.n_links)
     if positions.shape[1] == 2:
-        positions, angles = positions @ _rotation(here).T, equilibrium.poses[:, 2] + here["base_angle"]
-    return np.concatenate([positions.ravel(), angles, equilibrium.lengths - here["offsets"], equilibrium.tensions])
+        positions, angles = positions @ _rotation(parameters).T, equilibrium.poses[:, 2] + parameters["base_angle"]
+    return np.concatenate(
+        [positions.ravel(), angles, equilibrium.lengths - parameters["offsets"], equilibrium.tensions]
+    )
 
 
-def reading_rates(equilibrium: Any, rates: Rates, here: Mapping[str, Any]) -> Array:
+def reading_rates(equilibrium: Any, rates: Rates, parameters: Mapping[str, Any]) -> Array:
     """Derivatives of the row by the columns of the rates, then by the base angle, (M, P + 1)."""
     n, m = equilibrium.mechanism.n_links, equilibrium.mechanism.n_tendons
     dimension = _origins(equilibrium).shape[1]
@@ -31,10 +33,10 @@ def reading_rates(equilibrium: Any, rates: Rates, here: Mapping[str, Any]) -> Ar
     positions, angles = moves[:, :dimension], np.zeros_like(moves[:, 0])
     lengths = equilibrium.tendon_rates.T @ rates.angles
     lengths[:, :m] -= np.eye(m)
-    by_base = np.zeros(len(reading(equilibrium, here)))
+    by_base = np.zeros(len(reading(equilibrium, parameters)))
     if dimension == 2:
-        positions, angles = _rotation(here) @ positions, moves[:, 2]
-        by_base[: 2 * n] = (_origins(equilibrium) @ (_QUARTER @ _rotation(here)).T).ravel()
+        positions, angles = _rotation(parameters) @ positions, moves[:, 2]
+        by_base[: 2 * n] = (_origins(equilibrium) @ (_QUARTER @ _rotation(parameters)).T).ravel()
         by_base[2 * n : 3 * n] = 1.0
     rows = np.concatenate([positions.reshape(n * dimension, -1), angles, lengths, rates.tensions])
     return np.column_stack([rows, by_base])
@@ -46,6 +48,6 @@ def _origins(equilibrium: Any) -> Array:
     return poses[:, :2] if poses.ndim == 2 else poses[:, :3, 3]
 
 
-def _rotation(here: Mapping[str, Any]) -> Array:
-    cos, sin = np.cos(here["base_angle"]), np.sin(here["base_angle"])
+def _rotation(parameters: Mapping[str, Any]) -> Array:
+    cos, sin = np.cos(parameters["base_angle"]), np.sin(parameters["base_angle"])
     return np.array([[cos, -sin], [sin, cos]])

@@ -23,9 +23,13 @@ _COLUMNS = {
 }
 
 
-def report(found: Findings, warnings: Sequence[str], ranges: Ranges) -> str:
+def report(findings: Findings, warnings: Sequence[str], ranges: Ranges) -> str:
     """Parameters with intervals, errors by run, warnings and ranges."""
-    parts = [_heading(found), _parameters(found), *(_errors(found, quantity) for quantity in found.quantities)]
+    parts = [
+        _heading(findings),
+        _parameters(findings),
+        *(_errors(findings, quantity) for quantity in findings.quantities),
+    ]
     if warnings:
         parts.append("\n".join(["what the data cannot tell", *(f"- {line}" for line in warnings)]))
     if ranges:
@@ -39,59 +43,69 @@ def ranges_text(ranges: Ranges) -> str:
     return dump_yaml(flat).replace("'", "")
 
 
-def as_dict(found: Findings, warnings: Sequence[str], ranges: Ranges) -> dict[str, Any]:
+def as_dict(findings: Findings, warnings: Sequence[str], ranges: Ranges) -> dict[str, Any]:
     """The same as plain dicts, lists and numbers; an interval's end that the data did not set is null."""
     return {
-        "mechanism": found.measurements.mechanism.name,
-        "given": found.measurements.given,
-        "confidence": found.confidence,
-        "parameters": _plain(found.together),
-        "alone": {run: _plain(each) for run, each in found.alone.items()},
+        "mechanism": findings.measurements.mechanism.name,
+        "given": findings.measurements.given,
+        "confidence": findings.confidence,
+        "parameters": _plain(findings.together),
+        "alone": {run: _plain(estimates) for run, estimates in findings.alone.items()},
         "held_out": {
-            run: {each.label: float(v) for each, v in zip(found.coefficients, values, strict=True)}
-            for run, values in found.held_out.items()
+            run: {
+                coefficient.label: float(value)
+                for coefficient, value in zip(findings.coefficients, values, strict=True)
+            }
+            for run, values in findings.held_out.items()
         },
         "errors": {
             quantity: {
-                which: {run.name: found.errors(quantity, which, run.name)._asdict() for run in found.measurements.runs}
-                for which in found.deviations
+                which: {
+                    run.name: findings.errors(quantity, which, run.name)._asdict() for run in findings.measurements.runs
+                }
+                for which in findings.deviations
             }
-            for quantity in found.quantities
+            for quantity in findings.quantities
         },
         "warnings": list(warnings),
         "ranges": ranges,
     }
 
 
-def _heading(found: Findings) -> str:
-    measurements = found.measurements
+def _heading(findings: Findings) -> str:
+    measurements = findings.measurements
     steps = sum(len(run.steps) for run in measurements.runs)
     runs = len(measurements.runs)
-    numbers = len(found.together.fit.residuals)
+    numbers = len(findings.together.fit.residuals)
     method = f" ({measurements.method})" if measurements.given == "lengths" else ""
     return (
         f"{measurements.mechanism.name}: {_count(runs, 'run')}, {_count(steps, 'step')}, given"
-        f" {measurements.given}{method}; {numbers} numbers fitted ({', '.join(found.quantities)})"
+        f" {measurements.given}{method}; {numbers} numbers fitted ({', '.join(findings.quantities)})"
     )
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("s" if number != 1 else "")
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("s" if number != 1 else "")
 
 
-def _parameters(found: Findings) -> str:
+def _parameters(findings: Findings) -> str:
     """A row per coefficient: nominal value, estimate and interval from all runs, then from each run alone."""
-    percent = f"{100 * found.confidence:g} % interval"
-    runs = [run for run in found.alone if any(each.run is None for each in found.coefficients)]
+    percent = f"{100 * findings.confidence:g} % interval"
+    runs = [run for run in findings.alone if any(coefficient.run is None for coefficient in findings.coefficients)]
     head = ["parameter", "unit", "nominal", "estimate", percent, *(f"{run} alone" for run in runs)]
     rows = []
-    for place, each in enumerate(found.coefficients):
-        nominal = each.nominal(found.measurements.mechanism)
-        digits = _digits(found.together, place)
-        row = [each.label, each.kind.unit or "1", f"{nominal:g}", _fixed(found.together.values[place], digits)]
-        row.append(_interval(found.together, place, digits))
+    for place, coefficient in enumerate(findings.coefficients):
+        nominal = coefficient.nominal(findings.measurements.mechanism)
+        digits = _digits(findings.together, place)
+        row = [
+            coefficient.label,
+            coefficient.kind.unit or "1",
+            f"{nominal:g}",
+            _fixed(findings.together.values[place], digits),
+        ]
+        row.append(_interval(findings.together, place, digits))
         for run in runs:
-            row.append(_alone(found.alone[run], each, digits))
+            row.append(_alone(findings.alone[run], coefficient, digits))
         rows.append(row)
     return text_table(head, rows, left=2)
 
@@ -121,32 +135,32 @@ def _fixed(value: float, digits: int) -> str:
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
-def _errors(found: Findings, quantity: str) -> str:
+def _errors(findings: Findings, quantity: str) -> str:
     """Errors of one quantity by run under every kind of values."""
     kinds = "last link mean / largest / mean of all" if quantity in LINKS else "largest / mean"
-    runs: list[str | None] = [run.name for run in found.measurements.runs]
+    runs: list[str | None] = [run.name for run in findings.measurements.runs]
     if len(runs) > 1:
         runs.append(None)
     rows = [
-        [run or "all", *(found.errors(quantity, which, run).text(quantity) for which in found.deviations)]
+        [run or "all", *(findings.errors(quantity, which, run).text(quantity) for which in findings.deviations)]
         for run in runs
     ]
     title = f"errors of {quantity} [{QUANTITIES[quantity]}]: {kinds}"
-    return f"{title}\n{text_table(['run', *(_COLUMNS[which] for which in found.deviations)], rows)}"
+    return f"{title}\n{text_table(['run', *(_COLUMNS[which] for which in findings.deviations)], rows)}"
 
 
 def _plain(estimates: Estimates) -> dict[str, Any]:
     """Estimates and intervals by label."""
     ends = [
-        [end if bounded else None for end, bounded in zip(each.interval, each.bounded, strict=True)]
-        for each in estimates.profiles
+        [end if bounded else None for end, bounded in zip(profile.interval, profile.bounded, strict=True)]
+        for profile in estimates.profiles
     ]
     return {
-        each.label: {"value": float(value), "interval": interval, "unit": each.kind.unit}
-        for each, value, interval in zip(estimates.coefficients, estimates.values, ends, strict=True)
+        coefficient.label: {"value": float(value), "interval": interval, "unit": coefficient.kind.unit}
+        for coefficient, value, interval in zip(estimates.coefficients, estimates.values, ends, strict=True)
     }
 
 
 def _flow(value: float | list[float]) -> float | str:
-    """A list as it stands in one line."""
+    """A list in YAML's flow style, on one line."""
     return f"[{value[0]:g}, {value[1]:g}]" if isinstance(value, list) else value

@@ -27,7 +27,7 @@ _HEAD = (
 
 
 def friction_name(loop: Loop) -> str:
-    """The coefficients of friction of its tendons, each once."""
+    """The coefficients of friction of the tendons, each once."""
     coefficients = loop.path.mechanism.friction_coefficients[:, 0]
     return ", ".join(f"{mu:g}" for mu in dict.fromkeys(coefficients.tolist()))
 
@@ -50,7 +50,7 @@ def as_table(loops: Sequence[Loop]) -> str:
 
 
 def failure(loop: Loop) -> str:
-    """How many steps are no stable equilibria, and why the first of them is none; empty if all are."""
+    """Number of steps without a stable equilibrium, with the status of the first; empty if there are none."""
     wrong = np.flatnonzero(~loop.path.ok)
     if not wrong.size:
         return ""
@@ -113,7 +113,7 @@ def _as_dict(loop: Loop) -> dict[str, Any]:
 
 
 def _columns(loop: Loop) -> dict[str, Any]:
-    """What every step of a loop has, leading axis K."""
+    """Quantities of every step of a loop, leading axis K."""
     path = loop.path
     return {
         f"inputs_{_unit(loop)}": loop.inputs,
@@ -126,9 +126,9 @@ def _columns(loop: Loop) -> dict[str, Any]:
 
 
 def _plain(values: Any) -> Any:
-    """Nested lists; None for what JSON cannot express."""
+    """Nested lists; None for numbers that JSON cannot express."""
     if isinstance(values, np.ndarray):
-        return [_plain(each) for each in values.tolist()]
+        return [_plain(value) for value in values.tolist()]
     if isinstance(values, list):
-        return [_plain(each) for each in values]
+        return [_plain(value) for value in values]
     return values if math.isfinite(values) else None

@@ -1,6 +1,6 @@
 """Mechanism files: YAML <-> mechanism, documented in docs/mechanism-files.md.
 
-Nothing in a file is evaluated; every error names the file and the place in it.
+No text of a file is evaluated; every error names the file and the place in it.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ def load_mechanism(name_or_path: str | Path, kind: type[_M]) -> _M: ...
 
 
 def load_mechanism(name_or_path: str | Path, kind: type[AnyChain] | None = None) -> AnyChain:
-    """The mechanism of that preset name, or of the YAML file at that path.
+    """The mechanism of a preset, by its name, or of a YAML file, by its path.
 
     Args:
-        name_or_path: what to load.
-        kind: class of the mechanism, such as RollingChain, where no other will do.
+        name_or_path: of the preset or the file.
+        kind: required class of the mechanism, such as RollingChain; None: any.
     Raises:
-        ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, the other kind.
+        ConfigError: neither a preset nor a readable file, a file with a wrong key, type or mechanism, another kind.
     """
     name = str(name_or_path)
     mechanism = preset(name) if name in PRESETS else _read(name)
@@ -50,24 +50,24 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     """The mechanism that the content of a mechanism file describes: an arm if it lists beads.
 
     Args:
-        content: what yaml.safe_load gives.
-        source: how messages call it, usually the file name.
+        content: from yaml.safe_load.
+        source: name for messages, usually the file name.
         name: name of a mechanism that states none.
     Raises:
         ConfigError: a wrong key, type or number, or a mechanism that cannot be built.
     """
-    keys = tuple(dict.fromkeys(key for each in formats() for key in each.keys))
-    given = content if isinstance(content, Mapping) else mapping(source, content, keys)
-    fitting = [each for each in formats() if each.parts in given]
+    keys = tuple(dict.fromkeys(key for kind in formats() for key in kind.keys))
+    fields = content if isinstance(content, Mapping) else mapping(source, content, keys)
+    fitting = [kind for kind in formats() if kind.parts in fields]
     if not fitting:
-        allowed = " or ".join(f"the key {each.parts!r}" for each in formats())
+        allowed = " or ".join(f"the key {kind.parts!r}" for kind in formats())
         hint = "Add the links of a planar chain or the beads of an arm."
-        raise ConfigError(source, list(mapping(source, given, keys)), allowed, hint)
+        raise ConfigError(source, list(mapping(source, fields, keys)), allowed, hint)
     return fitting[-1].from_dict(content, source, name)
 
 
 def mechanism_to_dict(mechanism: AnyChain) -> dict[str, Any]:
-    """Plain dicts, lists, numbers and text; mechanism_from_dict makes the same mechanism of them exactly."""
+    """Plain dicts, lists, numbers and text, from which mechanism_from_dict builds exactly the same mechanism."""
     return format_of(mechanism).to_dict(mechanism)
 
 

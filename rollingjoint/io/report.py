@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 FRICTION = 0.3
 """Coefficient of friction for slip margins unless another is given."""
-_FAR = 0.1  # of a tendon's path: no real tendon is stretched by more
+_FAR = 0.1  # of a tendon's path: real tendons stretch less
 
 
 def mechanism_line(mechanism: AnyChain) -> str:
@@ -33,21 +33,21 @@ def neutral_line(mechanism: AnyChain) -> str:
     return f"neutral_lengths [mm]: {_numbers(mechanism.neutral_lengths, 4)}"
 
 
-def length_note(found: Solution, given: ArrayLike) -> str:
-    """One line where lengths in equilibrium, or on a path, are far above those given, (..., m) [mm]; else empty.
+def length_note(solution: Solution, inputs: ArrayLike) -> str:
+    """One line where lengths in equilibrium, or on a path, are far above the input, (..., m) [mm]; else empty.
 
-    It also says which lengths the mechanism has; and where tendons stretch so far, that no real one does.
+    The line includes the lengths of the mechanism, and a remark on tendons that stretch more than real ones.
     """
-    mechanism, far = found.mechanism, _FAR * np.atleast_2d(found.lengths)
-    excess = np.atleast_2d(found.lengths - np.asarray(given))
-    those = np.flatnonzero((excess > far).any(axis=0))
-    if not those.size:
+    mechanism, far = solution.mechanism, _FAR * np.atleast_2d(solution.lengths)
+    excess = np.atleast_2d(solution.lengths - np.asarray(inputs))
+    tendons = np.flatnonzero((excess > far).any(axis=0))
+    if not tendons.size:
         return ""
-    stretched = bool((np.atleast_2d(found.tensions) > mechanism.stiffnesses * far).any())
-    which = f"tendon {those[0]} is" if those.size == 1 else f"tendons {', '.join(map(str, those))} are"
+    stretched = bool((np.atleast_2d(solution.tensions) > mechanism.stiffnesses * far).any())
+    which = f"tendon {tendons[0]} is" if tendons.size == 1 else f"tendons {', '.join(map(str, tendons))} are"
     return (
-        f"lengths far too short: in equilibrium {which} {_numbers(excess.max(axis=0)[those], 1, ', ')} mm longer, over "
-        f"a tenth of the path{', and no real tendon stretches so far' if stretched else ''}; "
+        f"lengths far too short: in equilibrium {which} {_numbers(excess.max(axis=0)[tendons], 1, ', ')} mm longer,"
+        f" over a tenth of the path{', and no real tendon stretches so far' if stretched else ''}; "
         f"neutral_lengths [mm]: {_numbers(mechanism.neutral_lengths, 1)}, "
         f"shortest within the joints' limits: {_numbers(mechanism.shortest_lengths, 1)}"
     )
@@ -57,44 +57,44 @@ def _numbers(values: Array, digits: int, between: str = " ") -> str:
     return between.join(f"{value:.{digits}f}" for value in values)
 
 
-def status_line(found: Solution) -> str:
+def status_line(equilibrium: Solution) -> str:
     """One line: status, its meaning, residual and iterations; whether an arm has buckled."""
-    status = Status(int(found.status))
-    numbers = f"residual {found.residual:.1e} N·mm, {found.iterations} iterations{found.remark}"
+    status = Status(int(equilibrium.status))
+    numbers = f"residual {equilibrium.residual:.1e} N·mm, {equilibrium.iterations} iterations{equilibrium.remark}"
     return f"{status.name}: {status.message} ({numbers})"
 
 
-def as_table(found: Solution, friction: float = FRICTION) -> str:
+def as_table(equilibrium: Solution, friction: float = FRICTION) -> str:
     """Links, joints and tendons of an equilibrium as aligned columns, and the status line."""
-    links = column_table("link", found.link_columns())
-    joints = column_table(found.mechanism.joint, found.joint_columns(friction))
-    tendons = zip(range(len(found.tensions)), found.tensions, found.lengths, strict=True)
+    links = column_table("link", equilibrium.link_columns())
+    joints = column_table(equilibrium.mechanism.joint, equilibrium.joint_columns(friction))
+    tendons = zip(range(len(equilibrium.tensions)), equilibrium.tensions, equilibrium.lengths, strict=True)
     pulled = number_table(("tendon", "tension [N]", "length [mm]"), tendons, (4, 4))
-    return "\n\n".join((links, joints, pulled, status_line(found)))
+    return "\n\n".join((links, joints, pulled, status_line(equilibrium)))
 
 
-def as_json(found: Solution, friction: float = FRICTION) -> str:
-    """The same as JSON text; units are in the key names."""
-    return json.dumps(as_dict(found, friction), indent=2, allow_nan=False)
+def as_json(equilibrium: Solution, friction: float = FRICTION) -> str:
+    """The equilibrium as JSON text; units are in the key names."""
+    return json.dumps(as_dict(equilibrium, friction), indent=2, allow_nan=False)
 
 
-def as_dict(found: Solution, friction: float = FRICTION) -> dict[str, Any]:
-    """The same as plain dicts, lists and numbers."""
-    status = Status(int(found.status))
+def as_dict(equilibrium: Solution, friction: float = FRICTION) -> dict[str, Any]:
+    """The equilibrium as plain dicts, lists and numbers."""
+    status = Status(int(equilibrium.status))
     return {
-        "mechanism": found.mechanism.name,
+        "mechanism": equilibrium.mechanism.name,
         "status": status.name,
         "message": status.message,
-        "usable": bool(found.ok),
-        "residual_N_mm": _finite(found.residual),
-        "iterations": int(found.iterations),
-        "smallest_eigenvalue_N_mm_per_rad": _finite(found.smallest_eigenvalue),
-        **found.figures(friction),
-        "links": column_dicts("link", found.link_columns()),
-        "joints": column_dicts("joint", found.joint_columns(friction)),
+        "usable": bool(equilibrium.ok),
+        "residual_N_mm": _finite(equilibrium.residual),
+        "iterations": int(equilibrium.iterations),
+        "smallest_eigenvalue_N_mm_per_rad": _finite(equilibrium.smallest_eigenvalue),
+        **equilibrium.figures(friction),
+        "links": column_dicts("link", equilibrium.link_columns()),
+        "joints": column_dicts("joint", equilibrium.joint_columns(friction)),
         "tendons": [
             {"tendon": j, "tension_N": float(tension), "length_mm": float(length)}
-            for j, (tension, length) in enumerate(zip(found.tensions, found.lengths, strict=True))
+            for j, (tension, length) in enumerate(zip(equilibrium.tensions, equilibrium.lengths, strict=True))
         ],
     }
 

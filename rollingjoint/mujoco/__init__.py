@@ -6,7 +6,7 @@ Modules:
     coupling: a rolling contact as joints of MuJoCo.
     model: any mechanism; joint positions and accuracy of a planar chain.
 
-The engine is not imported: writing a model needs nothing but this package.
+The engine is not imported: this package alone writes a model.
 """
 
 from rollingjoint.mujoco.model import Accuracy, accuracy, mjcf, positions

@@ -1,8 +1,8 @@
 """A hinge chain in MuJoCo, exactly: hinges with springs, masses, tendons as straight segments through the same holes.
 
 Tendons are of the "exact" model; pulled by motors under given tensions, and springs that only pull under given lengths.
-SI units inside. Damping and armature are free (they do not move an equilibrium); those of a simulation, and its time
-step, were chosen for the shortest way of flexible_arm to rest.
+SI units inside. Damping and armature are free (they do not move an equilibrium); their values and the time step were
+chosen for the shortest way of flexible_arm to rest.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from rollingjoint.load import Spring
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = 9.80665  # m/s²: what makes a weight of a mass; no equilibrium depends on it
+STANDARD_GRAVITY = 9.80665  # m/s²: weight over mass; no equilibrium depends on it
 TIME_STEP = 0.05  # s
 DAMPING = 0.4  # N·m·s/rad
 ARMATURE = 1e-4  # kg·m²
 
-_LIGHT = 1e-3  # kg: mass of a bead where nothing has a weight
+_LIGHT = 1e-3  # kg: mass of a bead without gravity
 NEVER = 1e3  # m: a tendon this long is slack
 
 
@@ -35,8 +35,8 @@ def arm_mjcf(
     """The arm as MuJoCo's XML, exactly.
 
     Args:
-        gravity: its direction in the base frame; None: nothing has a weight.
-        payload: hangs at the tip, along the direction of gravity [N].
+        gravity: its direction in the base frame; None: no weights.
+        payload: weight at the tip, along the direction of gravity [N].
         springs: from points of links to points of the base frame.
     """
     sites: list[list[str]] = [[] for _ in range(arm.n_links)]
@@ -93,5 +93,5 @@ def _path(arm: HingeChain, j: int) -> list[tuple[int, str, Array]]:
 
 
 def numbers(values: Array) -> str:
-    """Numbers as they stand in attributes, to the last bit."""
+    """Numbers as text for attributes, to the last bit."""
     return " ".join(repr(float(value)) for value in values)

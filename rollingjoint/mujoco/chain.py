@@ -1,6 +1,6 @@
 """A planar chain in MuJoCo: links in the x-y plane, rolling contacts as coupled joints, tendons through the same holes.
 
-SI units inside; the coordinates of a link's frame are those of rollingjoint, in m. Masses, damping and armature are
+SI units inside; link frames are the frames of rollingjoint, in m. Masses, damping and armature are
 free: they do not move an equilibrium.
 """
 
@@ -58,7 +58,7 @@ def chain_mjcf(chain: RollingChain) -> str:
 
 
 def _hinges(link: int, joint: Circles) -> tuple[str, str]:
-    """Two hinges at the centres of curvature, the first leading, and what couples them."""
+    """Two hinges at the centres of curvature, the first leading, and their coupling."""
     first, second = 1e-3 * joint.centres
     low, high = sorted(joint.coordinates(np.array(joint.angles))[:, 0])
     described = (
@@ -90,7 +90,10 @@ def _equality(follower: str, leader: str, powers: Sequence[float]) -> str:
 
 def _shape(chain: RollingChain, link: int) -> str:
     """A capsule from surface to surface, with the mass of the link."""
-    ends = [np.append(1e-3 * np.array(each.start), 0.0) for each in (chain.links[link].parent, chain.links[link].child)]
+    ends = [
+        np.append(1e-3 * np.array(surface.start), 0.0)
+        for surface in (chain.links[link].parent, chain.links[link].child)
+    ]
     radius = 2e-4 * chain.links[link].height
     between = " ".join(map(numbers, ends))
     return f'<geom type="capsule" fromto="{between}" size="{radius!r}" mass="{MASS}"/>'

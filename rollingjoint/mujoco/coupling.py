@@ -1,8 +1,8 @@
-"""A rolling contact as joints of MuJoCo that equality constraints couple.
+"""A rolling contact as joints of MuJoCo with equality constraints between them.
 
 Where both surfaces are circles, the distal link turns about the two centres, by angles in the ratio of the curvatures:
-two hinges, exactly. Elsewhere it turns about its origin, which two slides carry: polynomials of degree 4 of the joint
-angle, all that MuJoCo's constraints allow, fitted over the range of the joint.
+two hinges, exactly. Elsewhere it turns about its origin, which two slides carry: polynomials of the joint angle of
+degree 4, the highest in MuJoCo's constraints, fitted over the range of the joint.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Circles:
     """Two circles that roll on each other: two hinges.
 
     Args:
-        rest: pose (x, y, angle) of the distal link in the proximal one at s = 0 [mm, rad].
+        rest: pose (x, y, angle) of the distal link in the proximal frame at s = 0 [mm, rad].
         centres: of the two circles in the frame of the distal link at s = 0, (2, 2) [mm].
-        rates: by how much each hinge turns per mm that the contact moves, (2,) [rad/mm].
+        rates: turn of each hinge per mm of motion of the contact, (2,) [rad/mm].
         angles: the range of the joint angle [rad].
     """
 
@@ -44,7 +44,7 @@ class Circles:
         return s[..., np.newaxis] * self.rates
 
     def poses(self, phi: ArrayLike) -> Array:
-        """Poses (x, y, angle) of the distal link in the proximal one at joint angles, (..., 3) [mm, rad]."""
+        """Poses (x, y, angle) of the distal link in the proximal frame at joint angles, (..., 3) [mm, rad]."""
         first, second = np.moveaxis(self.coordinates(phi), -1, 0)
         turned = _turned(self.centres[1] - self.centres[0], first)
         at = self.centres[0] + turned - _turned(self.centres[1], first + second)
@@ -67,12 +67,12 @@ class Slides:
 
     def coordinates(self, phi: ArrayLike) -> Array:
         """Ways of the two slides [mm], and the angle of the hinge [rad], at joint angles, (..., 3)."""
-        beyond = np.asarray(phi, float) - self.rest[2]
-        ways = [polynomial.polyval(beyond, each) for each in self.powers]
-        return np.stack([*ways, beyond], axis=-1)
+        turn = np.asarray(phi, float) - self.rest[2]
+        ways = [polynomial.polyval(turn, coefficients) for coefficients in self.powers]
+        return np.stack([*ways, turn], axis=-1)
 
     def poses(self, phi: ArrayLike) -> Array:
-        """Poses (x, y, angle) of the distal link in the proximal one at joint angles, (..., 3) [mm, rad]."""
+        """Poses (x, y, angle) of the distal link in the proximal frame at joint angles, (..., 3) [mm, rad]."""
         return self.rest + self.coordinates(phi)
 
 
@@ -85,14 +85,14 @@ def coupling(child: Surface, parent: Surface) -> Circles | Slides:
     curvatures = [_constant(surface, low, high) for surface in (child, parent)]
     if all(curvatures):
         rates = np.array([1.0, -1.0]) * np.array(curvatures, float)
-        own = _centre(parent, curvatures[1] or np.inf)
-        other = _turned(_centre(child, curvatures[0] or np.inf) - rest[:2], -rest[2])
-        return Circles(rest, np.array([other, own]), rates, angles)
+        distal_centre = _centre(parent, curvatures[1] or np.inf)
+        proximal_centre = _turned(_centre(child, curvatures[0] or np.inf) - rest[:2], -rest[2])
+        return Circles(rest, np.array([proximal_centre, distal_centre]), rates, angles)
     return Slides(rest, _fitted(child, parent, (low, high), rest), angles)
 
 
 def relative_poses(child: Surface, parent: Surface, s: Array) -> Array:
-    """Exact poses (x, y, angle) of the distal link in the proximal one at arc lengths, (..., 3) [mm, rad]."""
+    """Exact poses (x, y, angle) of the distal link in the proximal frame at arc lengths, (..., 3) [mm, rad]."""
     phi = child.tangent_angle(s) - parent.tangent_angle(s)
     return np.concatenate([child.point(s) - _turned(parent.point(s), phi), phi[..., np.newaxis]], axis=-1)
 
@@ -112,14 +112,14 @@ def _fitted(child: Surface, parent: Surface, limits: tuple[float, float], rest: 
 def _constant(surface: Surface, low: float, high: float) -> float | None:
     """The curvature of a surface that is part of a circle between these arc lengths; None elsewhere, and for lines."""
     breaks = surface.profile.breaks
-    inside = np.concatenate([[low], breaks[(breaks > low) & (breaks < high)], [high]])
-    probes = (inside[:-1, np.newaxis] + np.diff(inside)[:, np.newaxis] * np.linspace(0.01, 0.99, 34)).ravel()
+    borders = np.concatenate([[low], breaks[(breaks > low) & (breaks < high)], [high]])
+    probes = (borders[:-1, np.newaxis] + np.diff(borders)[:, np.newaxis] * np.linspace(0.01, 0.99, 34)).ravel()
     values = surface.curvature(probes)
     return float(values[0]) if values[0] and np.all(values == values[0]) else None
 
 
 def _centre(surface: Surface, curvature: float) -> Array:
-    """The centre of the circle that a surface is, in its link's frame, (2,) [mm]."""
+    """Centre of a circular surface in its link's frame, (2,) [mm]."""
     return np.array(surface.start) + np.array([-np.sin(surface.angle), np.cos(surface.angle)]) / curvature
 
 

@@ -1,4 +1,4 @@
-"""Any mechanism as a MuJoCo model; where its joints are, and how near a planar chain's links come to their poses."""
+"""Any mechanism as a MuJoCo model; its joint positions, and the accuracy of a planar chain's poses."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How far the links of a MuJoCo model lie from their poses, over random poses of the whole range of every joint.
+    """Position errors of the links of a MuJoCo model, over random poses in the whole range of every joint.
 
     Args:
-        largest: of any link origin in any pose [mm]. tip: root mean square of that of the last link [mm].
+        largest: error of any link origin in any pose [mm]. tip: root mean square error of the last link [mm].
         exact: contacts that are exact, of all `contacts`.
     """
 
@@ -79,7 +79,7 @@ def positions(mechanism: AnyChain, joint_angles: ArrayLike) -> Array:
 
 
 def accuracy(chain: RollingChain, samples: int = 2000, seed: int = 0) -> Accuracy:
-    """How far the joints of the MuJoCo model put the links from their poses; no engine is needed.
+    """Position errors of the links of the MuJoCo model; no engine is needed.
 
     Args:
         samples: poses, in which every contact lies anywhere in its range, uniformly.

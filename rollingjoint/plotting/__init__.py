@@ -1,10 +1,10 @@
-"""Pictures of mechanisms and equilibria with matplotlib, which is imported when something is drawn.
+"""Pictures of mechanisms and equilibria with matplotlib, which is imported at the first picture.
 
 Modules:
     figure: a figure of any mechanism or equilibrium, and figures as files.
     friction: tensions of the gaps and holes that stick, in a mechanism, along a tendon and over a path.
     loops: hysteresis loops, and a mechanism on its way around one.
-    parts: what pictures of planar chains are made of.
+    parts: elements of pictures of planar chains.
     planar: pictures of planar chains.
     spatial: pictures of arms.
 """

@@ -1,4 +1,4 @@
-"""A figure of any mechanism or equilibrium, and figures as files; matplotlib is imported when one is made."""
+"""A figure of any mechanism or equilibrium, and figures as files; matplotlib is imported at the first figure."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def _draw_chain(what: RollingChain | Equilibrium, figure: Figure) -> Axes:
 def _draw_arm(what: HingeChain | HingeEquilibrium, figure: Figure) -> Axes:
     ax = plot_arm(what, figure.add_subplot(projection="3d"))
     if isinstance(what, HingeEquilibrium) and what.loads[:, _FZ].sum() > 0:
-        ax.invert_zaxis()  # it hangs
+        ax.invert_zaxis()  # a hanging arm
     return ax
 
 
 def _title(what: AnyChain | Solution) -> str:
-    """Name of the mechanism, and the status if it is not simply converged."""
+    """Name of the mechanism, with the status unless it is CONVERGED."""
     if not isinstance(what, Solution):
         return what.name
     name, status = what.mechanism.name, Status(int(what.status))
@@ -69,11 +69,11 @@ def save_figure(fig: Figure, path: str | Path, dpi: int = 150) -> Path:
 
 
 def check_figure_path(path: str | Path, more: Sequence[str] = ()) -> Path:
-    """The path, if a figure could be written there.
+    """The path, checked for writing a figure.
 
     Args:
         path: of the file.
-        more: suffixes that are fine beside those of matplotlib.
+        more: suffixes that are fine in addition to the ones of matplotlib.
 
     Raises:
         InvalidInput: a suffix that matplotlib cannot write, or a folder that does not exist.

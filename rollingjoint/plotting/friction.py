@@ -34,7 +34,7 @@ _TENSIONS, _STATES = "viridis", "PuOr"  # colour maps
 
 
 def draw_gap_tensions(ax: Axes, eq: Equilibrium, ends: tuple[float, float] | None = None, scale: bool = True) -> None:
-    """The tendons, coloured by their tension, their numbers at the base, rings on holes in which they stick.
+    """Draws the tendons, coloured by their tension, with numbers at the base and rings on holes in which they stick.
 
     Args:
         ax: axes to draw on, in mm.
@@ -59,40 +59,40 @@ def draw_gap_tensions(ax: Axes, eq: Equilibrium, ends: tuple[float, float] | Non
         ax.figure.colorbar(colors, ax=ax, location="bottom", shrink=0.7, pad=0.12, label="tension [N]")
 
 
-def piece_tensions(found: Solution, tendon: int) -> Array:
+def piece_tensions(equilibrium: Solution, tendon: int) -> Array:
     """Tension of a tendon in the channel of link 0, gap 0, the channel of link 1 and so on to its end [N].
 
-    A channel has the mean of both sides; friction at its holes changes the tension from one to the other.
+    A channel has the mean of both sides; friction at its holes changes the tension between them.
     """
-    gaps = found.gap_tensions[: found.mechanism.last_links[tendon], tendon]
-    sides = np.concatenate([found.tensions[[tendon]], gaps, gaps[-1:]])
+    gaps = equilibrium.gap_tensions[: equilibrium.mechanism.last_links[tendon], tendon]
+    sides = np.concatenate([equilibrium.tensions[[tendon]], gaps, gaps[-1:]])
     tensions = np.empty(2 * len(gaps) + 1)
     tensions[::2], tensions[1::2] = 0.5 * (sides[:-1] + sides[1:]), gaps
     return tensions
 
 
-def tension_colors(found: Solution, ends: tuple[float, float] | None = None) -> ScalarMappable:
+def tension_colors(equilibria: Solution, ends: tuple[float, float] | None = None) -> ScalarMappable:
     """Colours of the tensions between both ends; default: between the smallest and largest of the gaps."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(*(tension_ends(found) if ends is None else ends)), _TENSIONS)
+    return ScalarMappable(Normalize(*(tension_ends(equilibria) if ends is None else ends)), _TENSIONS)
 
 
-def tension_ends(found: Solution) -> tuple[float, float]:
+def tension_ends(equilibria: Solution) -> tuple[float, float]:
     """The smallest and largest tension of any gap that a tendon crosses [N]."""
-    chain = found.mechanism[0] if isinstance(found.mechanism, tuple) else found.mechanism
+    chain = equilibria.mechanism[0] if isinstance(equilibria.mechanism, tuple) else equilibria.mechanism
     crossed = np.arange(chain.n_joints)[:, None] < np.array(chain.last_links)
-    tensions = found.gap_tensions[..., crossed]
+    tensions = equilibria.gap_tensions[..., crossed]
     return float(tensions.min()), float(tensions.max())
 
 
 def plot_tensions(
     equilibria: Sequence[Solution], labels: Sequence[str], tendon: int = 0, ax: Axes | None = None
 ) -> Axes:
-    """Axes with the tension along a tendon: before link 0 that at the motor, after link k that of gap k.
+    """Axes with the tension along a tendon: before link 0 at the motor, after link k in gap k.
 
-    Rings mark the links in whose holes it sticks.
+    Rings mark the links in which it sticks.
 
     Args:
         equilibria: single equilibria of one mechanism.
@@ -108,11 +108,11 @@ def plot_tensions(
     tendon = as_integer("tendon", tendon, 0, len(last_links) - 1)
     ax = _new_axes((6.4, 3.6)) if ax is None else ax
     links = np.arange(last_links[tendon])
-    for place, (found, label) in enumerate(zip(equilibria, labels, strict=True)):
-        tensions = np.concatenate([found.tensions[[tendon]], found.gap_tensions[links, tendon]])
+    for place, (equilibrium, label) in enumerate(zip(equilibria, labels, strict=True)):
+        tensions = np.concatenate([equilibrium.tensions[[tendon]], equilibrium.gap_tensions[links, tendon]])
         color = PALETTE[place % len(PALETTE)]
         ax.stairs(tensions, np.arange(-1, len(links) + 1), baseline=None, color=color, linewidth=1.8, label=label)
-        sticking = links[found.sticking[links, tendon] & (found.friction is not None)]
+        sticking = links[equilibrium.sticking[links, tendon] & (equilibrium.friction is not None)]
         if len(sticking):
             ax.plot(sticking, 0.5 * (tensions[sticking] + tensions[sticking + 1]), **STICKS)
     ax.set(xlabel="link", ylabel=f"tension of tendon {tendon} [N]", xticks=links)
@@ -128,7 +128,7 @@ def plot_friction_states(path: Solution, ax: Axes | None = None) -> Axes:
     The full colours are slip, to the motor and to the tip; a tendon sticks in between.
 
     Args:
-        path: what trace returns.
+        path: from trace.
         ax: axes to draw on; new ones when None.
     Raises:
         InvalidInput: a single equilibrium.

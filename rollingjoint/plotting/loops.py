@@ -29,12 +29,12 @@ _FRAMES, _COLORS, _DPI, _MILLISECONDS = 40, 256, 72, 110
 
 
 def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:
-    """A figure of loops of one mechanism: the tip's path on the left, how far it has moved over the input on the right.
+    """A figure of loops of one mechanism: path of the tip on the left, travel of the tip over the input on the right.
 
-    The way from the middle to the first end, where nothing has slipped yet, is dashed.
+    The way from the middle to the first end, before any slip, is dashed.
 
     Args:
-        loops: what trace_loop returns.
+        loops: from trace_loop.
         labels: legend text of each.
     Raises:
         InvalidInput: no loops, or another number of labels.
@@ -62,9 +62,9 @@ def plot_loops(loops: Sequence[Loop], labels: Sequence[str]) -> Figure:
 
 
 def moved(first: Loop, loop: Loop) -> Array:
-    """(K,) how far the tip has moved from the start of the first loop, along the way between that loop's ends [mm]."""
-    there, _ = first.branches
-    way = there[-1] - there[0]
+    """(K,) travel of the tip from the start of the first loop, along the way between the ends of that loop [mm]."""
+    forward, _ = first.branches
+    way = forward[-1] - forward[0]
     return (loop.path.tip - first.path.tip[0]) @ (way / (np.linalg.norm(way) or 1.0))
 
 
@@ -89,13 +89,13 @@ def save_animation(loop: Loop, path: str | Path) -> Path:
     colors, counts = np.unique(pixels, axis=0, return_counts=True)
     palette = Image.new("P", (1, 1))
     palette.putpalette(colors[np.argsort(-counts, kind="stable")[:_COLORS]].tobytes())
-    first, *others = [Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in frames]
+    first, *others = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     first.save(path, "GIF", save_all=True, append_images=others, duration=_MILLISECONDS, loop=0)
     return path
 
 
 def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
-    """Pictures of the last cycle, (height, width, 3); what moves is drawn on a background that is kept."""
+    """Pictures of the last cycle, (height, width, 3); moving parts are drawn on a constant background."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -126,7 +126,7 @@ def _frames(loop: Loop) -> Iterator[NDArray[np.uint8]]:
 
 
 def _coarse(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture with 32 levels per colour, white and black exact: a palette needs no colours that look alike."""
+    """The picture with 32 levels per colour, white and black exact, to save colours of the palette."""
     return np.bitwise_or(picture >> 3 << 3, picture >> 5, dtype=np.uint8)
 
 

@@ -45,7 +45,7 @@ _POINT, _FORCE, _BODY, _ANCHOR = pair_columns("p", "f", "b", "a")
 
 
 def draw_links(ax: Axes, chain: RollingChain, poses: Array, color: str, label: str | None, base: bool = True) -> None:
-    """The links at their poses, the base darker; the label stands for all of them."""
+    """Draws the links at their poses, the base darker, with one label for all."""
     if base:
         draw_link(ax, chain.links[0], poses[0], color, BASE_ALPHA)
     for i in range(1, chain.n_links):
@@ -53,7 +53,7 @@ def draw_links(ax: Axes, chain: RollingChain, poses: Array, color: str, label: s
 
 
 def draw_link(ax: Axes, link: Link, pose: Array, color: str, alpha: float, label: str | None = None) -> None:
-    """One link as a filled body."""
+    """Draws one link as a filled body."""
     from matplotlib.colors import to_rgba
 
     outline = to_world(pose, link_outline(link))
@@ -62,16 +62,16 @@ def draw_link(ax: Axes, link: Link, pose: Array, color: str, alpha: float, label
 
 
 def number_links(ax: Axes, chain: RollingChain, poses: Array) -> None:
-    """The index of every link, to the right of it."""
+    """Draws the index of every link to its right."""
     style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "color": "#4A5260"}
     for i, (link, pose) in enumerate(zip(chain.links, poses, strict=True)):
-        beside = to_world(pose, np.array([right_side(link) + 0.025 * chain.length, 0.0]))
-        ax.text(beside[0], beside[1], str(i), zorder=ORDER["tendon"], **style)
-        ax.update_datalim([beside])
+        point = to_world(pose, np.array([right_side(link) + 0.025 * chain.length, 0.0]))
+        ax.text(point[0], point[1], str(i), zorder=ORDER["tendon"], **style)
+        ax.update_datalim([point])
 
 
 def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | None) -> None:
-    """The tendons through their holes, with their tensions in the legend; a slack one is dashed."""
+    """Draws the tendons through their holes, with tensions in the legend; slack tendons are dashed."""
     for j, line in enumerate(chain.tendon_polyline(poses)):
         slack = tensions is not None and tensions[j] <= _SLACK
         force = "" if tensions is None else ", slack" if slack else f", {tensions[j]:.3g} N"
@@ -81,7 +81,7 @@ def draw_tendons(ax: Axes, chain: RollingChain, poses: Array, tensions: Array | 
 
 
 def draw_contacts(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
-    """Contact forces on the distal links at `scale` mm per N, and a ring where a surface ends."""
+    """Draws contact forces on the distal links at `scale` mm per N, and a ring where a surface ends."""
     forces = contact_forces_world(eq)
     scale = _nice_scale(np.linalg.norm(forces, axis=1), eq.chain.length) if scale is None else scale
     label = f"contact force ({_scale_text(scale)})"
@@ -104,7 +104,7 @@ def contact_forces_world(eq: Equilibrium) -> Array:
 
 
 def draw_loads(ax: Axes, eq: Equilibrium, scale: float | None) -> None:
-    """Every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
+    """Draws every row of the load table: force at `scale` mm per N, moment as an arc, spring as a zigzag."""
     scale = arrow_scale([eq]) if scale is None else scale
     size, label = 0.06 * eq.chain.length, f"external force ({_scale_text(scale)})"
     for row in eq.loads:
@@ -126,13 +126,13 @@ def arrow_scale(equilibria: Sequence[Equilibrium]) -> float:
 
 
 def _nice_scale(forces: Array, length: float) -> float:
-    """1, 2 or 5 times a power of ten, such that the largest force is at most the wanted arrow length."""
+    """1, 2 or 5 times a power of ten, with the largest force at most the longest arrow [mm per N]."""
     largest = float(np.max(forces[np.isfinite(forces)], initial=0.0))
     if largest <= 0.0:
         return 1.0
-    wanted = _ARROW_SHARE * length / largest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+    limit = _ARROW_SHARE * length / largest
+    power = 10.0 ** np.floor(np.log10(limit))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= limit * (1 + 1e-9)))
 
 
 def _scale_text(scale: float) -> str:
@@ -140,7 +140,7 @@ def _scale_text(scale: float) -> str:
 
 
 def _arrow(ax: Axes, tail: Array, vector: Array, length: float, style: _ArrowStyle, label: str) -> None:
-    """An arrow on a mechanism of that length, none for a vector that is negligible or infinite."""
+    """Draws an arrow on a mechanism of a length; none for a vector that is negligible or infinite."""
     share = np.hypot(*vector) / length
     if not 1e-6 < share < np.inf:
         return
@@ -164,7 +164,7 @@ def _arrow(ax: Axes, tail: Array, vector: Array, length: float, style: _ArrowSty
 
 
 def _moment(ax: Axes, centre: Array, radius: float, label: str) -> None:
-    """Three quarters of a circle with a head; a positive radius turns counter-clockwise."""
+    """Draws three quarters of a circle with a head; a positive radius turns counter-clockwise."""
     turn = np.sign(radius) * np.linspace(-0.75 * np.pi, 0.75 * np.pi, 40)
     arc = centre + abs(radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     ax.plot(*arc.T, color=LOAD_COLOR, linewidth=2.0, zorder=ORDER["load"], label=label)
@@ -172,14 +172,14 @@ def _moment(ax: Axes, centre: Array, radius: float, label: str) -> None:
 
 
 def _spring(ax: Axes, point: Array, anchor: Array, size: float, label: str) -> None:
-    """A zigzag from the point to the anchor, which is marked by a square."""
+    """Draws a zigzag from the point to the anchor, a square."""
     span = anchor - point
     length = float(np.hypot(*span))
     if length > 0:
         normal = np.array([-span[1], span[0]]) / length
         turns = int(np.clip(length / (0.3 * size), 6, 60))
         along = np.concatenate([[0.0], np.linspace(0.15, 0.85, turns + 2), [1.0]])
-        aside = np.concatenate([[0.0, 0.0], np.resize([1.0, -1.0], turns), [0.0, 0.0]])
-        zigzag = point + along[:, None] * span + 0.25 * size * aside[:, None] * normal
+        across = np.concatenate([[0.0, 0.0], np.resize([1.0, -1.0], turns), [0.0, 0.0]])
+        zigzag = point + along[:, None] * span + 0.25 * size * across[:, None] * normal
         ax.plot(*zigzag.T, color=LOAD_COLOR, linewidth=1.2, zorder=ORDER["load"], label=label)
     ax.plot(*anchor, "s", color=LOAD_COLOR, markersize=6, zorder=ORDER["load"])

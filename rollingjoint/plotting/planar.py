@@ -1,6 +1,6 @@
 """Pictures of planar chains and their equilibria; matplotlib is imported only when one is drawn.
 
-Lengths are in mm on both axes. Forces are arrows whose scale (mm per N) is in the legend.
+Lengths are in mm on both axes. Forces are arrows with their scale (mm per N) in the legend.
 Colours are the Okabe-Ito palette, which colour-blind readers can tell apart.
 """
 
@@ -60,7 +60,7 @@ def plot_mechanism(
         label: legend text of the links.
         color: colour of the links.
         load_scale, contact_scale: mm of arrow per N; chosen from the largest force when None.
-        tension_range: with friction, tensions at both ends of the colours [N]; those of the equilibrium when None.
+        tension_range: with friction, tensions at both ends of the colours [N]; taken from the equilibrium when None.
         legend: put a legend to the right of the axes, and with friction a scale of the colours below.
     Raises:
         InvalidInput: a batch of equilibria, or no planar chain.
@@ -98,28 +98,28 @@ def plot_family(
     """Axes with several equilibria over one another, one colour each, their load arrows on one scale.
 
     Args:
-        equilibria: what to draw, the first at the back.
+        equilibria: to draw, the first at the back.
         labels: legend text of each.
         ax: axes to draw on; new ones when None.
         tendons, loads: draw them too.
         colors: one per equilibrium; the palette when None, repeated if there are more than it holds.
         legend: put a legend to the right of the axes.
     Raises:
-        InvalidInput: no equilibria, or a number of labels or colours other than theirs.
+        InvalidInput: no equilibria, or another number of labels or colours.
     """
     if not equilibria:
         raise InvalidInput("equilibria", list(equilibria), "one or more equilibria")
     colors = [PALETTE[i % len(PALETTE)] for i in range(len(equilibria))] if colors is None else colors
-    for what, values in (("labels", labels), ("colors", colors)):
+    for name, values in (("labels", labels), ("colors", colors)):
         if len(values) != len(equilibria):
-            raise InvalidInput(what, list(values), f"{len(equilibria)} entries, one per equilibrium")
+            raise InvalidInput(name, list(values), f"{len(equilibria)} entries, one per equilibrium")
     chains = [_planar(eq) for eq in equilibria]
     ax = _new_axes() if ax is None else ax
     scale = arrow_scale(equilibria)
     drawn: list[RollingChain] = []
     for eq, chain, label, color in zip(equilibria, chains, labels, colors, strict=True):
         draw_links(ax, chain, eq.poses, color, label, base=False)
-        if not any(chain is other for other in drawn):
+        if not any(chain is base for base in drawn):
             draw_link(ax, chain.links[0], eq.poses[0], LINK_COLOR, BASE_ALPHA)
             drawn.append(chain)
         if tendons:

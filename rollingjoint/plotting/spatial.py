@@ -45,28 +45,28 @@ def plot_arm(
     Args:
         arm: an equilibrium, or a mechanism, which is drawn at rest.
         ax: 3-D axes to draw on; new ones when None.
-        tendons: draw the tendons; a slack one is dashed, one of unknown tension is thin.
+        tendons: draw the tendons; dashed if slack, thin if of unknown tension.
         loads: draw the dead forces that are not weights of beads, as arrows, and springs, as dotted lines.
         label: legend text of the beads.
         color: colour of the beads.
-        tension_range: with friction, tensions at both ends of the colours [N]; those of the equilibrium when None.
+        tension_range: with friction, tensions at both ends of the colours [N]; taken from the equilibrium when None.
     Raises:
         InvalidInput: a batch of equilibria.
     """
-    found = arm if isinstance(arm, HingeEquilibrium) else None
-    chain = found.mechanism if found is not None else arm
-    if not isinstance(chain, HingeChain) or (found is not None and found.poses.ndim != 3):
+    equilibrium = arm if isinstance(arm, HingeEquilibrium) else None
+    chain = equilibrium.mechanism if equilibrium is not None else arm
+    if not isinstance(chain, HingeChain) or (equilibrium is not None and equilibrium.poses.ndim != 3):
         raise InvalidInput("arm", arm, "a HingeChain or one HingeEquilibrium", "Solve a single row.")
-    poses = chain.poses(chain.neutral_angles) if found is None else found.poses
+    poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     ax = _new_axes() if ax is None else ax
     _draw_beads(ax, chain, poses, color, label)
-    if tendons and found is not None and found.friction is not None:
-        _draw_gap_tensions(ax, chain, found, tension_range)
+    if tendons and equilibrium is not None and equilibrium.friction is not None:
+        _draw_gap_tensions(ax, chain, equilibrium, tension_range)
     elif tendons:
-        _draw_tendons(ax, chain, poses, None if found is None else found.tensions)
-    if found is not None and loads:
-        _draw_forces(ax, chain, found)
-        _draw_springs(ax, found)
+        _draw_tendons(ax, chain, poses, None if equilibrium is None else equilibrium.tensions)
+    if equilibrium is not None and loads:
+        _draw_forces(ax, chain, equilibrium)
+        _draw_springs(ax, equilibrium)
     return _finish(ax)
 
 
@@ -106,38 +106,38 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
 
 
 def _draw_gap_tensions(
-    ax: Axes3D, chain: HingeChain, found: HingeEquilibrium, ends: tuple[float, float] | None
+    ax: Axes3D, chain: HingeChain, equilibrium: HingeEquilibrium, ends: tuple[float, float] | None
 ) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    colors = tension_colors(found, ends)
-    for j, holes in enumerate(chain.tendon_polyline(found.poses)):
-        tones = colors.to_rgba(piece_tensions(found, j)[1:])  # the tendon is drawn from the hole below gap 0
+    colors = tension_colors(equilibrium, ends)
+    for j, holes in enumerate(chain.tendon_polyline(equilibrium.poses)):
+        tones = colors.to_rgba(piece_tensions(equilibrium, j)[1:])  # the tendon is drawn from the hole below gap 0
         pieces = list(np.stack([holes[:-1], holes[1:]], axis=1))
         ax.add_collection3d(Line3DCollection(pieces, colors=tones, linewidths=2.0))
         links = np.arange(1, len(holes) - 1) // 2  # of the holes below the last link's
-        sticking = holes[:-2][found.sticking[links, j]]
+        sticking = holes[:-2][equilibrium.sticking[links, j]]
         if len(sticking):
             ax.plot(*sticking.T, **{**STICKS, "markersize": 4})
     ax.figure.colorbar(colors, ax=ax, shrink=0.5, pad=0.12, label="tension [N]")
 
 
-def _draw_forces(ax: Axes3D, chain: HingeChain, found: HingeEquilibrium) -> None:
-    """Arrows of the dead forces, except at mass centres: weights would hide the arm."""
-    rows = found.loads[np.linalg.norm(found.loads[:, _FORCE], axis=1) > 0]
+def _draw_forces(ax: Axes3D, chain: HingeChain, equilibrium: HingeEquilibrium) -> None:
+    """Draws arrows of the dead forces, except at mass centres: weights would hide the arm."""
+    rows = equilibrium.loads[np.linalg.norm(equilibrium.loads[:, _FORCE], axis=1) > 0]
     centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
     rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])
     scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, _FORCE], axis=1), default=1.0)
     for row in rows:
-        T = found.poses[int(row[0])]
+        T = equilibrium.poses[int(row[0])]
         at = T[:3, :3] @ row[1:4] + T[:3, 3]
         size = float(np.linalg.norm(row[_FORCE]))
         ax.quiver(*at, *(scale * row[_FORCE]), color="black", linewidth=1.5, label=f"{size:.3g} N")
 
 
-def _draw_springs(ax: Axes3D, found: HingeEquilibrium) -> None:
-    for row in found.loads[found.loads[:, _SPRING] > 0]:
-        T = found.poses[int(row[0])]
+def _draw_springs(ax: Axes3D, equilibrium: HingeEquilibrium) -> None:
+    for row in equilibrium.loads[equilibrium.loads[:, _SPRING] > 0]:
+        T = equilibrium.poses[int(row[0])]
         ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[_ANCHOR]])
         ax.plot(*ends.T, ":", color="black", linewidth=1.5, label=f"spring {row[_SPRING]:.3g} N/mm")
 

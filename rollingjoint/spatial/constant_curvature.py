@@ -1,8 +1,8 @@
 """Piecewise constant curvature: the usual kinematics of flexible arms, and errors between tip poses.
 
-Forces play no role: every segment is an arc of its own length, bent by its own tendons alone, and the tendons
-keep their distance from its axis. Source: flexible-joint paper, sec. IV, which compares its statics with it; R. J.
-Webster and B. A. Jones, "Design and kinematic modeling of constant curvature continuum robots" (the paper's [8]).
+Forces play no role: every segment is an arc of constant length, bent by the tendons that end at it alone, and the
+tendons keep their distance from its axis. Source: flexible-joint paper, sec. IV, which compares its statics with it;
+R. J. Webster and B. A. Jones, "Design and kinematic modeling of constant curvature continuum robots" (the paper's [8]).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def bends_of_lengths(chain: HingeChain, lengths: ArrayLike) -> Array:
     """Rotation vector (x, y) of every segment that fits the tendon lengths best, (segments, 2) [rad].
 
     A tendon at (x, y) changes by x·bend_y - y·bend_x less per segment it passes: least squares over the tendons that
-    end at the segment, those below it known.
+    end at the segment, with the bends below it known.
 
     Raises:
         InvalidInput: a wrong number of lengths.
@@ -53,9 +53,9 @@ def bends_of_lengths(chain: HingeChain, lengths: ArrayLike) -> Array:
     slopes = np.column_stack([holes[:, 1], -holes[:, 0]])  # d length / d bend of one segment
     bends: list[Array] = []
     for segment in segments_of(chain):
-        own = list(segment.tendons)
-        left = change[own] - slopes[own] @ np.sum(bends, axis=0) if bends else change[own]
-        bends.append(np.linalg.lstsq(slopes[own], left, rcond=None)[0])
+        ending = list(segment.tendons)
+        remainder = change[ending] - slopes[ending] @ np.sum(bends, axis=0) if bends else change[ending]
+        bends.append(np.linalg.lstsq(slopes[ending], remainder, rcond=None)[0])
     return np.array(bends)
 
 
@@ -78,7 +78,7 @@ def constant_curvature_poses(chain: HingeChain, bends: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class TipErrors:
-    """Errors of a tip pose against a measured one: absolute [rad, mm], and relative to the motion of the measured one.
+    """Errors of a tip pose against a measured pose: absolute [rad, mm], and relative to the measured motion.
 
     Source: flexible-joint paper, appendix V-D: e_theta, epsilon_theta, e_p, epsilon_p.
     """
@@ -90,14 +90,14 @@ class TipErrors:
 
 
 def tip_errors(pose: ArrayLike, measured: ArrayLike, straight: ArrayLike) -> TipErrors:
-    """Errors of a tip pose (4, 4) against the measured one; relative ones are inf where it equals the straight one.
+    """Errors of a tip pose (4, 4) against a measured pose; relative errors are inf if that equals the straight pose.
 
     Args:
         pose: from a model.
         measured: the reference pose.
         straight: tip pose of the straight arm; relative errors are relative to the motion from there.
     """
-    T, T_e, T_0 = (np.asarray(each, float) for each in (pose, measured, straight))
-    angle, moved = (float(np.linalg.norm(se3.rotation_vector(T_e[:3, :3] @ each[:3, :3].T))) for each in (T, T_0))
-    far, way = (float(np.linalg.norm(each[:3, 3] - T_e[:3, 3])) for each in (T, T_0))
+    T, T_e, T_0 = (np.asarray(matrix, float) for matrix in (pose, measured, straight))
+    angle, moved = (float(np.linalg.norm(se3.rotation_vector(T_e[:3, :3] @ frame[:3, :3].T))) for frame in (T, T_0))
+    far, way = (float(np.linalg.norm(frame[:3, 3] - T_e[:3, 3])) for frame in (T, T_0))
     return TipErrors(angle, angle / moved if moved else np.inf, far, far / way if way else np.inf)

@@ -4,9 +4,9 @@ W. Feng, K. L. Walker, Y. Yang and F. Giorgio-Serchi, "Computing forward statics
 hyper-redundant manipulators". Symbols and equation numbers are the paper's: twists (w, v) and wrenches (m, f) in link
 frames, which are at the mass centres here; A, L, W, G stacked over links; F_t a couple on the last bead of a segment.
 FST is Newton's method on the angles (15), FSL on angles and tensions together (27), with the kernel that keeps tensions
-positive (30). Nothing is shared with the compiled solver but the numbers of the chain.
+positive (30). It shares only the numbers of the chain with the compiled solver.
 
-What had to be corrected for derivatives to be derivatives (the tests check them by finite differences):
+Corrections, without which derivatives are wrong (the tests check them by finite differences):
 - (16) lacks the stiffness K.
 - (24): lambda is a compliance [mm/N], and l the length on the motor's side.
 - (28): d tau / d f = -J^T dF_t/df, with the sign of (14).
@@ -32,13 +32,13 @@ from rollingjoint.checks import as_floats, as_vector
 
 Array = NDArray[np.float64]
 
-_RANK = 1e-9  # of the largest singular value: smaller ones count as 0
+_RANK = 1e-9  # of the largest singular value; smaller values count as 0
 _LONGEST = 0.5  # rad in any hinge in one iteration; the paper leaves the step size alpha open
 
 
 @dataclass(frozen=True)
 class PublishedArmSolution:
-    """Where a published iteration stopped; every number is finite, whether or not it converged.
+    """Last iterate of a published iteration; every number is finite, converged or not.
 
     joint_angles (n - 1,) [rad]; tensions (m,) [N]; lengths (m,) by (24) [mm]; residual: largest entry of (14) [N·mm];
     misfit: largest difference to the lengths asked for [mm], 0 where tensions were; iterations; converged.
@@ -100,24 +100,24 @@ class PublishedArm:
         L, A = self._stacked(steps)
         JT, V = A.T @ L.T, L[:, :6] @ (steps[0] @ self.V0)
         R = np.eye(3)
-        for each in T:
-            R = each[:3, :3] @ R  # of the base, seen from the link
+        for step in T:
+            R = step[:3, :3] @ R  # of the base, seen from the link
         wrench = -np.concatenate([R @ self.load[:3], R @ self.load[3:]])  # F_e, in the tip's frame
         F = -self.couples @ f
         F[-6:] += self.to_tip.T @ wrench
         tau = JT @ (self.G * V + F) + self.K * (theta - self.rest)
-        twist = (L @ A)[-6:-3]  # how the tip turns with every hinge, in its own frame
+        twist = (L @ A)[-6:-3]  # turn of the tip with every hinge, in the tip's frame
         slope = np.diag(self.K)
         outward = L.T @ (self.G * V + F)
         for i in range(n):
-            here = slice(6 * i, 6 * i + 6)
+            rows = slice(6 * i, 6 * i + 6)
             from_below = V[6 * i - 6 : 6 * i] if i else self.V0
-            gain = self.G * (L[:, here] @ (moved[i] @ from_below))  # G dL Vb + G L dVb
+            gain = self.G * (L[:, rows] @ (moved[i] @ from_below))  # G dL Vb + G L dVb
             turned = -np.concatenate([np.cross(twist[:, i], wrench[:3]), np.cross(twist[:, i], wrench[3:])])
             gain[-6:] += self.to_tip.T @ turned
             slope[:, i] += JT @ gain
             if i:  # dL^T = L^T dW^T L^T (19)
-                slope[:, i] += JT[:, 6 * i - 6 : 6 * i] @ (moved[i].T @ outward[here])
+                slope[:, i] += JT[:, 6 * i - 6 : 6 * i] @ (moved[i].T @ outward[rows])
         return tau, slope, -JT @ self.couples
 
     def _stacked(self, steps: Array) -> tuple[Array, Array]:
@@ -167,13 +167,13 @@ def solve_lengths_published_arm(
     a tendon that should be slack still pulls at about c / |u|. Converged: (14) and lengths within tolerance
     [N·mm, mm]. Raises InvalidInput for wrong shapes only.
     """
-    wanted, theta = _per_tendon("lengths", lengths, arm), arm.rest.copy()
-    u, n = np.zeros_like(wanted), len(theta)
+    targets, theta = _per_tendon("lengths", lengths, arm), arm.rest.copy()
+    u, n = np.zeros_like(targets), len(theta)
     with np.errstate(all="ignore"):
         for count in range(max_iterations + 1):
             f = positive(u, c)
             tau, slope, by_tension = arm.balance(theta, f)
-            miss = arm.lengths(theta, f, compliance) - wanted
+            miss = arm.lengths(theta, f, compliance) - targets
             worst = max(np.abs(tau).max(), np.abs(miss).max())
             rate = positive_rate(u, c)
             jacobian = np.block([[slope, by_tension * rate], [arm.P, np.diag(-compliance * rate)]])
@@ -197,12 +197,12 @@ def positive_rate(u: ArrayLike, c: float) -> Array:
     return np.asarray(f * f / (f * f + c), float)
 
 
-def _per_tendon(what: str, values: ArrayLike, arm: PublishedArm) -> Array:
-    return np.nan_to_num(as_vector(what, values, len(arm.l0), "one per tendon"))
+def _per_tendon(name: str, values: ArrayLike, arm: PublishedArm) -> Array:
+    return np.nan_to_num(as_vector(name, values, len(arm.l0), "one per tendon"))
 
 
 def _shortened(step: Array, n: int) -> Array:
-    """The step, scaled down where it would turn a hinge by more than the longest."""
+    """The step, scaled down to turn no hinge by more than _LONGEST."""
     return step * min(1.0, _LONGEST / max(float(np.abs(step[:n]).max()), 1e-300))
 
 

@@ -413,8 +413,8 @@ def test_lanes_that_go_on_alone_end_where_they_would_have_ended_together(monkeyp
     design = base.replace(coefficients=coefficients.detach())[:, None]
     starts = solve_tensions(design, tensions.detach(), tables).joint_angles
     starts[2] = 0.0  # the others are at rest
-    put, left = newton_module.Search.put, []
-    monkeypatch.setattr(newton_module.Search, "put", lambda *a: left.append(int(a[1].sum())) or put(*a))
+    put, left = newton_module.LineSearches.put, []
+    monkeypatch.setattr(newton_module.LineSearches, "put", lambda *a: left.append(int(a[1].sum())) or put(*a))
     found = []
     for worth in (0, 64):
         monkeypatch.setattr(newton_module, "_WORTH", worth)

@@ -12,7 +12,7 @@ from rj_gym.tracking.config import RandomizationConfig, TrackingConfig
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.identify import Measurements, Run, Step, identify, load_measurements
 from rollingjoint.identify.fit import fit
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 from rollingjoint.identify.parameters import coefficients_of, varied
 from rollingjoint.identify.profile import linear_profile, profile
 from tests.rollingjoint.identify.synthetic import LENGTHS, TENSIONS, run_of, stretched
@@ -22,7 +22,7 @@ CHAIN = rj.five_link()
 
 
 def fitted(measurements, *parameters):
-    return fit(Model(measurements, coefficients_of(parameters, measurements)))
+    return fit(MeasurementModel(measurements, coefficients_of(parameters, measurements)))
 
 
 def test_friction_and_base_angle_are_found_again_from_poses_under_tensions():
@@ -71,7 +71,7 @@ def test_small_moves_tell_only_the_ratio_of_mu_and_presliding():
 
 def test_errors_of_surfaces_are_found_again():
     names = ["surface_height", "surface_turn"]
-    nominal = Model(Measurements(CHAIN, [run_of(CHAIN, TENSIONS, "tensions")]), ())
+    nominal = MeasurementModel(Measurements(CHAIN, [run_of(CHAIN, TENSIONS, "tensions")]), ())
     values = nominal.values_in(nominal.measurements.runs[0], np.empty(0))
     true = varied(CHAIN, values | {"surface_height": 0.3, "surface_turn": -0.02})
     found = fitted(Measurements(CHAIN, [run_of(true, TENSIONS, "tensions")]), *names)

@@ -5,7 +5,7 @@ import pytest
 
 import rollingjoint as rj
 from rollingjoint.identify.measurements import Input, Measurements, Run, Step
-from rollingjoint.identify.model import Model
+from rollingjoint.identify.model import MeasurementModel
 from rollingjoint.identify.parameters import coefficients_of
 from tests.rollingjoint.identify.synthetic import LENGTHS, TENSIONS, run_of
 
@@ -28,7 +28,7 @@ def test_derivatives_along_a_path_with_stick_and_slip_are_central_differences(gi
     nominal = rj.five_link().replace(friction=friction)
     run = run_of(nominal, inputs, given, lengths=True, tensions=True)
     measurements = Measurements(nominal, [run], EVERY, given)
-    model = Model(measurements, coefficients_of(CLOSED, measurements))
+    model = MeasurementModel(measurements, coefficients_of(CLOSED, measurements))
     values = np.array([0.12, 0.1, -0.2, 1.1, 0.02])
     states = np.array([each.friction_states for each in model.equilibria(run, values)[1:]])
     assert np.any(np.abs(states) == 1) and np.any(np.abs(states) < 0.99)
@@ -43,7 +43,7 @@ def test_derivatives_of_two_segments_with_tendons_of_different_ends():
     moves = np.array([[0, 0, 0, 0], [-1, 1, 0, 0], [-0.8, 0.9, -0.5, 0.5], [0.5, -0.5, 0.2, -0.1]])
     run = run_of(chain, start + moves, "lengths", tensions=True)
     measurements = Measurements(chain, [run], EVERY, "lengths")
-    model = Model(measurements, coefficients_of(CLOSED, measurements))
+    model = MeasurementModel(measurements, coefficients_of(CLOSED, measurements))
     values = np.array([0.1, 0.02, -0.01, 0.03, 0.0, 0.95, 0.01])
     wanted = differences(model, values)
     assert np.abs(model.jacobian(values) - wanted).max() < 2e-6 * np.abs(wanted).max()
@@ -52,7 +52,7 @@ def test_derivatives_of_two_segments_with_tendons_of_different_ends():
 def test_derivative_by_mu_at_no_friction_is_that_of_the_smallest_friction():
     chain = rj.five_link()
     measurements = Measurements(chain, [run_of(chain, TENSIONS, "tensions")])
-    model = Model(measurements, coefficients_of(["mu"], measurements))
+    model = MeasurementModel(measurements, coefficients_of(["mu"], measurements))
     forward = (model.residuals(np.array([1e-5])) - model.residuals(np.zeros(1))) / 1e-5
     assert np.abs(model.jacobian(np.zeros(1))[:, 0] - forward).max() < 1e-3 * np.abs(forward).max()
 
@@ -61,7 +61,7 @@ def test_derivative_by_mu_at_no_friction_is_that_of_the_smallest_friction():
 def test_what_has_no_closed_derivative_is_differentiated_numerically(name):
     chain = rj.five_link().replace(friction=rj.CapstanFriction(0.1, presliding=0.5))
     measurements = Measurements(chain, [run_of(chain, LENGTHS, "lengths")], given="lengths")
-    model = Model(measurements, coefficients_of([name], measurements))
+    model = MeasurementModel(measurements, coefficients_of([name], measurements))
     values = model.nominal + 0.01
     wanted = differences(model, values, step=1e-5)
     assert np.abs(model.jacobian(values) - wanted).max() < 1e-4 * np.abs(wanted).max() > 0
@@ -77,7 +77,7 @@ def test_an_arm_has_the_same_derivatives(friction, names):
         for lengths, tensions, poses in zip(inputs, path.tensions, path.poses, strict=True)
     ]
     measurements = Measurements(arm, [Run("A", steps)], {"position": 1.0, "tension": 1.0}, "lengths")
-    model = Model(measurements, coefficients_of(names, measurements))
+    model = MeasurementModel(measurements, coefficients_of(names, measurements))
     assert np.abs(model.residuals(model.nominal)).max() < 1e-9
     values = np.array([0.12, 0.1, -0.1, 0.2, 0.0, 1.2][-len(model.coefficients) :])
     wanted = differences(model, values)
@@ -90,7 +90,7 @@ def test_lengths_met_by_tensions_are_those_of_the_solver():
     wanted = [rj.solve_lengths(chain, each, method="least_squares") for each in lengths]
     steps = [Step(lengths=each, positions=eq.poses[:, :2]) for each, eq in zip(lengths, wanted, strict=True)]
     measurements = Measurements(chain, [Run("A", steps)], given="lengths", method="least_squares")
-    model = Model(measurements, coefficients_of(["offsets"], measurements))
+    model = MeasurementModel(measurements, coefficients_of(["offsets"], measurements))
     assert np.abs(model.residuals(model.nominal)).max() < 1e-6
 
 
@@ -101,6 +101,6 @@ def test_an_approach_matters_with_friction_and_not_without():
         Run("round", [Step((3.0, 3.0), approach=[Input("tensions", (9.0, 3.0))], positions=np.zeros((5, 2)))]),
     ]
     measurements = Measurements(chain, runs)
-    model = Model(measurements, coefficients_of(["mu"], measurements))
+    model = MeasurementModel(measurements, coefficients_of(["mu"], measurements))
     apart = [np.ptp(model.predictions(np.array([mu])), axis=0)[:10].max() for mu in (0.0, 0.1)]
     assert apart[0] < 1e-9 and apart[1] > 1.0
