@@ -54,9 +54,9 @@ $(STAMP): pyproject.toml constraints.txt
 
 demo: setup
 	@echo "==> Training a small controller on the five-link mechanism"
-	@$(BIN)/python -m agents.train --config configs/train/demo.yaml --run-dir runs/demo --force
+	@$(BIN)/rj train --config configs/train/demo.yaml --run-dir runs/demo --force
 	@echo "==> Evaluating it under random loads"
-	@$(BIN)/python -m agents.evaluate runs/demo
+	@$(BIN)/rj evaluate runs/demo
 
 test: setup
 	@echo "==> Running the tests"
@@ -97,11 +97,11 @@ speed: setup
 
 campaign: setup
 	@echo "==> Training the runs of the results page"
-	@$(BIN)/python -m agents.campaign configs/campaign/instrument.yaml --out runs/instrument
+	@$(BIN)/rj campaign configs/campaign/instrument.yaml --out runs/instrument
 
 results: setup
 	@echo "==> Scoring them and rewriting docs/results.md"
-	@$(BIN)/python -m agents.results runs/instrument --per-point 100 --shipped
+	@$(BIN)/rj results runs/instrument --per-point 100 --shipped
 
 docs: setup
 	@echo "==> Writing the pages"

@@ -1,4 +1,4 @@
-"""Adapt controllers to robots that nobody modelled: python -m agents.adapt --controller "probing bank" --robots 3.
+"""Adapt controllers to robots outside the training distribution: rj adapt --controller "probing bank" --robots 3.
 
 A robot spends some episodes on the bench and is identified; every controller is adapted to it in simulation, and scored
 in the robot's episodes before and after: docs/robots.md.
@@ -26,7 +26,7 @@ VERSION = 1  # of the results file
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 adapted and scored, 2 an error, 130 stopped by Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m agents.adapt", description="Adapt controllers to robots.")
+    parser = argparse.ArgumentParser(prog="rj adapt", description="Adapt controllers to robots.")
     parser.add_argument("--controller", action="append", required=True, metavar="NAME", help=NAMED)
     parser.add_argument("--robots", type=int, default=10, help="how many, 1 to 50 (default %(default)s)")
     parser.add_argument("--robot", type=int, action="append", metavar="K", help="only this one; repeatable")
@@ -40,38 +40,38 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policies", type=Path, metavar="FOLDER", help="for policies that were adapted")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.adapt", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj adapt", argv)), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.adaptation.robot import robot
     from agents.adaptation.trial import Plan, adaptable, leads, trial_table, tried
-    from agents.robots.robot import robot
 
     plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
     numbers = _numbers(arguments)
-    chosen = {_short(name): adaptable(name) for name in arguments.controller}
+    controllers = {_short(name): adaptable(name) for name in arguments.controller}
     trials: list[Trial] = []
     for number in numbers:
-        trials.append(tried(robot(number), chosen, plan, lambda line: print(line, flush=True)))
+        trials.append(tried(robot(number), controllers, plan, lambda line: print(line, flush=True)))
         _keep(trials, plan, arguments, command)
     print(f"{trial_table(trials)}\nlast 10 steps, {plan.scored} episodes of every robot; intervals over robots")
-    if len(chosen) > 1:
+    if len(controllers) > 1:
         print(f"After adapting:\n{leads(trials)}")
     return 0
 
 
 def _numbers(arguments: argparse.Namespace) -> Sequence[int]:
     """Numbers of the robots."""
-    from agents.robots.robot import DEVELOPMENT, TEST_BED
+    from agents.adaptation.robot import DEVELOPMENT, TEST_BED
 
-    known = DEVELOPMENT if arguments.development else TEST_BED
+    bed = DEVELOPMENT if arguments.development else TEST_BED
     for number in arguments.robot or ():
-        integer(known[0], known[-1])("--robot", number)
-    return arguments.robot or known[: integer(1, len(known))("--robots", arguments.robots)]
+        integer(bed[0], bed[-1])("--robot", number)
+    return arguments.robot or bed[: integer(1, len(bed))("--robots", arguments.robots)]
 
 
 def _short(name: str) -> str:
-    """What to call a controller: a run folder CONFIGURATION/seed_K by both, other paths by their last part."""
+    """Short name of a controller: CONFIGURATION/seed_K of a run folder, the last part of other paths."""
     path = Path(name)
     return name if not path.exists() else "/".join(path.resolve().parts[-2:]) if path.is_dir() else path.stem
 

@@ -1,7 +1,7 @@
-"""Train many runs, some at a time: python -m agents.campaign configs/campaign/results.yaml --out runs/results.
+"""Train many runs, some at a time: rj campaign configs/campaign/results.yaml --out runs/results.
 
 Every configuration of the list is trained with each of its seeds, into OUT/CONFIGURATION/seed_K; the output goes to
-seed_K.log beside that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
+seed_K.log next to that folder, the command to OUT/command.txt. The same command continues a campaign: finished runs are
 kept, interrupted ones are resumed. With --cluster they are trained on a Ray cluster: docs/scaling.md.
 """
 
@@ -23,13 +23,13 @@ from agents.training.campaign import Campaign, load_campaign
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m agents.campaign", description="Train many runs.")
+    parser = argparse.ArgumentParser(prog="rj campaign", description="Train many runs.")
     parser.add_argument("campaign", type=Path, help="YAML file, for example one of configs/campaign/")
     parser.add_argument("--out", type=Path, help="folder of the campaign (default: runs/ and the name of the file)")
     add_options(parser, "runs")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments), consent_of(arguments))
+    return exit_code(lambda: _command(arguments), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace) -> int:
@@ -38,7 +38,7 @@ def _command(arguments: argparse.Namespace) -> int:
     members = load_campaign(arguments.campaign)
     typed = [str(arguments.campaign), "--out", str(out), "--jobs", str(jobs)]
     typed += [] if arguments.cluster == LOCAL else ["--cluster", arguments.cluster]
-    write_text(out / "command.txt", shlex.join(typed_command("agents.campaign", typed)) + "\n")
+    write_text(out / "command.txt", shlex.join(typed_command("rj campaign", typed)) + "\n")
     return Campaign(members, out, jobs, arguments.cluster).train()
 
 

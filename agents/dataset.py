@@ -1,4 +1,4 @@
-"""Write episodes of any controller as a Minari dataset: python -m agents.dataset CONTROLLER --steps N --out WHERE.
+"""Write episodes of any controller as a Minari dataset: rj dataset CONTROLLER --steps N --out WHERE.
 
 CONTROLLER is a shipped policy, a policy file, a run folder, a baseline or tuned opponent by name, FILE.py:NAME or
 MODULE:NAME. docs/interchange.md shows how to read the dataset.
@@ -21,7 +21,7 @@ from agents.runs.seeds import DATA
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
-    from agents.evaluation.controller import Controller
+    from agents.controllers.controller import Controller
     from agents.evaluation.minari_dataset import read_dataset, write_dataset
 
 __all__ = ["main", "read_dataset", "write_dataset"]
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> Any:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.dataset", description="Write episodes as a Minari dataset.")
+    parser = argparse.ArgumentParser(prog="rj dataset", description="Write episodes as a Minari dataset.")
     parser.add_argument("controller", help=NAMED)
     parser.add_argument("--env", help="id of the environment (default: that of the policy, or the plain one)")
     parser.add_argument(
@@ -53,13 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--info", action="append", default=[], metavar="NAME", help="info to keep beside error_mm")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.dataset", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj dataset", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
+    from agents.controllers.controller import env_for
     from agents.evaluation.minari_dataset import write_dataset
     from agents.evaluation.recording import ERROR
-    from agents.results.roster import env_for
 
     controller, env = _named(arguments.controller, arguments.env)
     env = env_for(replace(env, settings=apply_overrides(dict(env.settings), arguments.set)), controller)
@@ -83,27 +83,27 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
 
 def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     """The controller that the text names, and its environment; raises ConfigError where there is none."""
-    from agents.baselines.residual import controllers_in
+    from agents.controllers.controller import load_controller
+    from agents.controllers.residual import controllers_in
     from agents.policies.file import SUFFIX
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
-    from agents.results.entry import load_entrant
     from agents.runs.folder import RunFolder
     from rollingjoint.checks import suggestion
 
-    here = EnvConfig(env_id or EnvConfig.id)
+    env = EnvConfig(env_id or EnvConfig.id)
     if text in list_policies() or text.endswith(SUFFIX):
         policy = load_policy(text)
-        return policy, here if env_id else policy.environment
+        return policy, env if env_id else policy.environment
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))
-        return load_driving(run), here if env_id else run.config().env
-    known = controllers_in(here.id)
-    if text in known:
-        return known[text], here
+        return load_driving(run), env if env_id else run.config().env
+    controllers = controllers_in(env.id)
+    if text in controllers:
+        return controllers[text], env
     if ":" in text:
-        return load_entrant(text), here
-    names = [*known, *list_policies()]
+        return load_controller(text), env
+    names = [*controllers, *list_policies()]
     raise ConfigError("controller", text, f"{NAMED}: {', '.join(names)}", suggestion(text, names))
 
 

@@ -1,8 +1,8 @@
-"""Score a controller of your own on the seeds of a benchmark: python -m agents.enter FILE.py:NAME --env ID.
+"""Score a controller of your own on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
 
-NAME is a controller as agents.evaluation.controller describes it, a class or function that makes one without arguments,
-or one that makes a function from observations to actions. Its episodes go into a results file, which agents.results
-merges with others, and a table shows it beside what is known of the same episodes. docs/enter.md shows how.
+NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one that
+makes a function from observations to actions. Its episodes go into a results file, which rj results merges with others,
+and a table compares it with the known results of the same episodes. docs/enter.md shows how.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PUBLISHED = Path("docs/results.json.gz")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 scored, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.enter", description="Score a controller of your own.")
+    parser = argparse.ArgumentParser(prog="rj enter", description="Score a controller of your own.")
     parser.add_argument("controller", metavar="FILE.py:NAME", help="or MODULE:NAME: what makes the controller")
     parser.add_argument("--env", default="rj_gym/RollingJoint-v0", help="id of the environment (default %(default)s)")
     parser.add_argument(
@@ -46,11 +46,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="results file to write, or to add to")
     add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.enter", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj enter", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
-    from agents.results.entry import comparison_table, enter, load_entrant
+    from agents.controllers.controller import load_controller
+    from agents.results.entry import comparison_table, enter
     from agents.results.file import read_results, write_results
     from agents.results.merging import merged
     from agents.results.record import World
@@ -61,7 +62,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)
     name = arguments.name or arguments.controller.rpartition(":")[2]
-    controllers = {name: load_entrant(arguments.controller)}
+    controllers = {name: load_controller(arguments.controller)}
     title, seeds = " ".join([env.id.removeprefix("rj_gym/"), *arguments.set]), SEEDS[arguments.seeds]
     world = World(arguments.seeds, arguments.seeds, seeds.start, len(seeds))
     entered = enter(env, controllers, title, world, training_seed=arguments.training_seed, command=command)
@@ -69,22 +70,22 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     print(f"{env.id}, {len(seeds):,} {arguments.seeds} episodes, seeds {seeds[0]} to {seeds[-1]}, last 10 steps")
     print(comparison_table(entered, others, world))
     if arguments.out:
-        known = [read_results(arguments.out)] if arguments.out.exists() else []
-        write_results(arguments.out, merged([*known, entered]))
+        results = [read_results(arguments.out)] if arguments.out.exists() else []
+        write_results(arguments.out, merged([*results, entered]))
         print(f"Entered in {arguments.out}")
     return 0
 
 
 def _others(beside: Path | None, env: EnvConfig, title: str, world: World) -> Results:
-    """What to compare with: the figures of the results file, or else what is shipped, scored now."""
+    """Results to compare with: those in the results file, or else the shipped controllers, scored now."""
     from agents.results.entry import known_in, shipped
     from agents.results.file import read_results
 
     path = beside or PUBLISHED
-    known = known_in(read_results(path), env, world) if beside or path.exists() else None
-    if known is None and beside:
+    results = known_in(read_results(path), env, world) if beside or path.exists() else None
+    if results is None and beside:
         raise ConfigError("--beside", str(beside), f"results of {env.id} in the {world.name} episodes {world.seeds}")
-    return known or shipped(env, title, world)
+    return results or shipped(env, title, world)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Evaluate a trained controller: python -m agents.evaluate RUN."""
+"""Evaluate a trained controller: rj evaluate RUN."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from agents.baselines import baselines, without_baselines
-from agents.evaluation.controller import Controller
+from agents.controllers import untuned_controllers, why_left_out
+from agents.controllers.controller import Controller
 from agents.evaluation.report import POLICY, evaluate_controllers
 from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
@@ -22,13 +22,13 @@ from rollingjoint.errors import ConfigError
 
 __all__ = ["evaluate_controllers", "main"]
 
-MOMENTS = 11  # of an episode, whose floors are drawn
-OWN = "one more controller to compare, as described in agents.evaluation.controller; repeatable"
+MOMENTS = 11  # of an episode at which floors are drawn
+OWN = "one more controller to compare, as described in agents.controllers.controller; repeatable"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 evaluated, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.evaluate", description="Evaluate a trained controller.")
+    parser = argparse.ArgumentParser(prog="rj evaluate", description="Evaluate a trained controller.")
     parser.add_argument("run", type=Path, help="the run folder")
     parser.add_argument("--episodes", type=int, default=200, help="number of episodes (default 200)")
     parser.add_argument("--seed", type=int, default=10_000, help="seed of the first episode (default 10000)")
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_consent(parser)
     add_options(parser, "blocks of episodes", jobs=1)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.evaluate", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj evaluate", argv)), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
@@ -53,10 +53,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     run = RunFolder.open(arguments.run)
     config, folder = run.config(arguments.set), arguments.out or run.evaluation
     config.check_unused(seeds)
-    own = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
-    blind = without_baselines(config.env.arguments()["config"]) if config.env.is_tracking else ""
-    ours = baselines(poses=not blind) if config.env.is_tracking else {}
-    controllers = {POLICY: load_driving(run, arguments.policy), **own, **ours}
+    additional = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
+    blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
+    ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
+    controllers = {POLICY: load_driving(run, arguments.policy), **additional, **ours}
     about = {
         "run": str(run.path),
         "policy": arguments.policy,
@@ -68,8 +68,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     }
     with executor_of(arguments.cluster, arguments.jobs, inline=True) as executor:
         elsewhere = None if isinstance(executor, InlineExecutor) else executor
-        found = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
-    report = replace(found, about=about)
+        evaluation = evaluate_controllers(config.env, controllers, seeds, executor=elsewhere, moments=MOMENTS)
+    report = replace(evaluation, about=about)
     write_report(report, controllers, config.env, folder)
     if blind:
         print(blind)

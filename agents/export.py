@@ -1,4 +1,4 @@
-"""Export a trained policy as one small file: python -m agents.export RUN --name NAME.
+"""Export a trained policy as one small file: rj export-policy RUN --name NAME.
 
 With --onnx FILE as an ONNX file, too; without --name that alone, also of a shipped policy.
 """
@@ -31,7 +31,7 @@ from rollingjoint.tables import text_table
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 exported or listed, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.export", description="Export a trained policy.")
+    parser = argparse.ArgumentParser(prog="rj export-policy", description="Export a trained policy.")
     parser.add_argument("run", nargs="?", help="the run folder; with --onnx alone also a shipped policy or its file")
     parser.add_argument("--name", help="name of the policy and of its file")
     parser.add_argument("--onnx", type=Path, metavar="FILE", help="write an ONNX file and print its contract")
@@ -80,7 +80,7 @@ def _list() -> int:
 
 
 def _export(arguments: argparse.Namespace) -> ShippedPolicy:
-    """The policy of the run folder with its score, after it was written to a file of its own."""
+    """The policy of the run folder with its score, after it was written to a policy file."""
     episodes = episode_count("--episodes", arguments.episodes)
     if not re.fullmatch(r"\w[\w-]{0,63}", arguments.name, re.ASCII):
         raise PolicyError("--name", arguments.name, "letters, digits, _ and -, at most 64")

@@ -4,7 +4,7 @@
     policy = load_policy("fixed_target")
     action = policy(observation)
 
-No torch, no Stable-Baselines3, and nothing in the file is executed. docs/policies.md shows more.
+No torch, no Stable-Baselines3, and no code in the file is executed. docs/policies.md shows more.
 """
 
 from agents.policies.errors import PolicyError

@@ -1,4 +1,4 @@
-"""Train a controller: python -m agents.train --config configs/train/ppo_rolling_joint.yaml."""
+"""Train a controller: rj train --config configs/train/ppo_rolling_joint.yaml."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rollingjoint.errors import ConfigError
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 trained, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m agents.train", description="Train a controller.")
+    parser = argparse.ArgumentParser(prog="rj train", description="Train a controller.")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--config", type=Path, help="YAML file, for example one of configs/train/")
     what.add_argument("--resume", type=Path, metavar="RUN", help="continue the run in this run folder")
@@ -25,14 +25,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--force", action="store_true", help="replace the run that is in the run folder")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.train", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj train", argv)), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if arguments.resume is not None:
         if arguments.force or arguments.run_dir is not None:
-            other = "--force" if arguments.force else "--run-dir"
-            raise ConfigError("--resume", str(arguments.resume), f"no {other} beside it", "Resuming keeps the run.")
+            option = "--force" if arguments.force else "--run-dir"
+            raise ConfigError("--resume", str(arguments.resume), f"no {option} beside it", "Resuming keeps the run.")
         from agents.training.learn import resume
 
         return resume(arguments.resume, arguments.set, command)

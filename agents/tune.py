@@ -1,12 +1,12 @@
-"""Search hyper-parameters: python -m agents.tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
+"""Search hyper-parameters: rj tune --config configs/tune/ppo_tracking.yaml --study studies/ppo.
 
 A study is a folder. The same command continues it; several processes may work on it at once.
 
-    study.yaml           what is searched, complete
+    study.yaml           the complete study
     journal.log          every trial (Optuna)
     trials/NNNN/seed-S/  the run folders of the trials, without checkpoints
-    best.yaml            the best trial as a configuration for agents.train
-    report.md            what was found, with history.png and parameters.png
+    best.yaml            the best trial as a configuration for rj train
+    report.md            the results, with history.png and parameters.png
     lock                 held for a moment when a trial begins or ends
 """
 
@@ -25,7 +25,7 @@ from agents.runs.consent import add_consent, consent_of
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 searched, 2 an error, 128 + signal stopped by Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m agents.tune", description="Search hyper-parameters.")
+    parser = argparse.ArgumentParser(prog="rj tune", description="Search hyper-parameters.")
     parser.add_argument(
         "--config", type=Path, help="YAML file, for example one of configs/tune/; not needed to continue a study"
     )
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_options(parser, "trials", jobs=1)
     add_consent(parser, pickles=False)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.tune", argv)), consent_of(arguments))
+    return exit_code(lambda: _command(arguments, typed_command("rj tune", argv)), consent_of(arguments), "train")
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
@@ -43,10 +43,10 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.tuning.study import trial_count
     from agents.tuning.trials import tune
 
-    asked = optional(trial_count)("--trials", arguments.trials)
+    count = optional(trial_count)("--trials", arguments.trials)
     folder = StudyFolder(arguments.study, arguments.storage)
     config = folder.config(arguments.config)
-    trials = config.trials if asked is None else asked
+    trials = config.trials if count is None else count
     if trials == 0:
         print("\n".join(f"{key}: {values}" for key, values in config.space.items()))
         return 0

@@ -1,4 +1,4 @@
-"""Look at episodes and designs in a browser, and steer mechanisms there: python -m agents.view."""
+"""Look at episodes and designs in a browser, and steer mechanisms there: rj view."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agents.runs.checks import integer
 from agents.runs.command_line import exit_code
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.files import write_text
-from rollingjoint.chain.presets import PRESETS
+from rollingjoint import PRESETS
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -29,7 +29,7 @@ EXPOSED = "allow addresses that other machines can reach"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 130 stopped by Ctrl-C, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.view", description="Mechanisms in a browser.")
+    parser = argparse.ArgumentParser(prog="rj view", description="Mechanisms in a browser.")
     parser.add_argument("mechanism", nargs="*", default=[], help="a preset or a mechanism file to explore")
     parser.add_argument("--run", type=Path, action="append", default=[], help="run folder to replay, repeatable")
     parser.add_argument("--policy", default="best", help='of run folders: "best" (default), "last" or a checkpoint')
@@ -60,13 +60,13 @@ def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = (), mechani
 
     for name in mechanisms:
         load_mechanism(name)
-    found = [Designs.read(path) for path in searches]
-    known = tuple(dict.fromkeys([*mechanisms, *PRESETS]))
+    designs = [Designs.read(path) for path in searches]
+    names = tuple(dict.fromkeys([*mechanisms, *PRESETS]))
     return {
-        Explore.name: partial(Explore, mechanisms=known),
+        Explore.name: partial(Explore, mechanisms=names),
         Control.name: Control,
         Replay.name: partial(Replay, shelf=shelf),
-        DesignsRoom.name: partial(DesignsRoom, searches=found),
+        DesignsRoom.name: partial(DesignsRoom, searches=designs),
     }
 
 
@@ -74,7 +74,7 @@ def _command(arguments: argparse.Namespace) -> int:
     from agents.viewer.episodes import episodes_of, run_episodes_of
 
     shelf: list[Episodes] = [run_episodes_of(path, arguments.policy) for path in arguments.run]
-    shelf += [one for name in arguments.episodes for one in episodes_of(name)]
+    shelf += [item for name in arguments.episodes for item in episodes_of(name)]
     return _record(arguments, shelf) if arguments.record else _serve(arguments, shelf)
 
 
@@ -84,9 +84,9 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
 
     check_host(arguments.host, arguments.exposed)
     port = integer(0, 65_535)("--port", arguments.port)
-    known = rooms(shelf, arguments.search, arguments.mechanism)
+    all_rooms = rooms(shelf, arguments.search, arguments.mechanism)
     first = load_mechanism(next(iter([*arguments.mechanism, *PRESETS])))
-    viewer = Viewer(known, arguments.host, port, arguments.exposed, mechanism_view(first))
+    viewer = Viewer(all_rooms, arguments.host, port, arguments.exposed, mechanism_view(first))
     print(f"Open {viewer.url} in a browser; Ctrl-C stops.", flush=True)
     try:
         threading.Event().wait()

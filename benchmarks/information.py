@@ -24,8 +24,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.baselines.opponents import opponents
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller
+from agents.controllers.tuned import tuned_controllers
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.shipped import load_policy
 from rj_gym.tracking.config import TrackingConfig
@@ -114,7 +114,7 @@ def drive(env: EnvConfig, controller: Controller, episodes: int) -> Driven:
     controller.begin(envs.task, episodes)
     tangents = [envs.tangent()]
     for _ in range(envs.task.config.episode_steps):
-        observation, _, _, _, info = envs.step(controller.act(Seen(observation, envs.task)))
+        observation, _, _, _, info = envs.step(controller.act(observation))
         tangents.append(envs.tangent())
     envs.close()
     motors, tips = (np.stack([getattr(each, name) for each in tangents], axis=1) for name in ("motors", "tips"))
@@ -191,7 +191,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     for world in arguments.worlds:
         env = EnvConfig(f"rj_gym/{world}-v0")
         policy = POLICIES[world]
-        drivers = {"probing bank": opponents(env.id)["probing bank"], policy: load_policy(policy)}
+        drivers = {"probing bank": tuned_controllers(env.id)["probing bank"], policy: load_policy(policy)}
         rows += [[world, name, *estimates(env, each, arguments.episodes)] for name, each in drivers.items()]
     heads = ("world", "driven by", "its error [mm]", "can be known [mm]", "surfaces known [mm]", "episodes")
     print(markdown_table(heads, rows))

@@ -183,7 +183,7 @@ class Parts:
 
 
 def registered_formulas() -> dict[Any, list[tuple[type, FunctionType]]]:
-    """The parts that stand for every formula, with the classes of which they are (kernels.shared.formulas.formula)."""
+    """The parts that stand for every formula, with the classes of which they are (kernels.formulas.formula)."""
     found = defaultdict(list)
     for generic, kind in builtin_registry.globals:
         for template in kind.templates if isinstance(kind, types.Function) else ():

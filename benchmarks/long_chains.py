@@ -15,11 +15,11 @@ import numpy as np
 
 from rollingjoint import Equilibrium, WorldForce, solve_tensions, uniform
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.planar.arrays import design, new_state
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.chain import evaluate, fill_generators, stiffness
-from rollingjoint.kernels.shared.linear import descent_step
-from rollingjoint.kernels.shared.long_chain import long_step, new_sweep
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.chain import evaluate, fill_generators, stiffness
+from rollingjoint.kernels.linear import descent_step
+from rollingjoint.kernels.long_chain import long_step, new_sweep
+from rollingjoint.kernels.rolling import design, new_state
 from rollingjoint.load import load_table
 
 LINKS = (3, 5, 8, 12, 20, 50, 100, 200, 500, 1000, 2000)

@@ -46,14 +46,14 @@ FRICTION = [f"{CHAIN}/test_friction.py", f"{CHAIN}/test_friction_jacobian.py"]
 FIRST = {  # the first pattern that is in a file's path: the tests that are likely to notice
     "profile.py": [f"{TESTS}/test_profile.py"],
     "joint_table.py": [f"{CHAIN}/test_joint_table.py"],
-    "spatial/rubbed": [f"{CHAIN}/test_hinge_friction.py", *SPATIAL],
-    "spatial/": SPATIAL,
-    "rubbed|friction|turns|relaxation": FRICTION,
+    "torsion": [f"{CHAIN}/test_torsion_spring.py"],
+    "hinge|spatial": [*SPATIAL, f"{CHAIN}/test_hinge_friction.py"],
+    "rubbed|friction|turns": [*FRICTION, f"{CHAIN}/test_turns.py"],
     "descent|settle": [f"{CHAIN}/test_descent.py", f"{CHAIN}/test_hard_cases.py"],
     "long_": [f"{TESTS}/kernels", f"{CHAIN}/test_long_chain.py"],
     "loads": [f"{CHAIN}/test_equilibrium.py", f"{CHAIN}/test_torsion_spring.py"],
-    "side_by_side|lanes|block|batch": [f"{CHAIN}/test_batch.py", *PLANAR],
-    "planar/": PLANAR,
+    "lanes|batch": [f"{CHAIN}/test_batch.py", *PLANAR],
+    "rolling": PLANAR,
     "": [f"{TESTS}/kernels", *PLANAR, *SPATIAL],
 }
 SECOND = {  # likewise: all tests of the physics that use the file

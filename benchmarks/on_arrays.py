@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rollingjoint._numba.jit import kernel
-from rollingjoint.kernels.planar.arrays import BatchArrays
-from rollingjoint.kernels.planar.block import Block, block_sizes
-from rollingjoint.kernels.planar.loads import n_rows
-from rollingjoint.kernels.shared.lanes import solve_wide, wide_memory
+from rollingjoint.kernels.lanes import solve_wide, wide_memory
+from rollingjoint.kernels.planar_loads import n_rows
+from rollingjoint.kernels.rolling import BatchArrays
+from rollingjoint.kernels.rolling_lanes import Block, block_sizes
 
 
 @kernel(nogil=True, title="the planar solver on arrays")

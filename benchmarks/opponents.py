@@ -9,38 +9,38 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from typing import Any
 
-from agents.baselines.opponents import opponents
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller
+from agents.controllers.tuned import tuned_controllers
 from agents.runs.environment import EnvConfig, make_vector_env
 from rollingjoint import set_threads
 from rollingjoint.tables import text_table
 
 
-def recorded(env_id: str, controller: Controller, lanes: int) -> list[Seen]:
-    """What the controller sees in the steps of an episode of every lane."""
+def recorded(env_id: str, controller: Controller, lanes: int) -> tuple[Any, list[Any]]:
+    """The task, and the observations in the steps of an episode of every lane."""
     envs = make_vector_env(EnvConfig(env_id), lanes)
     observation, _ = envs.reset(seed=list(range(lanes)))
     controller.begin(envs.task, lanes)
-    seen = []
+    observations = []
     for _ in range(envs.task.config.episode_steps):
-        seen.append(Seen(observation, envs.task))
-        observation, *_ = envs.step(controller.act(seen[-1]))
+        observations.append(observation.copy())
+        observation, *_ = envs.step(controller.act(observation))
     envs.close()
-    return seen
+    return envs.task, observations
 
 
 def microseconds(env_id: str, controller: Controller, lanes: int, rounds: int = 5) -> float:
     """The time of an action, per lane [µs]."""
-    seen, best = recorded(env_id, controller, lanes), float("inf")
+    (task, observations), best = recorded(env_id, controller, lanes), float("inf")
     for _ in range(rounds):
-        fresh = [Seen(each.observation, each.task) for each in seen]  # a Seen remembers what was read out of it
-        controller.begin(fresh[0].task, lanes)
+        controller.begin(task, lanes)
         start = time.process_time()
-        for each in fresh:
+        for each in observations:
             controller.act(each)
         best = min(best, time.process_time() - start)
-    return 1e6 * best / len(seen) / lanes
+    return 1e6 * best / len(observations) / lanes
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     set_threads(1)
     rows = [
         [name, *(f"{microseconds(arguments.world, each, n, arguments.rounds):.1f}" for n in arguments.lanes)]
-        for name, each in opponents(arguments.world).items()
+        for name, each in tuned_controllers(arguments.world).items()
     ]
     print(text_table(["opponent", *(f"µs, {n} lanes" for n in arguments.lanes)], rows, ruled=True))
 

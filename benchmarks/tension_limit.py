@@ -20,8 +20,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from agents.baselines.opponents import opponents
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller
+from agents.controllers.tuned import tuned_controllers
 from agents.evaluation.rollout import LAST_STEPS
 from agents.results.statistics import Bootstrap
 from agents.results.wording import mm, share, with_interval
@@ -60,7 +60,7 @@ def drive(env: EnvConfig, controller: Controller, seeds: Sequence[int], limit: f
     controller.begin(envs.task, len(seeds))
     errors, held, running = [info["error_mm"]], [], np.ones(len(seeds), bool)
     while running.any():
-        observation, _, terminated, truncated, info = envs.step(controller.act(Seen(observation, envs.task)))
+        observation, _, terminated, truncated, info = envs.step(controller.act(observation))
         errors.append(np.where(running, info["error_mm"], errors[-1]))
         held.append((info["tensions"] >= limit)[running].ravel())
         running &= ~(terminated | truncated)
@@ -72,7 +72,7 @@ def rows_of(world: str, limits: Sequence[float], episodes: int) -> list[list[str
     """The rows of the table of one world, one per limit [N]."""
     env, bootstrap = EnvConfig(f"rj_gym/{world}-v0"), Bootstrap(episodes)
     seeds = range(TENSION_LIMITS.start, TENSION_LIMITS.start + episodes)
-    controllers = load_policy(POLICIES[world]), opponents(env.id)[OPPONENT]
+    controllers = load_policy(POLICIES[world]), tuned_controllers(env.id)[OPPONENT]
     rows = []
     for limit in limits:
         policy, opponent = (drive(env, each, seeds, limit) for each in controllers)

@@ -1,4 +1,4 @@
-"""What vectors of either dimension cost: the gap of eight SIMD lanes through kernels.shared.vectors, and written out.
+"""What vectors of either dimension cost: the gap of eight SIMD lanes through kernels.vectors, and written out.
 
     python benchmarks/vectors.py     # some seconds after the kernels are compiled
 
@@ -19,8 +19,7 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.simd import WIDTH, any_lane, where
 from rollingjoint._numba.views import aligned_simd, carve
-from rollingjoint.kernels.planar.arrays import COS, CX, CY, GX, GY, PX, PY, SIN, aligned
-from rollingjoint.kernels.planar.joint import CLOSED_GAP, evaluate_gap, normal
+from rollingjoint.kernels.rolling import CLOSED_GAP, COS, CX, CY, GX, GY, PX, PY, SIN, aligned, evaluate_gap, normal
 
 JOINTS, TENDONS = 4, 2
 PAIRS, ROUNDS = 15, 100_000

@@ -55,6 +55,7 @@ from rj_gym.tracking.env import (
 from rj_gym.tracking.observation import observation_entries
 from rj_gym.tracking.observation import observation_entries as arm_observation_entries
 from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
+from rj_gym.tracking.terms import Drawn, Observed, Start, Step, Terms
 from rj_gym.tracking.vector import (
     ArmInstrumentVectorEnv,
     FlexibleArmGoalVectorEnv,
@@ -95,6 +96,8 @@ __all__ = [
     "CurvatureDesignVectorEnv",
     "DesignConfig",
     "DesignRewardConfig",
+    "Drawn",
+    "Entry",
     "FlexibleArmConfig",
     "FlexibleArmEnv",
     "FlexibleArmGoalEnv",
@@ -112,6 +115,7 @@ __all__ = [
     "LatePoseEnv",
     "LatePoseVectorEnv",
     "LoadConfig",
+    "Observed",
     "PayloadConfig",
     "RandomizationConfig",
     "RewardConfig",
@@ -123,7 +127,10 @@ __all__ = [
     "SlowCameraConfig",
     "SlowCameraEnv",
     "SlowCameraVectorEnv",
+    "Start",
+    "Step",
     "TargetConfig",
+    "Terms",
     "TrackingConfig",
     "arm_observation_entries",
     "check_vector_env",

@@ -184,6 +184,14 @@ def point(where: str, value: object) -> tuple[float, float]:
     return number(f"{where}[0]", value[0]), number(f"{where}[1]", value[1])
 
 
+def space_point(where: str, value: object) -> tuple[float, float, float]:
+    """Three finite numbers."""
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ConfigError(where, value, "three numbers, such as [0, 0, 10]")
+    x, y, z = numbers(where, value)
+    return x, y, z
+
+
 def number(where: str, value: object) -> float:
     """A finite number."""
     return as_number(where, value, error=ConfigError)

@@ -50,9 +50,8 @@ from rollingjoint._numba.layout import Floats, Integers, Singles
 from rollingjoint._numba.pins import Pinned, WrongLayout, call_range, next_uniform, unpin
 from rollingjoint._numba.views import carve, singles_at
 from rollingjoint.chain.batch import PinnedRange, begin_range, step_range
-from rollingjoint.kernels.planar.arrays import BatchArrays, PinnedBatch
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import (
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.friction import (
     CONSTANT,
     MU,
     N_COEFFICIENTS,
@@ -62,8 +61,9 @@ from rollingjoint.kernels.shared.friction import (
     History,
     new_friction_arrays,
 )
-from rollingjoint.kernels.shared.lanes import PENDING
-from rollingjoint.kernels.spatial.arrays import PinnedHinges
+from rollingjoint.kernels.hinges import PinnedHinges
+from rollingjoint.kernels.lanes import PENDING
+from rollingjoint.kernels.rolling import BatchArrays, PinnedBatch
 from rollingjoint.threads import run_in_threads, runs_at_once
 from rollingjoint.transmission.kernels import (
     at_limit,

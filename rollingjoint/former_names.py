@@ -6,9 +6,15 @@ import sys
 
 import rollingjoint.chain as chains
 from rollingjoint.chain import chain, equilibrium, friction_step, hinge, presets, rolling, solution, tendon, variations
+from rollingjoint.kernels import arrays, friction, hinges
+from rollingjoint.kernels import rolling as rolling_kernels
 
 sys.modules |= {
     "rollingjoint.friction_step": friction_step,
+    "rollingjoint.kernels.planar.arrays": rolling_kernels,
+    "rollingjoint.kernels.shared.arrays": arrays,
+    "rollingjoint.kernels.shared.friction": friction,
+    "rollingjoint.kernels.spatial.arrays": hinges,
     "rollingjoint.mechanism": chain,
     "rollingjoint.planar": chains,  # imported before what is in it
     "rollingjoint.planar.chain": rolling,

@@ -225,11 +225,11 @@ class Surface:
         return self.profile.curvature(s)
 
     def tangent_angle(self, s: ArrayLike) -> Array:
-        """θ(s) = angle + ∫ u, the shape of s [rad]."""
+        """η(s) = angle + ∫ u, the shape of s [rad]."""
         return self.angle + self.profile.turning(s)
 
     def point(self, s: ArrayLike) -> Array:
-        """Position t(s) in the link frame, (..., 2) [mm].
+        """Position p(s) in the link frame, (..., 2) [mm].
 
         Raises:
             InvalidInput: s beyond the limits of the surface.

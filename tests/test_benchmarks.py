@@ -245,7 +245,7 @@ def test_every_opponent_of_a_world_is_timed(capsys):
 
     opponents.main(["rj_gym/SlowCamera-v0", "--lanes", "1", "3", "--rounds", "1"])
     rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split("  ")[0] for row in rows] == list(opponents.opponents("rj_gym/SlowCamera-v0"))
+    assert [row.split("  ")[0] for row in rows] == list(opponents.tuned_controllers("rj_gym/SlowCamera-v0"))
     assert all(float(row.split()[-1]) > 0.0 for row in rows)
 
 
@@ -255,7 +255,8 @@ def test_at_the_limit_of_the_world_episodes_of_other_limits_are_those_of_the_tab
     from agents.evaluation.rollout import run_episodes
     from agents.runs.environment import EnvConfig
 
-    env, bank = EnvConfig("rj_gym/Instrument-v0"), tension_limit.opponents("rj_gym/Instrument-v0")["probing bank"]
+    env = EnvConfig("rj_gym/Instrument-v0")
+    bank = tension_limit.tuned_controllers(env.id)["probing bank"]
     driven = tension_limit.drive(env, bank, range(3), 15.0)
     np.testing.assert_array_equal(driven.errors, run_episodes(env, bank, range(3)).last_errors.mean(axis=1))
     assert 0.0 < driven.at_limit < 1.0

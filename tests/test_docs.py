@@ -26,6 +26,7 @@ RUN_HERE = [page for page, text in PAGES.items() if "```python" in text and page
 PACKAGES = sorted(
     path.parent for top in ("rollingjoint", "rj_gym", "agents") for path in (ROOT / top).rglob("__init__.py")
 )
+LISTING = [package for package in PACKAGES if package != ROOT / "agents"]  # whose parts docs/architecture.md lists
 
 
 @pytest.mark.parametrize("page", RUN_HERE)
@@ -82,7 +83,7 @@ def test_citation_is_of_this_version_and_of_the_papers_that_theory_names():
     assert [title for title in titles if title not in theory] == []
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("package", LISTING, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_package_lists_its_modules(package):
     described = ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8")))
     _, _, modules = described.partition("\nModules:\n")
@@ -95,6 +96,8 @@ def test_architecture_shows_every_folder_of_the_packages():
     tree = ARCHITECTURE.split("```text\n", 1)[1].split("```", 1)[0]
     shown = set(re.findall(r"(\w+)/", tree))
     assert {package.name for package in PACKAGES} <= shown
+    commands = {path.stem for path in (ROOT / "agents").glob("[a-z]*.py")}
+    assert commands <= set(re.findall(r"\w+", tree))
 
 
 def test_architecture_shows_the_layers_that_are_enforced():
@@ -109,6 +112,15 @@ def test_convergence_table_has_every_status_and_counts_every_solve():
     assert [name.strip() for name in header[3:-1]] == [status.name.lower().replace("_", " ") for status in Status]
     counts = [[int(cell) for cell in row[3:-1]] for row in rows]
     assert f"{sum(map(sum, counts))} solves" in CONVERGENCE
+
+
+def test_tables_of_settings_are_those_of_the_annotations(monkeypatch):
+    """`python docs/_pages/settings.py` writes them."""
+    monkeypatch.syspath_prepend(ROOT / "docs/_pages")
+    import settings
+
+    for page in settings.TABLES:
+        assert settings.with_tables(page, PAGES[f"docs/{page}"]) == PAGES[f"docs/{page}"]
 
 
 def test_theory_has_the_sections_that_the_code_refers_to():

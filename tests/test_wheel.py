@@ -80,5 +80,5 @@ def test_the_wheel_works_in_an_empty_folder_beside_other_packages_called_agents(
         [sys.executable, "-c", USED], cwd=tmp_path / "empty", env=environ, capture_output=True, text=True
     )
     assert used.returncode == 0, used.stderr
-    assert "Next: python -m rj_agents.evaluate run" in used.stdout
-    assert "rj_agents" in (tmp_path / "empty/run/command.txt").read_text()
+    assert "Next: rj evaluate run" in used.stdout
+    assert (tmp_path / "empty/run/command.txt").read_text().startswith("rj train --config")

@@ -1,9 +1,11 @@
-"""A few minutes with one robot that nobody modelled: what it is, and controllers that were adapted to it.
+"""A few minutes with one robot outside the training distribution: its identification, and controllers adapted to it.
 
 Modules:
+    robot: robots by number.
+    contenders: controllers by name, file, run or policy.
+    driving: one score per controller, with an interval over robots.
     bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.
-    twin: what is believed of a robot, as numbers that a search changes.
-    identify: the twin that explains what was recorded.
+    identify: beliefs about a robot, and the twin that explains a recording of it.
     tuning: settings of opponents, searched on robots as they may be.
     informed: controllers that know the twin.
     world: episodes of robots as they may be after identification.

@@ -1,4 +1,4 @@
-"""Robots on the bench: nothing pulls at them, their motors sweep to and fro, and what can be measured is recorded."""
+"""Robots on the bench: unloaded, their motors sweep to and fro, and sensors are recorded."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array, Seen
-from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
-from agents.robots.robot import SEED, Robot
+from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
+from agents.adaptation.robot import SEED, Robot
+from agents.controllers.controller import Array, Reading
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
 from rollingjoint.checks import as_integer
 
 CAMERA_MM = 0.2  # standard deviation of a measured tip coordinate
-FIRST_STEPS = 16  # depend on where in the play tendons began, which nobody knows
+FIRST_STEPS = 16  # depend on the unknown place in the play where tendons began
 BENDS_MM, COMMON_MM = (5.0, 8.0), (-0.5, 2.0)  # by which motors pull against each other, and together
 _UNLOADED = {"load": {"link": -1, "force": (0.0, 0.0)}}
 _SILENT = {"sensing": {"pose": "none", "tension_noise": 0.0}}  # the sensors of Instrument-v0 without their noise
@@ -29,7 +29,7 @@ class Recording:
 
     Args:
         seeds: of the episodes, E. motors, tensions: measured, (E, T + 1, m) [mm, N].
-        tips: (E, T + 1, 2) [mm]; None where nobody sees them.
+        tips: (E, T + 1, 2) [mm]; None without a camera.
         running: whether the episode still went on, (E, T + 1): tendons that run out of travel end it.
     """
 
@@ -41,7 +41,7 @@ class Recording:
 
 
 class Bench:
-    """Episodes side by side, unloaded, whose motors follow given paths.
+    """Unloaded episodes side by side in which motors follow given paths.
 
     Args:
         episodes: how many, E.
@@ -54,13 +54,13 @@ class Bench:
         self.steps: int = self.envs.config.episode_steps
         self.n_tendons: int = self.envs.task.mechanism.n_tendons
 
-    def follow(self, one: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
-        """What a robot does while its motors go along paths (E, T, m) [mm] as fast as they can.
+    def follow(self, robot: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
+        """Recording of a robot while its motors go along paths (E, T, m) [mm] as fast as they can.
 
         relative: whether paths begin at zero, wherever motors are.
         """
         scale = self.envs.config.action_scale_mm
-        observation, info = self.envs.reset(seed=list(seeds), options=one.options | _UNLOADED)
+        observation, info = self.envs.reset(seed=list(seeds), options=robot.options | _UNLOADED)
         series = [self._measured(observation, info, np.ones(len(seeds), bool))]
         ways = paths + series[0][0][:, None] if relative else paths
         for step in range(self.steps):
@@ -71,30 +71,32 @@ class Bench:
         return Recording(seeds, *(np.stack(each, axis=1) for each in zip(*series, strict=True)))
 
     def _measured(self, observation: Any, info: Any, running: NDArray[np.bool_]) -> tuple[Any, ...]:
-        seen = Seen(observation, self.envs.task)
-        return seen.commands, seen.tensions, np.array(info["tip"], float), running
+        reading = Reading(observation, self.envs.task)
+        return reading.commands, reading.tensions, np.array(info["tip"], float), running
 
     def close(self) -> None:
         """Free the environments."""
         self.envs.close()
 
 
-def record(one: Robot, episodes: int, sees_tip: bool) -> Recording:
-    """Episodes of a robot whose motors sweep to and fro, with seeds that no score uses.
+def record(robot: Robot, episodes: int, sees_tip: bool) -> Recording:
+    """Recording of episodes in which motors sweep to and fro, with seeds that no score uses.
 
     Args:
-        one: the robot. episodes: how many, 1 to 500. sees_tip: whether a camera measures the tip.
+        robot: the robot. episodes: how many, 1 to 500. sees_tip: whether a camera measures the tip.
     Raises:
         InvalidInput: a number of episodes out of range.
     """
     as_integer("episodes on the bench", episodes, 1, MOST_EPISODES // 2)
-    first = BENCH.start + MOST_EPISODES * one.number
-    rng, bench = np.random.default_rng([SEED, 1, one.number]), Bench(episodes, noise=True)
+    first = BENCH.start + MOST_EPISODES * robot.number
+    rng, bench = np.random.default_rng([SEED, 1, robot.number]), Bench(episodes, noise=True)
     paths = sweeps(rng, episodes, bench.steps, bench.n_tendons)
-    found = bench.follow(one, range(first, first + episodes), paths, relative=True)
+    recording = bench.follow(robot, range(first, first + episodes), paths, relative=True)
     bench.close()
-    assert found.tips is not None
-    return replace(found, tips=found.tips + CAMERA_MM * rng.standard_normal(found.tips.shape) if sees_tip else None)
+    assert recording.tips is not None
+    return replace(
+        recording, tips=recording.tips + CAMERA_MM * rng.standard_normal(recording.tips.shape) if sees_tip else None
+    )
 
 
 def sweeps(rng: np.random.Generator, episodes: int, steps: int, n_tendons: int) -> Array:

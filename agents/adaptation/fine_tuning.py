@@ -50,28 +50,28 @@ def fine_tuned(
     policy: ShippedPolicy,
     settings: Mapping[str, Any],
     identified: Identified,
-    some: FineTuning | None = None,
+    plan: FineTuning | None = None,
     say: Callable[[float], object] = lambda loss: None,
 ) -> ShippedPolicy:
     """The policy after training on robots as this one may be.
 
     Args:
-        policy: with a memory, of agents.learners. settings: what it sees of Instrument-v0, such as observe_history.
-        identified: what is believed of the robot. some: how it is trained. say: called with the loss of every update.
+        policy: with a memory, of agents.learners. settings: of Instrument-v0, such as observe_history.
+        identified: beliefs about the robot. plan: of the training. say: called with the loss of every update.
     Raises:
         ConfigError: a policy of another kind.
     """
-    some, network = some or FineTuning(), trainable(policy)
+    plan, network = plan or FineTuning(), trainable(policy)
     torch.manual_seed(identified.number)
-    env, actor = LikelyRobots(some.lanes, likely(identified), settings), actor_of(network)
+    env, actor = LikelyRobots(plan.lanes, likely(identified), settings), actor_of(network)
     env.reset(seed=identified.number)
-    episodes = DifferentiableEpisodes(env, lambda _: (network.mean, network.scale), some.lane_gradient)
-    optimizer = torch.optim.Adam(actor.parameters(), some.learning_rate)
-    falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.1, max(some.updates, 1))
-    for _ in range(some.updates):
+    episodes = DifferentiableEpisodes(env, lambda _: (network.mean, network.scale), plan.lane_gradient)
+    optimizer = torch.optim.Adam(actor.parameters(), plan.learning_rate)
+    falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.1, max(plan.updates, 1))
+    for _ in range(plan.updates):
         played = episodes.play(actor.step)
         assert played is not None
-        say(_update(actor, optimizer, loss_of(played, some), some.max_grad_norm))
+        say(_update(actor, optimizer, loss_of(played, plan), plan.max_grad_norm))
         falling.step()
     env.close()
     return replace(policy, network=with_actor(network, actor))
@@ -86,18 +86,18 @@ def trainable(policy: ShippedPolicy) -> RecurrentNetwork:
     return network
 
 
-def loss_of(played: Played, some: FineTuning) -> torch.Tensor:
+def loss_of(played: Played, plan: FineTuning) -> torch.Tensor:
     """Mean tip error over the last steps, and over all of them, weighted [mm]."""
     counts = played.running.float()
-    errors, last = played.errors * counts, slice(-some.settled_steps, None)
+    errors, last = played.errors * counts, slice(-plan.settled_steps, None)
     settled = errors[last].sum() / counts[last].sum().clamp(min=1.0)
-    return settled + some.whole_weight * errors.sum() / counts.sum()
+    return settled + plan.whole_weight * errors.sum() / counts.sum()
 
 
-def _update(actor: RecurrentActor, optimizer: torch.optim.Optimizer, loss: torch.Tensor, most: float) -> float:
+def _update(actor: RecurrentActor, optimizer: torch.optim.Optimizer, loss: torch.Tensor, largest_norm: float) -> float:
     optimizer.zero_grad()
     loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(actor.parameters(), most)
+    norm = torch.nn.utils.clip_grad_norm_(actor.parameters(), largest_norm)
     if bool(torch.isfinite(norm)):
         optimizer.step()
     return loss.item()

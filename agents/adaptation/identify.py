@@ -1,43 +1,103 @@
-"""Identification: the model of a robot under which what was recorded on the bench is most likely.
+"""Identification: the model of a robot under which the recording on the bench is most likely.
 
 Its motors go along the recorded path in the simulator, and its tensions, and tips where a camera saw them, are compared
-with the recorded ones. The most likely numbers given the beliefs of twin.py (maximum a posteriori) minimise a sum of
+with the recorded ones. The most likely numbers given the beliefs BELIEFS (maximum a posteriori) minimise a sum of
 squares, by a trust-region method (scipy) with forward differences. Errors beyond a few standard deviations count less,
 since play and friction switch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
-from agents.adaptation.twin import Space
-from agents.evaluation.controller import Array
-from agents.robots.driving import MOST_EPISODES
-from agents.robots.robot import Robot
+from agents.adaptation.driving import MOST_EPISODES
+from agents.adaptation.robot import Robot
+from agents.controllers.controller import Array
+from rollingjoint import five_link
 
 GRID = (0.75, 1.5, 3.0, 4.5, 6.0), (0.1, 0.4, 0.8)  # play [mm] and sheath friction of all tendons, where it may begin
 EVALUATIONS = 15  # at most, each with its derivatives
-TENSION_SD, TIP_SD = 0.2, 2 * CAMERA_MM  # of what the model leaves: twice the noise of the sensors, N and mm
-LOST = 10.0  # standard deviations: what counts where the model's episode has ended
+TENSION_SD, TIP_SD = 0.2, 2 * CAMERA_MM  # of the residuals: twice the noise of the sensors, N and mm
+LOST = 10.0  # standard deviations: the residual after the end of the model's episode
 REACH = 0.05  # of the differences, in standard deviations of the beliefs
 _FAR = 3.0  # standard deviations: errors beyond count less
 _ENOUGH = 3e-4  # change of the cost at which the search ends, as a share of it
 
 
 @dataclass(frozen=True)
+class Belief:
+    """A field of Robot: a normal distribution, and bounds beyond which it cannot be; each a number or an array."""
+
+    mean: float
+    sd: ArrayLike
+    low: ArrayLike
+    high: ArrayLike
+
+
+BELIEFS = {
+    "play_mm": Belief(1.75, 1.5, 0.05, 8.0),
+    "sheath_friction": Belief(0.3, 0.3, 0.0, 1.0),
+    "mu": Belief(0.05, 0.05, 0.0, 0.25),
+    "stiffness": Belief(1.0, 0.2, 0.4, 2.0),
+    "motor_offsets": Belief(0.0, 0.5, -3.0, 3.0),
+    "surface_errors": Belief(0.0, (0.1, 0.1, 0.01), (-0.5, -0.5, -0.05), (0.5, 0.5, 0.05)),
+}
+"""About the ranges of rj_gym/Instrument-v0, twice as wide or more; and that tendons may rub in the chain."""
+
+
+class Space:
+    """Robots as vectors (P,): field after field, in the units of Robot.
+
+    Attributes:
+        mean, sd, low, high: of the beliefs, (P,).
+        surfaces: where the errors of surfaces begin, the last field.
+    """
+
+    def __init__(self) -> None:
+        n, m = five_link().n_links, five_link().n_tendons
+        self._shapes = {name: (n, 2, 3) if name == "surface_errors" else (m,) for name in BELIEFS}
+        self.surfaces = (len(BELIEFS) - 1) * m
+        self.mean, self.sd, self.low, self.high = (
+            self.vector({name: getattr(belief, what) for name, belief in BELIEFS.items()})
+            for what in ("mean", "sd", "low", "high")
+        )
+
+    def vector(self, values: Mapping[str, ArrayLike]) -> Array:
+        """The vector of these fields, each spread to the shape that it has in Robot."""
+        parts = [np.broadcast_to(np.asarray(values[name], float), shape) for name, shape in self._shapes.items()]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def with_all(self, **values: float) -> Array:
+        """The means, with these fields the same of all tendons."""
+        return self.vector({name: belief.mean for name, belief in BELIEFS.items()} | values)
+
+    def fields(self, values: Array) -> dict[str, Array]:
+        """A vector in the fields of a Robot."""
+        parts = {}
+        for name, shape in self._shapes.items():
+            parts[name], values = values[: np.prod(shape)].reshape(shape), values[np.prod(shape) :]
+        return parts
+
+    def robot(self, values: Array, number: int) -> Robot:
+        """The robot of a vector, cut to the bounds."""
+        return Robot(number=number, **self.fields(np.clip(values, self.low, self.high)))
+
+
+@dataclass(frozen=True)
 class Identified:
-    """What is believed of a robot after the bench.
+    """Beliefs about a robot after the bench.
 
     Args:
         number: of the robot. values: of the twin, (P,) as Space has them. covariance: (P, P).
-        residual: root mean square of what is left, in standard deviations; before: the same of the first belief.
+        residual: root mean square of the residuals, in standard deviations. before: the same of the first belief.
     """
 
     number: int
@@ -64,10 +124,10 @@ class Identified:
 def identify(
     recording: Recording, number: int, evaluations: int = EVALUATIONS, say: Callable[[], object] = lambda: None
 ) -> Identified:
-    """What is believed of a robot after a recording of it.
+    """Beliefs about a robot after a recording of it.
 
     Args:
-        recording: of the robot with this number. evaluations: as many at most.
+        recording: of the robot with this number. evaluations: their largest number.
         say: called at every evaluation of the model with derivatives.
     """
     space, misfit = Space(), _Misfit(recording)
@@ -78,20 +138,20 @@ def identify(
 
     start = misfit.start()
     bounds = tuple((end - space.mean) / space.sd for end in (space.low, space.high))
-    found = least_squares(
+    solution = least_squares(
         misfit, start, derivatives, bounds, ftol=_ENOUGH, loss="soft_l1", f_scale=_FAR, max_nfev=evaluations
     )
     misfit.bench.close()
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(space.sd, space.sd)
-    count = found.fun.size - start.size
+    covariance = np.linalg.inv(solution.jac.T @ solution.jac) * np.outer(space.sd, space.sd)
+    count = solution.fun.size - start.size
     residual, before = (
-        float(np.sqrt(np.mean(each[:count] ** 2))) for each in (found.fun, misfit(np.zeros(start.size)))
+        float(np.sqrt(np.mean(residuals[:count] ** 2))) for residuals in (solution.fun, misfit(np.zeros(start.size)))
     )
-    return Identified(number, space.mean + found.x * space.sd, covariance, residual, before)
+    return Identified(number, space.mean + solution.x * space.sd, covariance, residual, before)
 
 
 class _Misfit:
-    """What a model leaves of a recording, then what it is off the beliefs, all in standard deviations.
+    """Residuals of a model against a recording, then its distances from the beliefs, all in standard deviations.
 
     Robots are vectors of Space minus its means, over its standard deviations.
     """
@@ -108,14 +168,14 @@ class _Misfit:
         parts = [(model.tensions - recorded.tensions) / TENSION_SD]
         if recorded.tips is not None and model.tips is not None:
             parts.append((model.tips - recorded.tips) / TIP_SD)
-        left = [np.where(lost, LOST, part[:, FIRST_STEPS:])[self.counts].ravel() for part in parts]
-        return np.concatenate([*left, scaled])
+        residuals = [np.where(lost, LOST, part[:, FIRST_STEPS:])[self.counts].ravel() for part in parts]
+        return np.concatenate([*residuals, scaled])
 
     def start(self) -> Array:
         """The best point of a grid over play and sheath friction, which have more than one minimum."""
         points = [self.space.with_all(play_mm=play, sheath_friction=sheath) for play, sheath in product(*GRID)]
         scaled = [(point - self.space.mean) / self.space.sd for point in points]
-        return min(scaled, key=lambda each: float(np.sum(np.minimum(self(each) ** 2, LOST))))
+        return min(scaled, key=lambda point: float(np.sum(np.minimum(self(point) ** 2, LOST))))
 
     def derivatives(self, scaled: Array) -> Array:
         """By forward differences; surfaces, of which tensions say little, stay as they are if no tip is seen."""

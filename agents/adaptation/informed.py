@@ -1,4 +1,4 @@
-"""Controllers that know what was identified of the robot that they drive."""
+"""Controllers that know the identified parameters of the robot that they drive."""
 
 from __future__ import annotations
 
@@ -7,38 +7,42 @@ from dataclasses import replace
 from typing import Any
 
 from agents.adaptation.identify import Identified
-from agents.baselines.filter_feedback import FilterFeedback
-from agents.evaluation.controller import Array, Controller, Seen
+from agents.controllers.controller import Array, Controller, Mask, as_controller, plain
+from agents.controllers.filter_feedback import FilterFeedback
 from rj_gym.core.settings import Range
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
-_SURE = 2.0  # standard deviations on either side: how far what was identified may be off
+_SURE = 2.0  # standard deviations on either side: the error of identified parameters
 _LEAST = {"play_mm": 0.1, "sheath_friction": 0.02}  # on either side, however sure
 
 
-class Informed:
+class Informed(Controller):
     """A controller that is told of the identified mechanism and of its motors' offsets.
 
     Args:
         controller: any; where it has filters, they assume the identified play and sheath friction, too.
-        identified: what the bench showed.
+        identified: the result of the bench.
     """
 
     def __init__(self, controller: Controller, identified: Identified) -> None:
-        self.controller = _narrowed(controller, identified)
+        self.controller = _narrowed(as_controller(controller), identified)
         self.twin = identified.twin
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
-        """Begin episodes of a task whose nominal mechanism and offsets are those of the twin."""
+    def bind(self, task: TrackingTask | None) -> None:
+        """Take over a task, whose nominal mechanism and offsets become those of the twin."""
         if task is None:
             raise ConfigError("environment", "not one of rj_gym", "rj_gym/Instrument-v0", "Robots are instruments.")
         self.told = _told(task, self.twin)
-        self.controller.begin(self.told, episodes)
+        self.controller.bind(self.told)
 
-    def act(self, seen: Seen) -> Any:
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,)."""
+        self.controller.reset(mask)
+
+    def act(self, observations: Any) -> Any:
         """The actions, (B, m)."""
-        return self.controller.act(replace(seen, task=self.told))
+        return self.controller.act(plain(observations))
 
 
 def _told(task: TrackingTask, twin: Any) -> TrackingTask:

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from agents.adaptation.bench import record
+from agents.adaptation.contenders import Contender, contender
+from agents.adaptation.driving import WORLD, score_on_robots
 from agents.adaptation.identify import EVALUATIONS, Identified, identify
 from agents.adaptation.informed import Informed
+from agents.adaptation.robot import Robot
 from agents.adaptation.tuning import tuned
-from agents.baselines.opponents import opponents_of
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
+from agents.controllers.tuned import tunable_in
 from agents.policies.export import export_run
 from agents.policies.shipped import ShippedPolicy
 from agents.results.roster import is_privileged
 from agents.results.statistics import Bootstrap, Interval
 from agents.results.wording import mm, with_interval
-from agents.robots.contenders import Contender, contender
-from agents.robots.driving import WORLD, score_on_robots
-from agents.robots.robot import Robot
 from agents.runs.command_line import progress_bar
 from agents.runs.folder import RunFolder
 from rollingjoint.checks import as_integer
@@ -35,7 +35,7 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Plan:
-    """What adapting to a robot takes, and how it is judged.
+    """The effort of adapting to a robot, and the episodes that judge it.
 
     Args:
         episodes: on the bench. sees_tip: whether a camera measures the tip there.
@@ -73,7 +73,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Trial:
-    """One robot: what was identified in how many seconds, and the outcomes by name of the controller."""
+    """One robot: its identification, the seconds that took, and the outcomes by name of the controller."""
 
     robot: Robot
     identified: Identified
@@ -82,75 +82,79 @@ class Trial:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        twin, sd, rest = self.identified.twin, self.identified.sd, "surface_errors"
-        said = {name: {"value": _plain(getattr(twin, name)), "sd": _plain(sd[name])} for name in sd if name != rest}
-        left = {"residual": self.identified.residual, "residual_before": self.identified.before}
+        twin, sd, surfaces = self.identified.twin, self.identified.sd, "surface_errors"
+        estimates = {
+            name: {"value": _plain(getattr(twin, name)), "sd": _plain(sd[name])} for name in sd if name != surfaces
+        }
+        residuals = {"residual": self.identified.residual, "residual_before": self.identified.before}
         outcomes = {name: outcome.to_dict() for name, outcome in self.outcomes.items()}
         seconds = {"seconds": round(self.seconds, 1)}
-        return {"robot": self.robot.number, **seconds, "identified": said | left, "controllers": outcomes}
+        return {"robot": self.robot.number, **seconds, "identified": estimates | residuals, "controllers": outcomes}
 
 
 def adaptable(name: str) -> Contender:
-    """The controller of that name, as agents.robots finds it; policies of run folders in the form that is shipped.
+    """The controller of that name, as `contender` finds it; policies of run folders in the form that is shipped.
 
     Raises:
         ConfigError, PolicyError, RunFolderError: no such controller, or one that cannot be adapted.
     """
-    found = contender(name)
+    candidate = contender(name)
     if Path(name).is_dir():
-        found = replace(found, controller=export_run(RunFolder.open(Path(name)), "best", Path(name).name))
-    if isinstance(found.controller, ShippedPolicy):
+        candidate = replace(candidate, controller=export_run(RunFolder.open(Path(name)), "best", Path(name).name))
+    if isinstance(candidate.controller, ShippedPolicy):
         from agents.adaptation.fine_tuning import trainable
 
-        trainable(found.controller)
-    if is_privileged(found.controller):
+        trainable(candidate.controller)
+    if is_privileged(candidate.controller):
         raise ConfigError("--controller", name, "a controller that sees what Instrument-v0 shows", "It knows all.")
-    return found
+    return candidate
 
 
-def adapted(name: str, one: Contender, identified: Identified, plan: Plan) -> Contender:
+def adapted(name: str, candidate: Contender, identified: Identified, plan: Plan) -> Contender:
     """A controller after adapting to a robot.
 
-    Policies are trained on; opponents are told what was identified, and their settings are searched; other controllers
-    are told.
+    Policies are trained on; opponents are told the identified parameters, and their settings are searched; other
+    controllers are told the parameters.
     """
-    if isinstance(one.controller, ShippedPolicy):
+    if isinstance(candidate.controller, ShippedPolicy):
         from agents.adaptation.fine_tuning import FineTuning, fine_tuned
 
-        some, policy = FineTuning(updates=plan.updates), one.controller
+        settings, policy = FineTuning(updates=plan.updates), candidate.controller
         with progress_bar(plan.updates, " updates", leave=False) as bar:
-            found = fine_tuned(policy, one.settings, identified, some, lambda loss: bar.update())
-        return replace(one, controller=found)
-    if name in opponents_of(WORLD):
+            trained = fine_tuned(policy, candidate.settings, identified, settings, lambda loss: bar.update())
+        return replace(candidate, controller=trained)
+    if name in tunable_in(WORLD):
         with progress_bar(plan.tries, " tries", leave=False) as bar:
-            return replace(one, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
-    return replace(one, controller=Informed(one.controller, identified))
+            return replace(candidate, controller=tuned(name, identified, plan.tries, lambda error: bar.update()))
+    return replace(candidate, controller=Informed(candidate.controller, identified))
 
 
-def tried(one: Robot, chosen: Mapping[str, Contender], plan: Plan, say: Say = lambda line: None) -> Trial:
+def tried(robot: Robot, contestants: Mapping[str, Contender], plan: Plan, say: Say = lambda line: None) -> Trial:
     """Identify a robot, adapt the controllers to it, and score them in its episodes before and after.
 
     say: called with a line about everything that was done.
     """
-    begun = time.process_time()
+    start = time.process_time()
     with progress_bar(EVALUATIONS, " evaluations", leave=False) as bar:
-        identified = identify(record(one, plan.episodes, plan.sees_tip), one.number, say=bar.update)
-    seconds = time.process_time() - begun
-    left = f"{identified.before:.2f} -> {identified.residual:.2f} standard deviations left"
-    say(f"robot {one.number}: identified in {seconds:.0f} s of processor time, {left}")
+        identified = identify(record(robot, plan.episodes, plan.sees_tip), robot.number, say=bar.update)
+    seconds = time.process_time() - start
+    residuals = f"{identified.before:.2f} -> {identified.residual:.2f} standard deviations left"
+    say(f"robot {robot.number}: identified in {seconds:.0f} s of processor time, {residuals}")
     outcomes = {}
-    for name, contestant in chosen.items():
-        outcomes[name] = outcome = _tried(name, contestant, one, identified, plan)
+    for name, contestant in contestants.items():
+        outcomes[name] = outcome = _tried(name, contestant, robot, identified, plan)
         errors = f"{mm(outcome.before.mean())} -> {mm(outcome.after.mean())} mm"
-        say(f"robot {one.number}: {name} {errors}, adapted in {outcome.seconds:.0f} s")
-    return Trial(one, identified, seconds, outcomes)
+        say(f"robot {robot.number}: {name} {errors}, adapted in {outcome.seconds:.0f} s")
+    return Trial(robot, identified, seconds, outcomes)
 
 
-def _tried(name: str, contestant: Contender, one: Robot, identified: Identified, plan: Plan) -> Outcome:
-    begun = time.process_time()
+def _tried(name: str, contestant: Contender, robot: Robot, identified: Identified, plan: Plan) -> Outcome:
+    start = time.process_time()
     after = adapted(name, contestant, identified, plan)
-    seconds = time.process_time() - begun
-    before, now = (score_on_robots(x.controller, [one], plan.scored, x.settings).errors[0] for x in (contestant, after))
+    seconds = time.process_time() - start
+    before, now = (
+        score_on_robots(x.controller, [robot], plan.scored, x.settings).errors[0] for x in (contestant, after)
+    )
     return Outcome(before, now, seconds, after)
 
 
@@ -172,7 +176,7 @@ def trial_table(trials: Sequence[Trial]) -> str:
     for name in _ranked(trials):
         better = sum(trial.outcomes[name].after.mean() < trial.outcomes[name].before.mean() for trial in trials)
         seconds = np.mean([trial.outcomes[name].seconds for trial in trials])
-        cells = [with_interval(each, mm) for each in gains(trials, name)]
+        cells = [with_interval(interval, mm) for interval in gains(trials, name)]
         rows.append([name, *cells, f"{better} of {len(trials)}", f"{seconds:.0f} s"])
     head = ["controller", "before [mm]", "after [mm]", "change [mm]", "better on", "adapting"]
     return text_table(head, rows, ruled=True)
@@ -181,12 +185,12 @@ def trial_table(trials: Sequence[Trial]) -> str:
 def leads(trials: Sequence[Trial]) -> str:
     """A line per adapted controller that the best one is compared with, on the same robots."""
     best, *others = _ranked(trials)
-    own = np.array([trial.outcomes[best].after.mean() for trial in trials])
+    best_errors = np.array([trial.outcomes[best].after.mean() for trial in trials])
     lines = []
     for name in others:
-        other = np.array([trial.outcomes[name].after.mean() for trial in trials])
-        difference = with_interval(Bootstrap(len(trials)).compare(own, other).difference, mm)
-        lines.append(f"{best} minus {name}: {difference} mm, better on {(own < other).sum()} of {len(trials)}")
+        errors = np.array([trial.outcomes[name].after.mean() for trial in trials])
+        difference = with_interval(Bootstrap(len(trials)).compare(best_errors, errors).difference, mm)
+        lines.append(f"{best} minus {name}: {difference} mm, better on {(best_errors < errors).sum()} of {len(trials)}")
     return "\n".join(lines)
 
 

@@ -7,34 +7,34 @@ from itertools import islice
 
 import numpy as np
 
+from agents.adaptation.driving import WORLD
 from agents.adaptation.identify import Identified
 from agents.adaptation.informed import Informed
 from agents.adaptation.world import likely, simulated_errors
-from agents.baselines.opponents import opponents_of, tuned_settings
-from agents.baselines.search_space import Settings, settings_near, with_settings
-from agents.robots.driving import WORLD
+from agents.controllers.search_space import Settings, settings_near, with_settings
+from agents.controllers.tuned import tunable_in, tuned_settings
 
 ROBOTS, EPISODES = 2, 16  # that every try drives in simulation
 _PARENTS = 3  # of the best, near which others are tried
 
 
 def tuned(name: str, identified: Identified, tries: int, say: Callable[[float], object] = lambda _: None) -> Informed:
-    """A tuned opponent of Instrument-v0 that knows the twin, with the best settings of so many tries near its own.
+    """A tuned opponent of Instrument-v0 that knows the twin, with the best settings of `tries` near its own.
 
     Args:
-        name: of the opponent. identified: what is believed of the robot.
+        name: of the opponent. identified: beliefs about the robot.
         tries: 0: as it ships. say: called with the error of every try [mm].
     """
-    opponent, shipped = opponents_of(WORLD)[name], tuned_settings(WORLD, name)
+    opponent, shipped = tunable_in(WORLD)[name], tuned_settings(WORLD, name)
     rng, drawn = np.random.default_rng(identified.number), list(islice(likely(identified, seed=1), ROBOTS))
 
     def made(settings: Settings) -> Informed:
         return Informed(opponent.make(with_settings(with_settings(opponent.fixed, shipped), settings)), identified)
 
-    found: list[tuple[float, Settings]] = []
+    scored: list[tuple[float, Settings]] = []
     for _ in range(tries):
-        parents = sorted(found, key=lambda each: each[0])[:_PARENTS]
+        parents = sorted(scored, key=lambda pair: pair[0])[:_PARENTS]
         settings = settings_near(opponent.space, parents[rng.integers(len(parents))][1], rng) if parents else shipped
-        found.append((float(simulated_errors(made(settings), drawn, EPISODES).mean()), settings))
-        say(found[-1][0])
-    return made(min(found, key=lambda each: each[0])[1] if found else shipped)
+        scored.append((float(simulated_errors(made(settings), drawn, EPISODES).mean()), settings))
+        say(scored[-1][0])
+    return made(min(scored, key=lambda pair: pair[0])[1] if scored else shipped)

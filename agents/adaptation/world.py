@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from agents.adaptation.driving import MOST_EPISODES, RUBBING, WORLD
 from agents.adaptation.identify import Identified
-from agents.evaluation.controller import Array, Controller
+from agents.adaptation.robot import Robot
+from agents.controllers.controller import Array, Controller
 from agents.evaluation.rollout import run_with_options
-from agents.robots.driving import MOST_EPISODES, RUBBING, WORLD
-from agents.robots.robot import Robot
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import BENCH
 from rj_gym.tracking.vector import InstrumentVectorEnv
 
 
 class LikelyRobots(InstrumentVectorEnv):
-    """InstrumentVectorEnv whose every reset is to the next of some robots.
+    """InstrumentVectorEnv with the next robot of a sequence at every reset.
 
     Args:
         num_envs: number of lanes. robots: without end. settings: of Instrument-v0, such as observe_history.
@@ -43,8 +43,8 @@ def likely(identified: Identified, seed: int = 0) -> Iterator[Robot]:
 
 
 def simulated_errors(controller: Controller, drawn: Sequence[Robot], episodes: int) -> Array:
-    """Mean tip error over the last steps in so many episodes of each of these robots, (R, episodes) [mm]."""
+    """Mean tip error over the last steps in `episodes` episodes of each of these robots, (R, episodes) [mm]."""
     first = BENCH.start + MOST_EPISODES * drawn[0].number + MOST_EPISODES // 2
     env, seeds = EnvConfig(WORLD, settings=RUBBING), range(first, first + episodes)
-    found = [run_with_options(env, controller, seeds, [one.options] * episodes) for one in drawn]
-    return np.stack([each.last_errors.mean(axis=1) for each in found])
+    episodes_driven = [run_with_options(env, controller, seeds, [robot.options] * episodes) for robot in drawn]
+    return np.stack([driven.last_errors.mean(axis=1) for driven in episodes_driven])

@@ -1,63 +1,33 @@
-"""Controllers to compare a policy with, one per file: examples of how to plug in one's own.
-
-All see nothing but the observation, and know the mechanism as it is before anything is randomised.
+"""The former name of agents.controllers: scripts and pickles that name modules and classes by it go on working.
 
 Modules:
-    do_nothing: no increments.
-    open_loop: the model inverse, without feedback.
-    friction_open_loop: the same where tendons rub.
-    jacobian_feedback: damped resolved rate.
-    smith_predictor: the same on the pose that the model predicts from a late picture.
-    load_estimate: the same under the estimated load.
-    predictive: model-predictive control over one step.
-    filters: banks of Kalman filters.
-    filter_feedback: Jacobian feedback on what they estimate.
-    filter_predictive: predictive control on it.
-    privileged_teacher: Jacobian feedback on the true state.
-    opponents: the opponents of learning in every world, with tuned settings from tuned.yaml.
-    tune: the command that tunes them.
-    search_space: where their settings are searched.
-    feedback_settings: settings of feedback.
-    kernels: moves of tendons and motors, compiled.
-    assumed_play: tendons behind a play of assumed width.
-    measured: the model of a mechanism where it was measured.
-    measured_chain: that of a planar chain.
-    measured_arm: that of a flexible arm.
-    model_inverse: tensions that put the model's tip nearest to a target.
-    residual: a controller and what a learned policy adds to it.
-    responses: how tip and tensions respond to tendon increments.
+    tune: the command that tunes settings, under its former name.
 """
 
-from agents.baselines.do_nothing import DoNothing
-from agents.baselines.jacobian_feedback import JacobianFeedback
-from agents.baselines.load_estimate import LoadEstimate
-from agents.baselines.open_loop import OpenLoop
-from agents.baselines.predictive import Predictive
-from agents.evaluation.controller import Controller
-from rj_gym.tracking.config import TaskConfig
+import sys
+from importlib import import_module
+from typing import Any
 
-__all__ = ["DoNothing", "JacobianFeedback", "LoadEstimate", "OpenLoop", "Predictive", "baselines", "without_baselines"]
+from agents import controllers
 
-
-NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
-"""Those that need measured poses, of all links of a planar chain."""
-
-
-def baselines(poses: bool = True) -> dict[str, Controller]:
-    """A new one of each, by the name that reports give it; without measured `poses`, of those that need none."""
-    each: dict[str, Controller] = {
-        "predictive": Predictive(),
-        "load estimate": LoadEstimate(),
-        "jacobian feedback": JacobianFeedback(),
-        "open loop": OpenLoop(),
-        "do nothing": DoNothing(),
-    }
-    return {name: controller for name, controller in each.items() if poses or name not in NEED_POSES}
+_MODULES = {
+    "do_nothing": "controller",
+    "feedback_settings": "steps",
+    "filter_feedback": "filter_feedback",
+    "filter_predictive": "filter_feedback",
+    "friction_open_loop": "open_loop",
+    "jacobian_feedback": "jacobian_feedback",
+    "load_estimate": "predictive",
+    "open_loop": "open_loop",
+    "opponents": "tuned",
+    "predictive": "predictive",
+    "privileged_teacher": "privileged_feedback",
+    "residual": "residual",
+    "smith_predictor": "smith_predictor",
+}
+_modules = {name: import_module(f"agents.controllers.{place}") for name, place in _MODULES.items()}
+sys.modules |= {f"{__name__}.{name}": module for name, module in _modules.items()}
 
 
-def without_baselines(config: TaskConfig) -> str:
-    """Why some baselines cannot drive a tracking environment, one line; empty where all can."""
-    if config.sees_all:
-        return ""
-    pose, names = config.sensing.pose, ", ".join(NEED_POSES)
-    return f"Left out, for they need measured poses, of all links of a chain (sensing.pose is {pose!r}): {names}."
+def __getattr__(name: str) -> Any:
+    return getattr(controllers, name)

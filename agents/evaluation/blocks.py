@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import cloudpickle  # type: ignore[import-untyped]
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.rollout import BLOCK, Episodes, joined, run_episodes
 from agents.executors.driver import Unit, values_of
 from agents.executors.progress import Progress

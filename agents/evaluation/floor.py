@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 from agents.runs.environment import EnvConfig
 from rj_gym.registry import task_of
+from rollingjoint import Status, solve_lengths_batch, solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain, Chain
-from rollingjoint.chain.status import Status
 from rollingjoint.errors import ConfigError, InvalidInput, SolverError
 from rollingjoint.statics.sensitivity import tip_and_tensions_dlengths
-from rollingjoint.statics.solve import solve_lengths_batch, solve_tensions_batch
+from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
 
@@ -236,7 +236,7 @@ def _starts(batch: _FloorBatch, starts: int, candidates: int) -> tuple[NDArray[n
     tensions = np.tile(_levels(batch.tension_range, starts, candidates, batch.stiffnesses.shape[1]), (count, 1))
     many = batch[np.repeat(np.arange(count), drawn)]
     unloaded = solve_tensions_batch(many.mechanism, tensions, many.base_loads)
-    locked = unloaded.lengths - tensions / many.stiffnesses
+    locked = unstretched_length(unloaded.lengths, tensions, many.stiffnesses)
     loaded = solve_lengths_batch(many.mechanism, locked, many.loads, unloaded, many.tension_range)
     errors = np.where(loaded.ok, np.linalg.norm(loaded.tip - many.targets, axis=1), np.inf)
     best = np.arange(count * starts) * candidates + errors.reshape(-1, candidates).argmin(axis=1)
@@ -245,7 +245,7 @@ def _starts(batch: _FloorBatch, starts: int, candidates: int) -> tuple[NDArray[n
         raise SolverError(
             "no floor: under the load of an episode no start has an equilibrium; are the loads too large?"
         )
-    commands = loaded.lengths - loaded.tensions / many.stiffnesses
+    commands = unstretched_length(loaded.lengths, loaded.tensions, many.stiffnesses)
     return best // drawn, commands[best], loaded.joint_angles[best]
 
 
@@ -278,7 +278,7 @@ def _visit(batch: _FloorBatch, commands: Array, angles: Array, fallback: Array) 
     inside = np.clip(found.tensions, *batch.tension_range) - found.tensions
     back = _times(tip_rates, inside)
     values = np.linalg.norm(misses + back, axis=1) + np.linalg.norm(back, axis=1) + _OUTSIDE * np.abs(inside).sum(1)
-    taut = found.lengths - found.tensions / k
+    taut = unstretched_length(found.lengths, found.tensions, k)
     where = (taut, found.joint_angles, found.tensions, found.tip)
     return _Points(*where, misses, tip_rates, command_rates, inside, values, np.asarray(found.status))
 

@@ -18,12 +18,12 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.recording import ERROR, Recording, record_episodes
 from agents.runs.environment import EnvConfig, make_env, plain_settings
 from agents.runs.files import RunFolderError
 from agents.runs.seeds import DATA, TEST, VALIDATION
-from rollingjoint.chain.presets import PRESETS, preset
+from rollingjoint import PRESETS, preset
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import ConfigError, naming_extras
 from rollingjoint.io.mechanism_file import mechanism_to_dict
@@ -143,7 +143,7 @@ def recorded_by(where: str | Path) -> tuple[str, Mapping[str, Any]]:
     Raises:
         RunFolderError: another dataset, or none.
     """
-    allowed = "a dataset that agents.dataset wrote"
+    allowed = "a dataset that rj dataset wrote"
     try:
         metadata = minari.MinariDataset(_place(where)[0] / "data").storage.metadata
         return str(metadata.get("algorithm_name", "recorded")), metadata[ENVIRONMENT]

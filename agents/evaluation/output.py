@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.pictures import animation, error_distribution, error_over_time
 from agents.evaluation.report import OPEN_LOOP, POLICY, Report
 from agents.evaluation.rollout import film

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 
 COLOURS = (
     "#0072b2",

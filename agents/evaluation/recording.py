@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array, Controller, Seen
+from agents.controllers.controller import Array, Controller, as_controller, env_for
 from agents.runs.environment import EnvConfig, make_vector_env
-from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 
 ERROR = "error_mm"
@@ -55,15 +54,15 @@ def record_episodes(
     Raises:
         ConfigError: an environment that cannot be made, or that has no such info.
     """
-    envs = make_vector_env(env, len(seeds))
-    task = cast(TrackingTask, getattr(envs, "task", None))
+    controller = as_controller(controller)
+    envs = make_vector_env(env_for(env, controller), len(seeds))
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
-    controller.begin(task, len(seeds))
+    controller.begin(getattr(envs, "task", None), len(seeds))
     space: Any = envs.single_action_space
     seen, told, steps = [observation], [_chosen(info, infos)], []
     running = np.ones(len(seeds), bool)
     while running.any():
-        wanted = np.asarray(controller.act(Seen(observation, task)), np.float32)
+        wanted = np.asarray(controller.act(observation), np.float32)
         action = np.clip(wanted, space.low, space.high)
         observation, reward, terminated, truncated, info = envs.step(action)
         steps.append((action, reward, terminated, truncated, running))

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from agents.controllers.controller import Array, Controller
 from agents.evaluation.blocks import driven
-from agents.evaluation.controller import Array, Controller
 from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import LAST_STEPS, Episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score

@@ -11,9 +11,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array, Controller, Seen
+from agents.controllers.controller import Array, Controller, as_controller, env_for
 from agents.runs.environment import EnvConfig, make_vector_env, tip_errors
-from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 LAST_STEPS = 10
@@ -57,7 +56,8 @@ class Episodes:
 def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], batch: int = BLOCK) -> Episodes:
     """One episode per seed, `batch` of them at a time.
 
-    Each is the episode of the scalar environment after reset(seed=seed), whatever `batch`.
+    Each is the episode of the scalar environment after reset(seed=seed), whatever `batch`. A privileged controller is
+    given the true state.
 
     Raises:
         ConfigError: an environment that cannot be made, or does not report info["error_mm"].
@@ -101,17 +101,18 @@ def _side_by_side(
     options: Sequence[Mapping[str, Any]] = (),
 ) -> Episodes:
     """One episode per seed, all at a time, each to its end; `watch` is called at every state."""
-    envs = make_vector_env(env, len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
+    controller = as_controller(controller)
+    envs = make_vector_env(env_for(env, controller), len(seeds), **({"render_mode": "rgb_array"} if watch else {}))
     task = getattr(envs, "task", None) if env.is_tracking else None
     observation, info = _begun(envs, [int(seed) for seed in seeds], options)
-    controller.begin(cast(TrackingTask, task), len(seeds))
+    controller.begin(task, len(seeds))
     drawn = info.get("sampled", {}) if task and not options else {}
     errors, rewards = [np.array(tip_errors(info), float)], np.zeros(len(seeds))
     running, early = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
     while running.any():
         if watch:
             watch(envs)
-        observation, reward, terminated, truncated, info = envs.step(controller.act(Seen(observation, task)))
+        observation, reward, terminated, truncated, info = envs.step(controller.act(observation))
         errors.append(np.where(running, tip_errors(info), errors[-1]))
         rewards += np.where(running, reward, 0.0)
         early |= running & terminated

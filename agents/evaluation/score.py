@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.rollout import LAST_STEPS, Episodes
 
 CLOSE_MM = 1.0

@@ -11,5 +11,5 @@ Modules:
     observing: how observations answer motors, tensions and tip.
     policy: a RecurrentActor as Stable-Baselines3 keeps policies.
     recurrent: a policy with memory as a torch module.
-    teacher: feedback on the true state.
+    true_state: feedback on the true state.
 """

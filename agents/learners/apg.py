@@ -16,10 +16,10 @@ import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import FloatSchedule
 
-from agents.learners.demonstrations import Demonstrations, Demonstrator
+from agents.learners.demonstrations import Acting, Demonstrations
 from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
-from agents.learners.learner import Episodes, advisor, native_env
+from agents.learners.learner import Episodes, base_of, native_env
 from agents.learners.policy import RecurrentPolicy
 
 
@@ -59,7 +59,7 @@ class APG(Distill):
         max_grad_norm: float = 0.5,
         lessons: float = 0.0,
         lessons_rate: float | Schedule | None = None,
-        teacher: Demonstrator | None = None,
+        teacher: Acting | None = None,
         taught: float = 0.05,
         delta: float = 0.3,
         gradient_steps: int = 24,
@@ -82,7 +82,7 @@ class APG(Distill):
             self.lr_schedule = _RateOfLessons(FloatSchedule(self.lessons_rate), self.lessons, self.lr_schedule)
 
     def _episodes(self) -> Episodes:
-        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, advisor(self.env))
+        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, base_of(self.env))
         return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
 
     def loss(self, played: Played) -> torch.Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -11,20 +11,26 @@ import torch
 from numpy.typing import NDArray
 
 from agents.learners.episodes import Act, Normalise
-from agents.learners.teacher import Teacher
+from agents.learners.true_state import TrueState, TrueStateFeedback
 from rj_gym.core.vector import TaskVectorEnv
 
 CLIP = 10.0  # of normalised observations
 
 
-class Demonstrator(Protocol):
-    """What says, at every step of episodes that begin together, which actions it would take."""
+class Acting(Protocol):
+    """A controller as lessons need it: one of agents.controllers, bound to the task, or TrueStateFeedback.
 
-    def begin(self, env: TaskVectorEnv) -> None:
-        """Episodes of all lanes begin."""
+    Attributes:
+        privileged: whether it is given the TrueState in place of observations.
+    """
 
-    def demonstrate(self, env: TaskVectorEnv, observation: Any, info: Mapping[str, Any]) -> NDArray[Any]:
-        """Actions (B, m) in [-1, 1] in the state of the environment, which has just shown observation and info."""
+    privileged: bool
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Begin new episodes where the mask (B,) is true."""
+
+    def act(self, observations: Any) -> NDArray[Any]:
+        """Actions (B, m) in [-1, 1]."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +54,14 @@ class TaughtEpisodes:
         env: a native vector environment of a tracking task; its autoreset is disabled.
         normalise: what observations (B, entries) go through: their mean and scale; it may learn from them.
         share: the share of lanes that the teacher drives in the next episodes.
-        teacher: None: a Teacher, which sees the true state, with its default weights.
+        teacher: the controller that drives them; None: TrueStateFeedback with its default weights.
     """
 
     def __init__(
-        self, env: TaskVectorEnv, normalise: Normalise, share: Callable[[], float], teacher: Demonstrator | None = None
+        self, env: TaskVectorEnv, normalise: Normalise, share: Callable[[], float], teacher: Acting | None = None
     ) -> None:
         self.env, self.normalise, self.share = env, normalise, share
-        self.teacher = teacher or Teacher(env.task)
+        self.teacher: Acting = teacher or TrueStateFeedback(env.task)
 
     @torch.no_grad()
     def play(self, act: Act, watch: Callable[[Any], bool] = lambda step: True) -> Demonstrations | None:
@@ -64,12 +70,13 @@ class TaughtEpisodes:
         Which lanes the teacher drives is drawn by torch.
         """
         env, (observation, info) = self.env, self.env.reset()
-        self.teacher.begin(env)
+        self.teacher.reset(np.ones(env.num_envs, bool))
         taught = torch.rand(env.num_envs).numpy()[:, None] < self.share()
         memory, alive = None, np.ones(env.num_envs, bool)
         observations, actions, running = [], [], []
         for _ in range(env.task.config.episode_steps):
-            right = np.asarray(self.teacher.demonstrate(env, observation, info), np.float32)
+            state = TrueState(env.tangent(), info["target"]) if self.teacher.privileged else observation
+            right = np.asarray(self.teacher.act(state), np.float32)
             own, memory = act(normalised(observation, *self.normalise(observation)), memory)
             observations.append(observation.copy())
             actions.append(right)

@@ -13,10 +13,10 @@ from typing import Any
 import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from agents.learners.demonstrations import Demonstrations, Demonstrator, TaughtEpisodes, normalised
+from agents.learners.demonstrations import Acting, Demonstrations, TaughtEpisodes, normalised
 from agents.learners.learner import EpisodeLearner, Episodes, native_env
 from agents.learners.policy import RecurrentPolicy
-from agents.learners.teacher import Teacher
+from agents.learners.true_state import TrueStateFeedback
 
 
 class Distill(EpisodeLearner):
@@ -28,7 +28,7 @@ class Distill(EpisodeLearner):
     Args:
         policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
-        teacher: whom it imitates; None: a Teacher, which sees the true state.
+        teacher: the controller that it imitates; None: TrueStateFeedback.
         taught: the share of lanes that the teacher drives falls from 1 to 0 over this share of training.
         delta: where the Huber loss goes from squares to absolute values.
         gradient_steps: per rollout. batch_size: episodes in each of them.
@@ -47,7 +47,7 @@ class Distill(EpisodeLearner):
         policy: str | type[RecurrentPolicy],
         env: GymEnv | str | None,
         learning_rate: float | Schedule = 1e-3,
-        teacher: Demonstrator | None = None,
+        teacher: Acting | None = None,
         taught: float = 0.05,
         delta: float = 0.3,
         gradient_steps: int = 24,
@@ -66,7 +66,7 @@ class Distill(EpisodeLearner):
 
     def _setup_model(self) -> None:
         if self.env is not None and self.teacher is None and self.lessons > 0.0:
-            Teacher(native_env(self.env).task)  # refuses what it cannot teach, before training begins
+            TrueStateFeedback(native_env(self.env).task)  # refuses what it cannot teach, before training begins
         super()._setup_model()
 
     def _episodes(self) -> Episodes:

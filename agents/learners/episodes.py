@@ -26,14 +26,14 @@ Normalise = Callable[[NDArray[np.float32]], tuple[NDArray[Any], NDArray[Any]]]
 Act = Callable[[torch.Tensor, torch.Tensor | None], tuple[torch.Tensor, torch.Tensor]]
 
 
-class Advisor(Protocol):
+class ResidualBase(Protocol):
     """A controller to whose actions a residual policy adds its own."""
 
-    def begin(self, episodes: int) -> None:
-        """This many episodes begin together."""
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Begin new episodes where the mask (B,) is true."""
 
-    def advise(self, observation: NDArray[np.float32]) -> NDArray[Any]:
-        """Its actions in [-1, 1], and behind them what it lets the policy know, (B, m + k)."""
+    def outputs(self, observations: NDArray[np.float32]) -> NDArray[Any]:
+        """Its actions in [-1, 1], and behind them its estimates, (B, m + k)."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class DifferentiableEpisodes:
         normalise: what observations (B, entries) go through: their mean and scale; it may learn from them.
         lane_gradient: largest norm of the gradient of B times the loss by one lane's action in one step; longer ones
             are scaled down. None: any.
-        advisor: of a residual policy, which sees the advice behind the observation. Gradients take advice as given:
-            how it answers what the policy does is left out. None: the policy acts alone.
+        base: of a residual policy, which sees its outputs behind the observation. Gradients take outputs as given:
+            how they answer what the policy does is left out. None: the policy acts alone.
     """
 
     def __init__(
@@ -73,9 +73,9 @@ class DifferentiableEpisodes:
         env: TaskVectorEnv,
         normalise: Normalise,
         lane_gradient: float | None = None,
-        advisor: Advisor | None = None,
+        base: ResidualBase | None = None,
     ) -> None:
-        self.env, self.normalise, self.lane_gradient, self.advisor = env, normalise, lane_gradient, advisor
+        self.env, self.normalise, self.lane_gradient, self.base = env, normalise, lane_gradient, base
         self.observing, config = Observing(env.task), env.task.config
         self.motors = Motors(config.action_scale_mm, config.actuation.rate_limit_mm)
 
@@ -83,8 +83,8 @@ class DifferentiableEpisodes:
         """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so."""
         env, task = self.env, self.env.task
         observation, info = env.reset()
-        if self.advisor is not None:
-            self.advisor.begin(env.num_envs)
+        if self.base is not None:
+            self.base.reset(np.ones(env.num_envs, bool))
         tangent, memory = env.tangent(), None
         motion, taken = at_rest(tangent), torch.zeros(env.num_envs, task.action_size)
         self.observing.begin()
@@ -92,10 +92,10 @@ class DifferentiableEpisodes:
         errors, running, alive = [], [], np.ones(env.num_envs, bool)
         memories, hidden = [], []
         for _ in range(task.config.episode_steps):
-            advice = self._advice(observation)
-            own, memory = act(self._seen(observation, advice, taken, motion), memory)
+            outputs = self._outputs(observation)
+            own, memory = act(self._seen(observation, outputs, taken, motion), memory)
             self._bound_gradient(own)
-            action = own if self.advisor is None else own + single(advice[:, : task.action_size])
+            action = own if self.base is None else own + single(outputs[:, : task.action_size])
             actions.append(action)
             memories.append(memory)
             hidden.append(_hidden(tangent, info))
@@ -114,17 +114,17 @@ class DifferentiableEpisodes:
         all_errors, all_actions, all_memories, all_hidden = series
         return Played(all_errors, all_actions, torch.as_tensor(np.array(running)), all_memories, all_hidden)
 
-    def _advice(self, observation: NDArray[np.float32]) -> NDArray[Any]:
-        """What the advisor says to this observation; nothing without one."""
-        if self.advisor is None:
+    def _outputs(self, observation: NDArray[np.float32]) -> NDArray[Any]:
+        """The outputs of the base controller, (B, m + k); (B, 0) without one."""
+        if self.base is None:
             return np.zeros((len(observation), 0))
-        return self.advisor.advise(observation)
+        return self.base.outputs(observation)
 
     def _seen(
-        self, observation: NDArray[np.float32], advice: NDArray[Any], taken: torch.Tensor, motion: Motion
+        self, observation: NDArray[np.float32], outputs: NDArray[Any], taken: torch.Tensor, motion: Motion
     ) -> torch.Tensor:
-        """The normalised observation with the gradients of the last actions and the motion, the advice behind it."""
-        shown = torch.cat([self.observing(single(observation), taken, motion), single(advice)], 1)
+        """The normalised observation with the gradients of the last actions and the motion, the outputs behind it."""
+        shown = torch.cat([self.observing(single(observation), taken, motion), single(outputs)], 1)
         mean, scale = (single(each) for each in self.normalise(shown.detach().numpy()))
         return ((shown - mean) / scale).clamp(-10.0, 10.0)
 

@@ -17,7 +17,7 @@ from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedul
 from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from agents.learners.episodes import Advisor
+from agents.learners.episodes import ResidualBase
 from agents.learners.policy import RecurrentPolicy
 from rj_gym.core.vector import TaskVectorEnv
 from rollingjoint.errors import ConfigError
@@ -162,11 +162,11 @@ class EpisodeLearner(BaseAlgorithm):
         return ["policy", "policy.optimizer"], []
 
 
-def advisor(env: VecEnv | None) -> Advisor | None:
-    """A new advisor of a residual policy, where a wrapper of the environment has one: its attribute `new_advisor`."""
+def base_of(env: VecEnv | None) -> ResidualBase | None:
+    """A new base controller of a residual policy, where a wrapper of the environment makes one: its `new_base`."""
     while isinstance(env, VecEnvWrapper):
-        if hasattr(type(env), "new_advisor"):
-            found: Advisor = env.new_advisor()
+        if hasattr(type(env), "new_base"):
+            found: ResidualBase = env.new_base()
             return found
         env = env.venv
     return None

@@ -120,6 +120,12 @@ class PolicyNetwork(ABC):
         """Number of entries that the first of `layers` sees; raises PolicyError if what is before does not fit."""
 
 
+def memory_after_reset(network: PolicyNetwork, memory: Vectors | None, mask: NDArray[np.bool_]) -> Vectors | None:
+    """The memory (B, width) with that of new episodes where the mask (B,) is true; None without memory."""
+    start = network.start(len(mask))
+    return start if start is None or memory is None or mask.all() else np.where(mask[:, None], start, memory)
+
+
 def arrays_of(part: Any, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """These attributes by name."""
     return {name: getattr(part, name) for name in names}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from agents.evaluation.policy import model_input
+from agents.controllers.policy import model_input
 from agents.policies.base import PolicyNetwork
 from agents.policies.conversion import algorithm_of, network_of
 from agents.policies.errors import PolicyError
@@ -64,7 +64,7 @@ def policy_in_run(path: Path) -> ShippedPolicy:
 def _exported(run: RunFolder, files: PolicyFiles, name: str, unpickle: bool) -> ShippedPolicy:
     config = run.config()
     if config.residual is not None:
-        allowed, hint = "null: a policy that acts alone", "agents.evaluate scores the run folder with its controller."
+        allowed, hint = "null: a policy that acts alone", "rj evaluate scores the run folder with its controller."
         raise PolicyError("residual", config.residual, allowed, hint)
     if not unpickle:
         trained = read_trained(files)

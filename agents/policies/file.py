@@ -46,7 +46,7 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
         version, recorded = content.pop("format"), content.pop("sha256")
         expected, actual = _format_of(content), content_hash(content, tensors)
     except Exception as error:  # whatever a parser makes of foreign bytes
-        raise PolicyError("policy file", source, "a file that agents.export wrote", _reason(error)) from error
+        raise PolicyError("policy file", source, "a file that rj export-policy wrote", _reason(error)) from error
     if version != expected:
         raise PolicyError(f"{source}: format", version, str(expected), "Another version of this package may read it.")
     if recorded != actual:

@@ -20,7 +20,7 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
     """The shipped policy of that name, or the policy in the file at that path.
 
     Args:
-        name_or_path: one of list_policies(), a policy file that agents.export wrote, or policy.safetensors or
+        name_or_path: one of list_policies(), a policy file that rj export-policy wrote, or policy.safetensors or
             policy.zip in a run folder.
         trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, and needs torch.
     Raises:

@@ -7,7 +7,7 @@ from typing import Any
 
 import gymnasium
 
-from agents.evaluation.policy import Policy
+from agents.controllers.policy import Policy
 from agents.runs.algorithms import ON_POLICY, algorithm_class
 from agents.runs.config import TrainConfig
 from agents.runs.environment import make_env

@@ -6,7 +6,7 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.policy import Policy
+from agents.controllers.policy import Policy
 from agents.runs.algorithms import algorithm_class, schedules
 from agents.runs.config import TrainConfig
 from agents.runs.consent import check_pickles

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 from agents.evaluation.score import Score
-from agents.runs.checks import check_fields, integer, number
+from agents.runs.checks import check_fields, integer, number, seed_number
 from rollingjoint.checked_yaml import mapping
 from rollingjoint.errors import ConfigError
 
@@ -32,13 +33,13 @@ class RecordedScore:
         ConfigError: a missing name, or a number out of range.
     """
 
-    first_seed: int
-    episodes: int
+    first_seed: Annotated[int, seed_number]
+    episodes: Annotated[int, integer(1, 10**6)]
     values: Mapping[str, float]
     tolerances: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        check_fields(self, "score.", first_seed=integer(0, 2**31), episodes=integer(1, 10**6))
+        check_fields(self, "score.")
         for part in ("values", "tolerances"):
             numbers = mapping(f"score.{part}", getattr(self, part), ERRORS + LATER + SHARES, ERRORS + SHARES)
             for name, value in numbers.items():

@@ -8,11 +8,12 @@ from functools import cached_property
 from typing import Any, cast
 
 import gymnasium
+import numpy as np
 
-from agents.evaluation.controller import Seen
+from agents.controllers.controller import Controller, Mask, plain
 from agents.evaluation.rollout import run_episodes
 from agents.evaluation.score import Score
-from agents.policies.base import PolicyNetwork
+from agents.policies.base import PolicyNetwork, memory_after_reset
 from agents.policies.content import located, network_in
 from agents.policies.errors import PolicyError
 from agents.policies.file import content_hash, pack, unpack
@@ -37,7 +38,7 @@ class _Memory:
 
 
 @dataclass(frozen=True)
-class ShippedPolicy:
+class ShippedPolicy(Controller):
     """A trained policy as it is shipped: network, normaliser, the environment that it was trained for, its score.
 
     Call it with an observation, or use it as a Controller. A policy with memory advances it at every call, so one
@@ -105,14 +106,18 @@ class ShippedPolicy:
         """Whether an action depends on what the policy saw since reset()."""
         return self.network.start(1) is not None
 
-    def reset(self, episodes: int | None = None) -> None:
+    def reset(self, episodes: int | Mask | None = None) -> None:
         """Begin an episode, or several side by side; without memory this changes nothing.
 
         Args:
-            episodes: how many observations every call will have; None leaves that to the first call.
+            episodes: how many observations every call will have, or a mask (B,) of those that begin; None leaves that
+                to the first call.
         Raises:
             PolicyError: a number of episodes below one.
         """
+        if isinstance(episodes, np.ndarray):
+            self._memory.values = memory_after_reset(self.network, self._memory.values, episodes)
+            return
         with prefixed("", PolicyError):
             count = None if episodes is None else integer(1)("episodes", episodes)
         self._memory.values = None if count is None else self.network.start(count)
@@ -133,8 +138,8 @@ class ShippedPolicy:
     def _memory(self) -> _Memory:
         return _Memory()
 
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Begin episodes of this task; raises PolicyError unless observation, action and mechanism are as trained."""
+    def bind(self, task: TrackingTask | None) -> None:
+        """Take over a task; raises PolicyError unless observation, action and mechanism are as trained."""
         hint = "policy.make_env() makes the environment of this policy."
         if task is None:
             raise PolicyError("environment", "not one of rj_gym", self.env_id, hint)
@@ -145,11 +150,10 @@ class ShippedPolicy:
         if scale != self.settings.action_scale_mm:
             raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", hint)
         self._check_entries(replace(task.config, mechanism=task.mechanism), hint)
-        self.reset(episodes)
 
-    def act(self, seen: Seen) -> Vectors:
+    def act(self, observations: Any) -> Vectors:
         """The actions, (B, m)."""
-        return self(seen.observation)
+        return self(plain(observations))
 
     def score_on(self, seeds: range) -> Score:
         """What it scores in the episodes with these seeds."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from agents.baselines.residual import driving
-from agents.evaluation.controller import Controller, Seen
-from agents.evaluation.policy import Policy
-from agents.policies.base import PolicyNetwork
+from agents.controllers.controller import Controller, Mask, plain
+from agents.controllers.policy import Policy
+from agents.controllers.residual import controller_of
+from agents.policies.base import PolicyNetwork, memory_after_reset
 from agents.policies.content import located, network_in
 from agents.policies.conversion import algorithm_of, network_of, observations_behind
 from agents.policies.errors import PolicyError
@@ -19,7 +19,6 @@ from agents.policies.parameters import load_parameters
 from agents.policies.pickled import load_pickled
 from agents.runs.checks import integer, number
 from agents.runs.folder import PolicyFiles, RunFolder
-from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checked_yaml import mapping, text
 
 if TYPE_CHECKING:
@@ -30,8 +29,8 @@ LARGEST_FILE = 2**30
 
 
 @dataclass(eq=False)
-class TrainedPolicy:
-    """A policy as it acts: a Controller that runs with NumPy alone. Its environment is that of its run.
+class TrainedPolicy(Controller):
+    """A policy as it acts, a controller that runs with NumPy alone. Its environment is that of its run.
 
     Args:
         network: its forward pass, with the normaliser.
@@ -46,13 +45,13 @@ class TrainedPolicy:
     observations: float = 0.0
     _memory: Vectors | None = field(default=None, init=False, repr=False)
 
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """This many episodes begin together."""
-        self._memory = self.network.start(episodes)
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,)."""
+        self._memory = memory_after_reset(self.network, self._memory, mask)
 
-    def act(self, seen: Seen) -> Vectors:
+    def act(self, observations: Any) -> Vectors:
         """The actions, (B, m); of an observation in parts a policy that saw a vector sees "observation"."""
-        observation = seen.observation
+        observation = plain(observations)
         if isinstance(observation, Mapping) and not self.network.inputs:
             observation = observation["observation"]
         actions, self._memory = self.network.advance(observation, self._memory)
@@ -113,4 +112,4 @@ def read_trained(files: PolicyFiles) -> TrainedPolicy:
 
 def load_driving(run: RunFolder, which: str = "best") -> Controller:
     """The policy of a run folder as the controller that it is, alone or on top of a guide; raises as load_trained."""
-    return driving(run.config(), load_trained(run, which))
+    return controller_of(run.config(), load_trained(run, which))

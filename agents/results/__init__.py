@@ -1,9 +1,9 @@
-"""The results page, from run folders or from results files: python -m agents.results DIR.
+"""The results page, from run folders or from results files: rj results DIR.
 
 Modules:
     runs: the finished runs below a folder, grouped.
-    environment: what makes the environments of two benchmarks the same.
-    record: what a results file holds.
+    environment: when two benchmarks have the same environment.
+    record: the content of a results file.
     file: results files: read_results, write_results.
     merging: one set of results of several.
     worlds: the episodes that a benchmark is scored in.
@@ -11,8 +11,8 @@ Modules:
     scores: from run folders to records.
     statistics: intervals from a two-level bootstrap.
     standings: controllers compared, and whether learning pays.
-    entry: a controller of somebody's own among the results.
-    description: what a task is, in sentences.
+    entry: a user's controller among the results.
+    description: a task in a few sentences.
     wording: figures with intervals and verdicts in words.
     page: the text of the page.
     pictures: its pictures.

@@ -1,9 +1,9 @@
-"""Rebuild the results page from run folders, or from results files: python -m agents.results runs/results.
+"""Rebuild the results page from run folders, or from results files: rj results runs/results.
 
 It scores the policies of all finished runs, with --shipped also those that are shipped for other tasks, the baselines
 and the floor in the same episodes, and writes OUT/results.json.gz with every episode's error, OUT/results.md, and its
 pictures OUT/images/results_*. With --from it reads results files instead of run folders, merges them and writes the
-same, with the animations that lie beside these files or are there already. The same runs, or the same files, give the
+same, with the animations in the folders of these files or in OUT. The same runs, or the same files, give the
 same page. With --runs-only it scores further training seeds for a page that has their task and its opponents already.
 """
 
@@ -46,8 +46,8 @@ SIZES = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 written, 2 an error."""
-    parser = argparse.ArgumentParser(prog="python -m agents.results", description="Rebuild the results page.")
-    parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as agents.campaign leaves it")
+    parser = argparse.ArgumentParser(prog="rj results", description="Rebuild the results page.")
+    parser.add_argument("runs", type=Path, nargs="?", help="folder with run folders, as rj campaign leaves it")
     parser.add_argument("--from", dest="files", type=Path, nargs="+", help="results files to merge, instead of runs")
     for name, (default, meaning) in SIZES.items():
         parser.add_argument(f"--{name}", type=int, default=default, help=f"{meaning} (default {default})")
@@ -84,7 +84,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 
 def _merged(arguments: argparse.Namespace) -> Results:
-    """What the files hold; their animations are brought to the page, whose commands end with this one if they merge."""
+    """The content of the files; their animations come to the page, whose commands end with this one if they merge."""
     from agents.results.films import bring_films
     from agents.results.merging import merged
 
@@ -147,8 +147,8 @@ def _filmed(sources: Sequence[Benchmark | ShippedPolicy], results: Results, out:
 
     captions: dict[str, dict[str, str]] = {}
     for source, record in zip(sources, results.benchmarks, strict=True):
-        made = three_episodes(source, record) if isinstance(source, Benchmark) else three_of_shipped(source, record)
-        for name, (content, caption) in made.items():
+        films = three_episodes(source, record) if isinstance(source, Benchmark) else three_of_shipped(source, record)
+        for name, (content, caption) in films.items():
             write_bytes(out / "images" / name, content)
             captions[record.title] = {name: caption}
     return captions
@@ -161,39 +161,40 @@ def _write_page(results: Results, out: Path) -> None:
     images = pictures(results)
     for name, (content, _) in images.items():
         write_bytes(out / "images" / name, content)
-    there: Mapping[str, Mapping[str, str]] = {
+    animations: Mapping[str, Mapping[str, str]] = {
         title: {name: caption for name, caption in films.items() if (out / "images" / name).is_file()}
         for title, films in results.films.items()
     }
-    write_text(out / "results.md", page(results, {name: caption for name, (_, caption) in images.items()}, there))
+    write_text(out / "results.md", page(results, {name: caption for name, (_, caption) in images.items()}, animations))
 
 
 def _commands(arguments: argparse.Namespace) -> list[str]:
-    """The commands that rebuild the page: those of the campaigns, where they are known, and this one."""
+    """The commands that rebuild the page: the campaigns' own, where they are known, and this one."""
     typed = [path.read_text("utf-8").strip() for path in sorted(arguments.runs.rglob("command.txt"))]
-    return [*(text for text in typed if text.startswith("python -m agents.campaign ")), _typed(arguments)]
+    campaigns = [text for text in typed if text.startswith(("rj campaign ", "python -m agents.campaign "))]
+    return [*campaigns, _typed(arguments)]
 
 
 def _typed(arguments: argparse.Namespace) -> str:
-    """This command, with what changes the page."""
+    """This command, with the arguments that change the page."""
     words = ["--from", *map(str, arguments.files)] if arguments.files else [str(arguments.runs)]
     for name, (default, _) in SIZES.items():
         value = getattr(arguments, name.replace("-", "_"))
         words += [] if value == default or arguments.files else [f"--{name}", str(value)]
     words += ["--shipped"] if arguments.shipped and not arguments.files else []
     words += [] if arguments.out == OUT else ["--out", str(arguments.out)]
-    return shlex.join(typed_command("agents.results", words))
+    return shlex.join(typed_command("rj results", words))
 
 
 def _trained_with(benchmarks: Sequence[Benchmark]) -> list[str]:
     """Processors and versions of all runs; several, where they differ."""
     runs = [run for benchmark in benchmarks for recipe in benchmark.recipes for run in recipe.runs]
-    found = [read_json(run.folder.path / "versions.json") for run in runs]
-    return sorted({f"{one['cores']} processors, {_in_words(one)}" for one in found})
+    versions_of_runs = [read_json(run.folder.path / "versions.json") for run in runs]
+    return sorted({f"{values['cores']} processors, {_in_words(values)}" for values in versions_of_runs})
 
 
-def _in_words(found: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} {found[name]}" for name in ("python", *PACKAGES) if name in found)
+def _in_words(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {values[name]}" for name in ("python", *PACKAGES) if name in values)
 
 
 def _processor() -> str:

@@ -15,11 +15,11 @@ from rj_gym.tracking.config import (
     RandomizationConfig,
     TaskConfig,
 )
-from rollingjoint.chain.hinge import HingeChain
+from rollingjoint import HingeChain
 
 
 def description(config: TaskConfig) -> str:
-    """What the task with these settings is, in a few sentences."""
+    """A task with these settings in a few sentences."""
     mechanism = task_of(config).mechanism
     path = f"follows a path through {config.target.waypoints} points"
     way = "goes to a fixed target" if config.target.process == "fixed" else path
@@ -45,7 +45,7 @@ def load_range(load: LoadConfig | PayloadConfig, low: float, high: float) -> str
 
 
 def _loads(config: TaskConfig) -> list[str]:
-    load, seen = config.load, "is observed" if config.observe_load else "is not observed"
+    load, observed = config.load, "is observed" if config.observe_load else "is not observed"
     where = "the tip" if load.link == "tip" else "a random link"
     low, high = load.magnitude
     ways = {
@@ -55,14 +55,14 @@ def _loads(config: TaskConfig) -> list[str]:
         "ou": f"A force of up to {high:g} N pulls at {where} and drifts (Ornstein-Uhlenbeck, correlation time "
         f"{load.correlation_steps:g} steps).",
     }
-    return [ways[load.process], f"The load {seen}."]
+    return [ways[load.process], f"The load {observed}."]
 
 
 def _arm_loads(config: FlexibleArmConfig) -> list[str]:
-    load, seen = config.load, "are observed" if config.observe_load else "are not observed"
+    load, observed = config.load, "are observed" if config.observe_load else "are not observed"
     low, high = load.magnitude
-    least, most = (f"{math.degrees(angle):.0f}" for angle in config.gravity.tilt)
-    tilted = f"by {least} to {most}" if config.gravity.tilt[0] else f"by up to {most}"
+    low_tilt, high_tilt = (f"{math.degrees(angle):.0f}" for angle in config.gravity.tilt)
+    tilted = f"by {low_tilt} to {high_tilt}" if config.gravity.tilt[0] else f"by up to {high_tilt}"
     ways = {
         "constant": f"a payload of {low:g} to {high:g} N hangs from its tip.",
         "step": f"a payload of {low:g} to {high:g} N hangs from its tip and changes every {load.hold_steps:g} steps on "
@@ -72,7 +72,7 @@ def _arm_loads(config: FlexibleArmConfig) -> list[str]:
     }
     hangs = f"The arm hangs from a base that is tilted {tilted}°;"
     turned = "The tip frame has to turn into that of the target, too." if config.orientation else ""
-    return [hangs, ways[load.process], f"Tilt and payload {seen}.", turned]
+    return [hangs, ways[load.process], f"Tilt and payload {observed}.", turned]
 
 
 def _rubbing(settings: FrictionConfig | None) -> str:
@@ -107,10 +107,10 @@ def _actuation(settings: Any) -> str:
 
 
 def _sensing(settings: Any) -> str:
-    """What is measured, where that is not all of the pose at every step."""
+    """The measured part of the pose; empty where the whole pose is measured at every step."""
     if settings is None:
         return ""
-    seen = {"none": "Neither pose nor tip is measured.", "tip": "Of the pose only the tip is measured."}
+    sight = {"none": "Neither pose nor tip is measured.", "tip": "Of the pose only the tip is measured."}
     often = "at every step" if settings.period == 1 else f"at every {settings.period}th step"
     late = settings.pose != "none" and (settings.period > 1 or settings.delay > 0)
     biased = f"{settings.position_bias_mm:g} mm and {settings.angle_bias_rad:g} rad"
@@ -118,7 +118,7 @@ def _sensing(settings: Any) -> str:
     return " ".join(
         sentence
         for sentence, there in (
-            (seen.get(settings.pose, ""), settings.pose in seen),
+            (sight.get(settings.pose, ""), settings.pose in sight),
             (f"A picture of the pose comes {often}, {settings.delay} steps late.", late),
             (f"Measured poses are off by up to {biased}.", settings.position_bias_mm or settings.angle_bias_rad),
             (f"Measured tensions are noisy (standard deviation {settings.tension_noise:g} N).", settings.tension_noise),

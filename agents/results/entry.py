@@ -1,14 +1,10 @@
-"""A controller of somebody's own among the results: its episodes as a record, and its row beside the others."""
+"""A user's controller among the results: its episodes as a record, and its row in the table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller, load_controller
 from agents.evaluation.rollout import run_episodes
 from agents.policies.loading import list_policies, load_policy
 from agents.results.description import description
@@ -25,59 +21,13 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import env_for, is_privileged, opponents
+from agents.results.roster import is_privileged, opponents
 from agents.results.standings import Standings
 from agents.results.wording import mm, with_interval
-from agents.runs.consent import imported
 from agents.runs.environment import EnvConfig
-from rj_gym.tracking.task import TrackingTask
-from rollingjoint.errors import ConfigError
 from rollingjoint.tables import text_table
 
-
-def load_entrant(text: str) -> Controller:
-    """The controller that "FILE.py:NAME" or "MODULE:NAME" stands for; this runs the code there.
-
-    NAME is a controller, or a class or function that makes without arguments a controller or a function from
-    observations to actions.
-
-    Raises:
-        ConfigError: code that cannot be imported, or that makes something else.
-    """
-    module, _, name = text.rpartition(":")
-    allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
-    try:
-        found = getattr(imported(module), name)
-        made = found if _is_controller(found) and not isinstance(found, type) else found()
-    except Exception as error:  # whatever the code there raises
-        raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
-    if _is_controller(made):
-        controller: Controller = made
-        return controller
-    if callable(made):
-        return Function(made)
-    raise ConfigError("controller", text, allowed, f"It made {made!r}, which has no begin and act.")
-
-
-class Function:
-    """A function from observations to actions as a controller.
-
-    Args:
-        function: from observations (B, entries), or such a dictionary, to actions (B, m). Where it has a method reset,
-            that is called when episodes begin.
-    """
-
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        self.function = function
-
-    def begin(self, task: TrackingTask | None, episodes: int) -> None:
-        """Let the function begin new episodes, if it has a memory."""
-        if hasattr(self.function, "reset"):
-            self.function.reset()
-
-    def act(self, seen: Seen) -> NDArray[Any]:
-        """What the function returns, (B, m)."""
-        return np.asarray(self.function(seen.observation))
+load_entrant = load_controller  # its name until 0.1.0
 
 
 def enter(
@@ -89,15 +39,15 @@ def enter(
     training_seed: int | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """What controllers do in the episodes of a world, as results of one benchmark.
+    """Results of one benchmark: the episodes of controllers in a world.
 
     Args:
         env: a tracking environment. controllers: by name. title: of the benchmark, where no other results give one.
-        kind: of the controllers. training_seed: of what was trained. command: that made the results.
+        kind: of the controllers. training_seed: of a learned controller. command: that made the results.
     """
     records = []
     for name, controller in controllers.items():
-        driven = Driven.of(run_episodes(env_for(env, controller), controller, world.seeds), complete=True)
+        driven = Driven.of(run_episodes(env, controller, world.seeds), complete=True)
         run = RunRecord({world.name: driven}, training_seed)
         records.append(ControllerRecord(name, kind, [run], is_privileged(controller)))
     text = description(env.arguments()["config"])
@@ -106,10 +56,12 @@ def enter(
 
 
 def shipped(env: EnvConfig, title: str, world: World) -> Results:
-    """What is shipped, in the same episodes: policies that were trained for this task, and opponents."""
+    """Shipped policies that were trained for this task, and opponents, in the same episodes."""
     key = episodes_key(env)
     policies = [load_policy(name) for name in list_policies()]
-    ours: dict[str, Controller] = {one.name: one for one in policies if episodes_key(one.environment) == key}
+    ours: dict[str, Controller] = {
+        policy.name: policy for policy in policies if episodes_key(policy.environment) == key
+    }
     able, _ = opponents(env)
     return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])
 
@@ -118,7 +70,7 @@ def known_in(results: Results, env: EnvConfig, world: World) -> Results | None:
     """The benchmark of this environment in the results, if it has these episodes."""
     key = episodes_key(env)
     for record in results.benchmarks:
-        same = any((one.name, one.seeds) == (world.name, world.seeds) for one in record.worlds)
+        same = any((candidate.name, candidate.seeds) == (world.name, world.seeds) for candidate in record.worlds)
         if same and episodes_key(environment_of(record)) == key:
             return Results([record])
     return None
@@ -130,18 +82,21 @@ def comparison_table(entered: Results, others: Results | None, world: World) -> 
     (name,) = entered.benchmarks[0].names()
     standing = Standings(record, record.world(world.name))
     rows = []
-    for one in sorted(standing.names, key=lambda each: standing.mean(each).value):
-        found = standing.summary(one)
-        figures = [with_interval(figure, mm) for figure in (found.mean, found.iqm, found.median, found.p95)]
-        difference = "" if one == name else with_interval(standing.compare(name, one).difference, _signed)
-        rows.append([f"{one} <--" if one == name else one, *figures, difference, f"{standing.runs(one)}"])
+    for controller in sorted(standing.names, key=lambda controller: standing.mean(controller).value):
+        summary = standing.summary(controller)
+        figures = [with_interval(figure, mm) for figure in (summary.mean, summary.iqm, summary.median, summary.p95)]
+        difference = "" if controller == name else with_interval(standing.compare(name, controller).difference, _signed)
+        rows.append(
+            [
+                f"{controller} <--" if controller == name else controller,
+                *figures,
+                difference,
+                f"{standing.runs(controller)}",
+            ]
+        )
     head = ["controller", "mean [mm]", "IQM [mm]", "median [mm]", "95 % below [mm]", f"{name} minus it [mm]", "runs"]
     return text_table(head, rows, ruled=True)
 
 
 def _signed(value: float) -> str:
     return f"{value:+.3f}"
-
-
-def _is_controller(found: object) -> bool:
-    return callable(getattr(found, "begin", None)) and callable(getattr(found, "act", None))

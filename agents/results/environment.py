@@ -1,4 +1,4 @@
-"""The environment of a benchmark: what makes two of them the same, its plain form in files, and changed settings."""
+"""The environment of a benchmark: its identity, its plain form in files, and changed settings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OWN_MATTER = ("reward", "observe_history", "privileged")
 
 
 def common(env: EnvConfig) -> EnvConfig:
-    """The environment that all controllers of a benchmark share: one vector observed, nothing of a learner's choice."""
+    """The environment that all controllers of a benchmark share: one observed vector, no setting of a learner."""
     settings = {name: value for name, value in env.settings.items() if name not in OWN_MATTER}
     return EnvConfig(env.id.replace("Goal-", "-"), settings=settings)
 

@@ -1,4 +1,4 @@
-"""Results files: JSON with a schema version, and what is read from them.
+"""Results files: JSON with a schema version, written and read.
 
 Errors are written with four digits. docs/enter.md lists the keys.
 """
@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.results.record import BenchmarkRecord, ControllerRecord, Driven, Results, ResultsError, RunRecord, World
 from agents.runs.checked_json import PACKED, read_json
 from agents.runs.files import write_bytes
 from rollingjoint.errors import ConfigError, RollingJointError
 
 FORMAT, SCHEMA = "rollingjoint results", 1
-FILE = "results.json" + PACKED  # beside a page
+FILE = "results.json" + PACKED  # in the folder of a page
 _DIGITS = 4
 
 
@@ -28,19 +28,19 @@ def read_results(path: str | Path) -> Results:
     """The results in a file, JSON or gzipped JSON.
 
     Raises:
-        ResultsError: a file that cannot be read, one of another schema, or one whose parts do not fit together.
+        ResultsError: a file that cannot be read, one of another schema, or one with parts that do not fit together.
     """
-    allowed = "a file that agents.results wrote"
+    allowed = "a file that rj results wrote"
     try:
         values = read_json(Path(path))
-        found = (values["format"], values["schema"])
+        version = (values["format"], values["schema"])
     except ConfigError as error:
         raise ResultsError("results file", str(path), allowed, str(error)) from error
     except (LookupError, TypeError) as error:
         raise ResultsError("results file", str(path), allowed, repr(error)) from error
-    if found != (FORMAT, SCHEMA):
+    if version != (FORMAT, SCHEMA):
         hint = "Another version of this package may read it."
-        raise ResultsError(f"{path}: format and schema", found, f"{FORMAT!r}, {SCHEMA}", hint)
+        raise ResultsError(f"{path}: format and schema", version, f"{FORMAT!r}, {SCHEMA}", hint)
     return from_dict(values, str(path))
 
 
@@ -60,20 +60,20 @@ def to_dict(results: Results) -> dict[str, Any]:
         "trained_with": list(results.trained_with),
         "left_out": dict(results.left_out),
         "films": {title: dict(films) for title, films in results.films.items()},
-        "benchmarks": [_benchmark(one) for one in results.benchmarks],
+        "benchmarks": [_benchmark(record) for record in results.benchmarks],
     }
 
 
 def from_dict(values: Mapping[str, Any], source: str) -> Results:
     """The results in plain values; raises ResultsError, which names the source, where they do not fit together."""
     try:
-        benchmarks = [_read_benchmark(one) for one in values["benchmarks"]]
+        benchmarks = [_read_benchmark(record) for record in values["benchmarks"]]
         about = {name: values[name] for name in ("commands", "scored_on", "trained_with", "left_out", "films")}
         return Results(benchmarks, **about)
     except RollingJointError as error:
-        raise ResultsError(source, "not consistent", "a file that agents.results wrote", str(error)) from error
+        raise ResultsError(source, "not consistent", "a file that rj results wrote", str(error)) from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise ResultsError(source, "not complete", "a file that agents.results wrote", repr(error)) from error
+        raise ResultsError(source, "not complete", "a file that rj results wrote", repr(error)) from error
 
 
 def _benchmark(record: BenchmarkRecord) -> dict[str, Any]:
@@ -83,8 +83,8 @@ def _benchmark(record: BenchmarkRecord) -> dict[str, Any]:
         "environment": {"id": record.env_id, "settings": record.settings},
         "levels_mm": dict(record.levels),
         "impossible": dict(record.impossible),
-        "worlds": [_world(one) for one in record.worlds],
-        "controllers": [_controller(one) for one in record.controllers],
+        "worlds": [_world(world) for world in record.worlds],
+        "controllers": [_controller(controller) for controller in record.controllers],
     }
 
 
@@ -95,8 +95,8 @@ def _read_benchmark(values: Mapping[str, Any]) -> BenchmarkRecord:
         description=values["description"],
         env_id=environment["id"],
         settings=environment["settings"],
-        worlds=[_read_world(one) for one in values["worlds"]],
-        controllers=[_read_controller(one) for one in values["controllers"]],
+        worlds=[_read_world(world) for world in values["worlds"]],
+        controllers=[_read_controller(controller) for controller in values["controllers"]],
         levels=values["levels_mm"],
         impossible=values["impossible"],
     )
@@ -123,7 +123,7 @@ def _controller(record: ControllerRecord) -> dict[str, Any]:
 
 
 def _read_controller(values: Mapping[str, Any]) -> ControllerRecord:
-    runs = [_read_run(one) for one in values["runs"]]
+    runs = [_read_run(run) for run in values["runs"]]
     return ControllerRecord(values["name"], values["kind"], runs, values["privileged"], values["training"])
 
 
@@ -138,7 +138,7 @@ def _run(run: RunRecord) -> dict[str, Any]:
 def _read_run(values: Mapping[str, Any]) -> RunRecord:
     curve = np.array([values["curve"][name] for name in _CURVE], float) if "curve" in values else None
     seeds = {use: (first, last) for use, (first, last) in values["seeds"].items()}
-    driven = {name: _read_driven(one) for name, one in values["driven"].items()}
+    driven = {name: _read_driven(episodes) for name, episodes in values["driven"].items()}
     return RunRecord(driven, values["training_seed"], values["seconds"], seeds, curve)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Controller
+from agents.controllers.controller import Controller
 from agents.evaluation.pictures import animation
 from agents.evaluation.rollout import film
 from agents.policies.shipped import ShippedPolicy
@@ -44,17 +44,17 @@ def three_of_shipped(policy: ShippedPolicy, record: BenchmarkRecord) -> dict[str
 
 
 def bring_films(sources: Mapping[Path, Results], results: Results, out: Path) -> None:
-    """Copy to OUT/images the animations of `results` that lie in images/ beside the files that it was merged from.
+    """Copy to OUT/images the animations of `results` from images/ in the folders of the files that it was merged from.
 
     Args:
-        sources: what these files hold. A file of which the captions say something else is not copied.
+        sources: the content of these files. A file with another caption is not copied.
     """
     captions = {name: caption for films in results.films.values() for name, caption in films.items()}
-    for path, one in sources.items():
-        for name, caption in (item for films in one.films.values() for item in films.items()):
-            there, here = path.parent / "images" / name, out / "images" / name
-            if Path(name).name == name and captions.get(name) == caption and there.is_file():
-                write_bytes(here, there.read_bytes())
+    for path, source in sources.items():
+        for name, caption in (item for films in source.films.values() for item in films.items()):
+            origin, copy = path.parent / "images" / name, out / "images" / name
+            if Path(name).name == name and captions.get(name) == caption and origin.is_file():
+                write_bytes(copy, origin.read_bytes())
 
 
 def _filmed(
@@ -67,20 +67,20 @@ def _filmed(
     places = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
     seeds = {text: world.first_seed + int(at) for text, at in places.items()}
     frames = {f"{text}: {errors[at]:.2g} mm": film(env, policy, seeds[text]) for text, at in places.items()}
-    told = ", ".join(f"{text} (seed {seed})" for text, seed in seeds.items())
-    caption = f"{name}, training seed {training_seed}: of the episodes of the table the {told}."
+    episodes = ", ".join(f"{text} (seed {seed})" for text, seed in seeds.items())
+    caption = f"{name}, training seed {training_seed}: of the episodes of the table the {episodes}."
     return {f"results_{file_name(record.title)}.gif": (small_animation(frames), caption)}
 
 
 def small_animation(frames: Mapping[str, Sequence[Any]]) -> bytes:
     """GIF of the pictures of every episode, side by side, of at most LARGEST bytes if any of SIZES has so few."""
     for width, longest in SIZES:
-        content = animation({name: _shortened(some, longest) for name, some in frames.items()}, width)
+        content = animation({name: _shortened(pictures, longest) for name, pictures in frames.items()}, width)
         if len(content) <= LARGEST:
             break
     return content
 
 
 def _shortened(frames: Sequence[Any], longest: int) -> Sequence[Any]:
-    """At most so many of the pictures, evenly, the last one among them."""
+    """At most `longest` of the pictures, evenly spaced, with the last one."""
     return frames[:: -math.ceil(len(frames) / longest)][::-1]

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS
 from agents.results.record import ENTRY, POLICY, SHIFT, TEST, VALIDATION, BenchmarkRecord, Results
 from agents.results.standings import Standings
@@ -51,8 +51,8 @@ def page(results: Results, pictures: Mapping[str, str], films: Mapping[str, Mapp
         summary_table(tables),
         _reading(results.benchmarks),
     ]
-    for one in tables:
-        parts += [*one.section(), *_pictures(films.get(one.record.title, {}))]
+    for table in tables:
+        parts += [*table.section(), *_pictures(films.get(table.record.title, {}))]
     parts += ["## Pictures", *_pictures(pictures), "## How this was measured", _measured(results)]
     return "\n\n".join(map(wrapped, parts)) + "\n"
 
@@ -72,10 +72,15 @@ class Tables:
         """Heading, description, tables and verdicts."""
         title = self.record.title
         parts = [f"## {title[0].upper()}{title[1:]}", self.record.description, task_note(self.record)]
-        for one in self.worlds:
-            heading = one.world.heading
+        for standing in self.worlds:
+            heading = standing.world.heading
             parts += [f"### {heading}", NOTES.get(heading, "")] if heading else []
-            parts += [self.table(one), self._early(one), verdict_text(one), change_text(one, self.worlds[0])]
+            parts += [
+                self.table(standing),
+                self._early(standing),
+                verdict_text(standing),
+                change_text(standing, self.worlds[0]),
+            ]
         reasons: dict[str, list[str]] = {}
         for name, reason in self.record.impossible.items():
             reasons.setdefault(reason, []).append(name)
@@ -83,10 +88,10 @@ class Tables:
         return [part for part in parts if part]
 
     def table(self, standing: Standings) -> str:
-        """A line per controller, and the floor; in other worlds than its own, what that changes beside it."""
-        own = standing is self.worlds[0]
-        last = TRAINING if own else (CHANGE,)
-        more = self._training if own else lambda name: self._change(standing, name)
+        """A line per controller, and the floor; in other worlds than its own with the change of the mean."""
+        is_own = standing is self.worlds[0]
+        last = TRAINING if is_own else (CHANGE,)
+        more = self._training if is_own else lambda name: self._change(standing, name)
         rows = [(self._label(name), *self.columns(standing, name), *more(name)) for name in standing.names]
         floors = standing.world.known_floors
         if len(floors):
@@ -98,8 +103,8 @@ class Tables:
     @staticmethod
     def columns(standing: Standings, name: str) -> list[str]:
         """The figures of one controller: ERRORS, SHARES, REGRET."""
-        found, regret = standing.summary(name), standing.regret(name)
-        errors = [with_interval(one, mm) for one in (found.mean, found.iqm, found.median, found.p95)]
+        summary, regret = standing.summary(name), standing.regret(name)
+        errors = [with_interval(interval, mm) for interval in (summary.mean, summary.iqm, summary.median, summary.p95)]
         return [*errors, share(standing.within(name)), share(standing.held(name)), "" if regret is None else mm(regret)]
 
     def _label(self, name: str) -> str:
@@ -116,8 +121,8 @@ class Tables:
         if controller.kind != POLICY:
             seeds = [seed for seed in controller.training_seeds if seed is not None]
             return "", "", f"{len(seeds)}" if seeds else ""
-        known = [run.seconds / 60 for run in controller.runs if run.seconds]
-        minutes = spread(known, "{:.1f}".format) if known else ""
+        minutes_of_runs = [run.seconds / 60 for run in controller.runs if run.seconds]
+        minutes = spread(minutes_of_runs, "{:.1f}".format) if minutes_of_runs else ""
         seeds_text = f"{len(controller.runs)}" if len(controller.runs) > 1 else "1 (one run)"
         return f"{controller.training['steps']:,}", minutes, seeds_text
 
@@ -126,10 +131,10 @@ class Tables:
             name: sum(run.driven[standing.world.name].ended_early for run in self.record.controller(name).runs)
             for name in standing.names
         }
-        told = [f"{name} {count}" for name, count in ended.items() if count]
+        counts = [f"{name} {count}" for name, count in ended.items() if count]
         world = standing.world
         unknown = 0 if world.floors is None else world.episodes - len(world.known_floors)
-        text = f"Episodes that ended early, without an equilibrium: {', '.join(told)}. " if told else ""
+        text = f"Episodes that ended early, without an equilibrium: {', '.join(counts)}. " if counts else ""
         return (text + (f"Episodes without a known floor: {unknown}." if unknown else "")).strip()
 
 
@@ -137,7 +142,7 @@ def summary_table(tables: Sequence[Tables]) -> str:
     """A line per benchmark: the best trained controller and the best opponent of the validation episodes."""
     head = ("task", "best learner", "mean [mm]", "best opponent", "mean [mm]", "difference [mm]", FLOOR, "learning")
     rows = []
-    for standing in (one.worlds[0] for one in tables):
+    for standing in (table.worlds[0] for table in tables):
         title, names = standing.record.title, (standing.policy, standing.baseline)
         cells = [f"[{title}](#{_anchor(title)})"]
         for name in names:
@@ -150,7 +155,7 @@ def summary_table(tables: Sequence[Tables]) -> str:
 
 
 def _anchor(title: str) -> str:
-    """What code hosts make of a heading."""
+    """The anchor that code hosts give to a heading."""
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
@@ -171,19 +176,21 @@ def _reading(records: Sequence[BenchmarkRecord]) -> str:
 
 
 def _seeds_of_role(records: Sequence[BenchmarkRecord], role: str) -> str:
-    worlds = {(one.first_seed, one.episodes) for record in records for one in record.of_role(role)}
+    worlds = {(world.first_seed, world.episodes) for record in records for world in record.of_role(role)}
     texts = [f"{count:,} episodes (seeds {first} to {first + count - 1})" for first, count in sorted(worlds)]
     return f"{' or '.join(texts) or 'none'}"
 
 
 def _pictures(captions: Mapping[str, str]) -> list[str]:
     lines = [(f"![{caption.partition(':')[0]}](images/{name})", caption) for name, caption in captions.items()]
-    return [part for both in lines for part in both]
+    return [part for pair in lines for part in pair]
 
 
 def _measured(results: Results) -> str:
-    learned = [one for record in results.benchmarks for one in record.controllers if one.kind == POLICY]
-    single = [one.name for one in learned if len(one.runs) == 1]
+    learned = [
+        controller for record in results.benchmarks for controller in record.controllers if controller.kind == POLICY
+    ]
+    single = [controller.name for controller in learned if len(controller.runs) == 1]
     lines = [
         *(f"Scored on {machine}." for machine in results.scored_on),
         *(f"Trained on {machine}." for machine in results.trained_with),
@@ -193,13 +200,14 @@ def _measured(results: Results) -> str:
         "Every policy is the one of its run with the smallest error in the evaluations during training (`best/`).",
         f"One run, not a mean over seeds: {', '.join(single)}." if single else "No line of a policy is a single run.",
     ]
-    if shipped := [one.name for one in learned if one.training.get("shipped")]:
+    if shipped := [controller.name for controller in learned if controller.training.get("shipped")]:
         lines.append(f"Shipped policies, one training seed each, trained earlier: {', '.join(shipped)}.")
     lines += [
-        f"{one.name} began as the best policy of {', which began as that of '.join(one.training['began_as'])}; its "
-        "training time includes that, its steps and its curve do not."
-        for one in learned
-        if "began_as" in one.training
+        f"{controller.name} began as the best policy of "
+        f"{', which began as that of '.join(controller.training['began_as'])}; its training time includes that, "
+        "its steps and its curve do not."
+        for controller in learned
+        if "began_as" in controller.training
     ]
     lines += [f"Left out: `{path}`: {reason}" for path, reason in results.left_out.items()]
     return "\n".join(f"- {line}" for line in lines)
@@ -207,13 +215,15 @@ def _measured(results: Results) -> str:
 
 def _training_seeds(results: Results) -> str:
     groups: dict[str, list[str]] = {}
-    for one in (one for record in results.benchmarks for one in record.controllers if one.kind == POLICY):
-        groups.setdefault(", ".join(map(str, one.training_seeds)), []).append(one.name)
+    for controller in (
+        controller for record in results.benchmarks for controller in record.controllers if controller.kind == POLICY
+    ):
+        groups.setdefault(", ".join(map(str, controller.training_seeds)), []).append(controller.name)
     return "; ".join(f"{seeds} ({', '.join(names) if len(groups) > 1 else 'all'})" for seeds, names in groups.items())
 
 
 def _used(results: Results) -> str:
-    runs = [run for record in results.benchmarks for one in record.controllers for run in one.runs]
+    runs = [run for record in results.benchmarks for controller in record.controllers for run in controller.runs]
     texts = []
     for key, text in (("training_environments", "training"), ("evaluation_during_training", "evaluations during it")):
         ends = [run.seeds[key] for run in runs if key in run.seeds]

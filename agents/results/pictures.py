@@ -1,4 +1,4 @@
-"""Pictures of the results page: learning curves, error over what was varied, distribution of the error."""
+"""Pictures of the results page: learning curves, error over varied settings, distribution of the error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.pictures import COLOURS, SMALLEST_MM, figure_of, png, tidy
 from agents.evaluation.report import OPEN_LOOP
 from agents.evaluation.score import FLOOR
@@ -60,29 +60,31 @@ SHARES = (
 def pictures(results: Results) -> dict[str, tuple[bytes, str]]:
     """All pictures that results alone are enough for: PNG and caption, by file name."""
     records = [record for record in results.benchmarks if record.of_role(TEST)]
-    found: dict[str, tuple[bytes, str]] = {}
+    images: dict[str, tuple[bytes, str]] = {}
     learned = [
-        record for record in records if any(run.curve is not None for one in _learned(record) for run in one.runs)
+        record
+        for record in records
+        if any(run.curve is not None for controller in _learned(record) for run in controller.runs)
     ]
     if learned:
-        found["results_learning_steps.png"] = learning_curves(learned, False), LEARNING.format("steps")
-        found["results_learning_time.png"] = learning_curves(learned, True), LEARNING.format("processor time")
-    found["results_distribution.png"] = distributions(records), SHARES
+        images["results_learning_steps.png"] = learning_curves(learned, False), LEARNING.format("steps")
+        images["results_learning_time.png"] = learning_curves(learned, True), LEARNING.format("processor time")
+    images["results_distribution.png"] = distributions(records), SHARES
     for axis in dict.fromkeys(world.axis for record in records for world in record.of_role(SWEEP)):
         name = re.sub(r"\W+", "_", axis.partition("[")[0].partition(" of ")[0].strip())
-        found[f"results_{name}.png"] = error_over(axis, records), VARIED.format(axis.partition("[")[0].strip())
-    return found
+        images[f"results_{name}.png"] = error_over(axis, records), VARIED.format(axis.partition("[")[0].strip())
+    return images
 
 
 def lines_of(record: BenchmarkRecord) -> dict[str, str]:
     """The controllers that pictures show, by the label of their line: the best, feedback, open loop, entered ones."""
-    chosen = {POLICY_LABEL: record.best(POLICY), OPPONENT_LABEL: record.best(BASELINE)}
-    chosen |= {name: name for name in (FEEDBACK, OPEN_LOOP, *record.names(ENTRY)) if name in record.names()}
-    return {label: name for label, name in chosen.items() if name}
+    names = {POLICY_LABEL: record.best(POLICY), OPPONENT_LABEL: record.best(BASELINE)}
+    names |= {name: name for name in (FEEDBACK, OPEN_LOOP, *record.names(ENTRY)) if name in record.names()}
+    return {label: name for label, name in names.items() if name}
 
 
 def _style(label: str) -> dict[str, Any]:
-    return STYLES.get(label, {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "-."})  # entered by somebody
+    return STYLES.get(label, {"color": COLOURS[3], "linewidth": 1.6, "linestyle": "-."})  # an entered controller
 
 
 def learning_curves(records: Sequence[BenchmarkRecord], over_time: bool) -> bytes:
@@ -113,13 +115,13 @@ def _draw_curve(axes: Axes, controller: ControllerRecord, colour: str, over_time
     seconds = np.median([np.interp(steps, curve[0], curve[2]) for curve in curves], axis=0)
     x = np.maximum(seconds, 1) / 60 if over_time else steps / 1000
     band = [Bootstrap(1, RESAMPLES).mean(column[:, None]) for column in errors.T]
-    axes.plot(x, [one.value for one in band], color=colour, linewidth=1.8, label=controller.name)
+    axes.plot(x, [interval.value for interval in band], color=colour, linewidth=1.8, label=controller.name)
     if len(curves) > 1:
         _draw_band(axes, x, band, colour)
 
 
 def error_over(axis: str, records: Sequence[BenchmarkRecord]) -> bytes:
-    """PNG: mean tip error over the last 10 steps over what an axis varies; a panel per benchmark that has it."""
+    """PNG: mean tip error over the last 10 steps over the setting of an axis; a panel per benchmark that has it."""
     varied = [record for record in records if _along(record, axis)]
     figure, panels = _panels(len(varied), axis, "mean tip error [mm]")
     for axes, record in zip(panels, varied, strict=True):
@@ -141,15 +143,15 @@ def _along(record: BenchmarkRecord, axis: str) -> list[World]:
 
 
 def _draw_line(axes: Axes, controller: ControllerRecord, worlds: Sequence[World], label: str) -> None:
-    there = [world for world in worlds if controller.has(world.name)]
-    band = [Bootstrap(world.episodes, RESAMPLES).mean(controller.errors(world.name)) for world in there]
-    values, style = [world.value for world in there], _style(label)
-    axes.plot(values, [max(one.value, SMALLEST_MM) for one in band], marker=".", label=label, **style)
+    points = [world for world in worlds if controller.has(world.name)]
+    band = [Bootstrap(world.episodes, RESAMPLES).mean(controller.errors(world.name)) for world in points]
+    values, style = [world.value for world in points], _style(label)
+    axes.plot(values, [max(interval.value, SMALLEST_MM) for interval in band], marker=".", label=label, **style)
     _draw_band(axes, values, band, style["color"])
 
 
 def _draw_band(axes: Axes, x: Any, band: Sequence[Any], colour: str) -> None:
-    low, high = (np.maximum([getattr(one, end) for one in band], SMALLEST_MM) for end in ("low", "high"))
+    low, high = (np.maximum([getattr(interval, end) for interval in band], SMALLEST_MM) for end in ("low", "high"))
     axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
 
 

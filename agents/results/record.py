@@ -1,4 +1,4 @@
-"""What a results file holds: benchmarks, their worlds, controllers, the controllers' runs, every episode's error.
+"""The content of a results file: benchmarks, their worlds, controllers, the controllers' runs, every episode's error.
 
 A benchmark is one task; its worlds are sets of episodes of it, unchanged or under other settings. Everything that the
 results page says is computed from these records.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.evaluation.rollout import Episodes
 from agents.evaluation.score import CLOSE_MM
 from rollingjoint.checks import as_choice, as_floats, as_integer
@@ -35,8 +35,8 @@ class World:
         name: unique in its benchmark. role: one of ROLES: the table, the choice of the best, a table under settings
             that training did not have, or one point of a curve.
         first_seed, episodes: its seeds are first_seed, first_seed + 1, ...
-        changes: settings on top of those of the benchmark. heading: what is different, in words.
-        axis, value: of a curve: what is varied, with its unit, and to what. trained: its range in training.
+        changes: settings on top of the benchmark's. heading: the difference in words.
+        axis, value: of a curve: the varied setting with its unit, and its value. trained: its range in training.
         floors: the smallest error that any command reaches at the end, (E,) [mm], NaN where unknown; None: no floors.
     Raises:
         ResultsError: a number out of range, or floors of another number of episodes.
@@ -73,7 +73,7 @@ class World:
 
 @dataclass(frozen=True)
 class Driven:
-    """What one run of a controller did in the E episodes of a world.
+    """The E episodes of a world, driven by one run of a controller.
 
     Args:
         last: mean tip error over the last 10 steps, (E,) [mm].
@@ -103,7 +103,7 @@ class Driven:
 
     @classmethod
     def of(cls, episodes: Episodes, complete: bool) -> Driven:
-        """What these episodes say; without `complete` nothing but the errors over the last steps."""
+        """The record of these episodes; without `complete` only the errors over the last steps."""
         last, early = episodes.last_errors.mean(axis=1), int(episodes.terminated.sum())
         if not complete:
             return cls(last, ended_early=early)
@@ -115,7 +115,7 @@ class RunRecord:
     """One run of a controller: of a learned one, one training seed.
 
     Args:
-        driven: by name of the world. training_seed: None where nothing was trained.
+        driven: by name of the world. training_seed: None for a controller without training.
         seconds: processor time of the training. seeds: of environments that training used, first and last, by use.
         curve: steps done, mean tip error [mm] and processor time [s] at every evaluation during training, (3, T).
     """
@@ -132,10 +132,10 @@ class ControllerRecord:
     """A controller of a benchmark.
 
     Args:
-        name: unique in its benchmark. kind: one of KINDS: trained here, to compare with, or entered by somebody.
+        name: unique in its benchmark. kind: one of KINDS: trained here, to compare with, or entered.
         runs: at least one, with different training seeds.
-        privileged: whether it sees what no robot shows: never the best of anything.
-        training: plain values: `algorithm`, `steps`, `config`; empty where nothing is known of a training.
+        privileged: whether it sees the true state, which no robot shows: never the best of its kind.
+        training: plain values: `algorithm`, `steps`, `config`; empty without a known training.
     Raises:
         ResultsError: another kind, or two runs of one training seed.
     """
@@ -168,7 +168,7 @@ class ControllerRecord:
 
 @dataclass(frozen=True)
 class BenchmarkRecord:
-    """One task and what all controllers did.
+    """One task and the episodes of all controllers.
 
     Args:
         title: for headings and file names. description: of the task, in sentences.
@@ -190,28 +190,32 @@ class BenchmarkRecord:
     impossible: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for what, names in (("worlds", [one.name for one in self.worlds]), ("controllers", self.names())):
+        for what, names in (("worlds", [world.name for world in self.worlds]), ("controllers", self.names())):
             if len(set(names)) < len(names):
                 raise ResultsError(f"{self.title}: {what}", names, "different names")
         sizes = {world.name: world.episodes for world in self.worlds}
         for controller in self.controllers:
-            for name, driven in ((name, some) for run in controller.runs for name, some in run.driven.items()):
+            for name, driven in ((name, episodes) for run in controller.runs for name, episodes in run.driven.items()):
                 if sizes.get(name) != len(driven.last):
                     allowed = f"the {sizes.get(name, 0)} episodes of the world {name!r}"
                     raise ResultsError(f"{self.title}: {controller.name}: episodes", len(driven.last), allowed)
 
     def names(self, kind: str = "", world: str = "") -> list[str]:
-        """The names of its controllers: all, or those of a kind that drove in a world."""
-        chosen = [one for one in self.controllers if kind in ("", one.kind) and (not world or one.has(world))]
-        return [one.name for one in chosen]
+        """The names of its controllers: all, or only of a kind, or that drove in a world."""
+        controllers = [
+            controller
+            for controller in self.controllers
+            if kind in ("", controller.kind) and (not world or controller.has(world))
+        ]
+        return [controller.name for controller in controllers]
 
     def controller(self, name: str) -> ControllerRecord:
         """The controller with this name."""
-        return next(one for one in self.controllers if one.name == name)
+        return next(controller for controller in self.controllers if controller.name == name)
 
     def world(self, name: str) -> World:
         """The world with this name."""
-        return next(one for one in self.worlds if one.name == name)
+        return next(world for world in self.worlds if world.name == name)
 
     def of_role(self, role: str) -> list[World]:
         """The worlds of a role."""
@@ -220,9 +224,9 @@ class BenchmarkRecord:
     def best(self, kind: str) -> str | None:
         """The controller of a kind with the smallest mean error in the validation episodes; None where there is none.
 
-        Controllers that see what no robot shows are left out.
+        Privileged controllers are left out.
         """
-        (world, *_) = [one.name for one in self.of_role(VALIDATION)] or [""]
+        (world, *_) = [world.name for world in self.of_role(VALIDATION)] or [""]
         names = [name for name in self.names(kind, world) if world and not self.controller(name).privileged]
         return min(names, key=lambda name: float(self.controller(name).errors(world).mean()), default=None)
 
@@ -245,6 +249,6 @@ class Results:
     films: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        titles = [one.title for one in self.benchmarks]
+        titles = [record.title for record in self.benchmarks]
         if len(set(titles)) < len(titles):
             raise ResultsError("benchmarks", titles, "different titles")

@@ -1,24 +1,20 @@
-"""Which opponents can drive in an environment: those that find in its observation what they need."""
+"""The opponents that can drive in an environment: its observation has every entry that they need."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import cast
-
-from agents.baselines.opponents import WORLDS
-from agents.baselines.privileged_teacher import PrivilegedTeacher
-from agents.baselines.residual import controllers_in
-from agents.evaluation.controller import Controller, Seen
+from agents.controllers.controller import Controller, env_for
+from agents.controllers.privileged_feedback import PrivilegedFeedback
+from agents.controllers.residual import controllers_in
+from agents.controllers.tuned import WORLDS
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import VALIDATION
-from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import InvalidInput
 
 
 def candidates(env_id: str) -> dict[str, Controller]:
     """New controllers to compare learned ones with in the environment of that id, by name, whether they can or not."""
-    known = controllers_in(env_id)
-    return known | {"privileged teacher": PrivilegedTeacher()} if env_id in WORLDS else known
+    controllers = controllers_in(env_id)
+    return controllers | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else controllers
 
 
 def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
@@ -35,26 +31,17 @@ def opponents(env: EnvConfig) -> tuple[dict[str, Controller], dict[str, str]]:
 
 
 def is_privileged(controller: object) -> bool:
-    """Whether a controller sees what no robot shows: it says so by an attribute `privileged`."""
+    """True for a controller that sees the true state, which no robot shows: it has a true attribute `privileged`."""
     return bool(getattr(controller, "privileged", False))
 
 
-def env_for(env: EnvConfig, controller: object) -> EnvConfig:
-    """The environment as a controller needs it: one that is privileged observes the true state, too."""
-    if not is_privileged(controller):
-        return env
-    settings: Mapping[str, object] = {**env.settings, "privileged": "observation"}
-    return EnvConfig(env.id, env.n_envs, settings)
-
-
 def why_impossible(env: EnvConfig, controller: Controller) -> str:
-    """What the controller says against the first observation of an episode, one line; empty if it acts."""
+    """The controller's complaint about the first observation of an episode, one line; empty if it acts."""
     envs = make_vector_env(env, 1)
     try:
         observation, _ = envs.reset(seed=[VALIDATION.start])  # type: ignore[arg-type]
-        task = cast(TrackingTask, getattr(envs, "task", None))
-        controller.begin(task, 1)
-        controller.act(Seen(observation, task))
+        controller.begin(getattr(envs, "task", None), 1)
+        controller.act(observation)
     except InvalidInput as error:
         return str(error)
     finally:

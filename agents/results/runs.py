@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.policies.trained import load_trained
 from agents.results.environment import common, episodes_key
 from agents.runs.algorithms import PARAMETERS
@@ -23,7 +23,7 @@ from rj_gym import IDS
 from rj_gym.tracking.config import TaskConfig
 from rollingjoint.errors import RollingJointError
 
-SEED = re.compile(r"seed_\d+")  # a run folder below that of its configuration, as agents.campaign names it
+SEED = re.compile(r"seed_\d+")  # a run folder below its configuration's folder, as rj campaign names it
 CHECKPOINT = "best"  # the one with the smallest error in the evaluations during training
 
 
@@ -32,7 +32,7 @@ class Run:
     """A finished run: its configuration, its seed, its processor time [s], its evaluations during training.
 
     Args:
-        seconds: with those of the runs that it began from.
+        seconds: including the runs that it began from.
         curve: steps done, mean tip error [mm] and processor time [s] at every evaluation, (3, evaluations).
     """
 
@@ -49,11 +49,11 @@ class Run:
         if not config.env.is_tracking:
             raise RunFolderError("env.id", config.env.id, "an environment of rj_gym", "Others have no baselines.")
         if not folder.is_finished:
-            hint = f"To go on: python -m agents.train --resume {path}"
+            hint = f"To go on: rj train --resume {path}"
             raise RunFolderError("run folder", str(path), f"a run of {config.total_timesteps} steps, all done", hint)
         try:
             load_trained(folder, CHECKPOINT)
-            return cls(folder, config, sum(one.training_seconds for one in stages(folder)), _curve(folder))
+            return cls(folder, config, sum(stage.training_seconds for stage in stages(folder)), _curve(folder))
         except RollingJointError:
             raise
         except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
@@ -79,7 +79,7 @@ class Recipe:
 
     @property
     def chosen(self) -> Run:
-        """The run with the smallest error in the evaluations during training: what its `best/` was chosen by."""
+        """The run with the smallest error in the evaluations during training, which also chose its `best/`."""
         same = {run.folder.judged_by for run in self.runs}
         column = same.pop() if len(same) == 1 else "mean_mm"
         return min(self.runs, key=lambda run: min(float(row[column]) for row in read_rows(run.folder.evaluations)))
@@ -130,7 +130,7 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
         try:
             run = Run.read(path)
             same = groups.setdefault(_without_seed(run.config), [])
-            if run.config.seed in [other.config.seed for other in same]:
+            if run.config.seed in [run_before.config.seed for run_before in same]:
                 raise RunFolderError("seed", run.config.seed, f"another one than that of {same[0].folder.path}")
             same.append(run)
         except RollingJointError as error:
@@ -142,16 +142,16 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
         grouped.setdefault(episodes_key(recipe.config.env), []).append(recipe)
     sorted_recipes = [sorted(recipes, key=lambda recipe: recipe.order) for recipes in grouped.values()]
     titles = _distinct([_title(recipes) for recipes in sorted_recipes])
-    found = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
-    return sorted(found, key=lambda one: (one.complexity, one.title)), left_out
+    benchmarks = [Benchmark(title, recipes) for title, recipes in zip(titles, sorted_recipes, strict=True)]
+    return sorted(benchmarks, key=lambda benchmark: (benchmark.complexity, benchmark.title)), left_out
 
 
 def stages(folder: RunFolder) -> list[RunFolder]:
     """The run, and those that it began from, each the start of the one before it, as far as they are there."""
-    found = [folder]
-    while (start := found[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
-        found.append(RunFolder(Path(start)))
-    return found
+    folders = [folder]
+    while (start := folders[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
+        folders.append(RunFolder(Path(start)))
+    return folders
 
 
 def _run_folders(root: Path) -> Iterator[Path]:
@@ -162,8 +162,8 @@ def _run_folders(root: Path) -> Iterator[Path]:
 
 
 def _curve(folder: RunFolder) -> Array:
-    found = read_rows(folder.evaluations)
-    steps, errors = (np.array([float(row[name]) for row in found]) for name in ("steps", "mean_mm"))
+    rows = read_rows(folder.evaluations)
+    steps, errors = (np.array([float(row[name]) for row in rows]) for name in ("steps", "mean_mm"))
     names = ("time/total_timesteps", PROCESSOR)
     log = [[float(row[name]) for name in names] for row in read_rows(folder.progress) if all(row.get(n) for n in names)]
     done, seconds = np.array([[0.0, 0.0], *log]).T  # short runs of learners that log seldom have no row
@@ -177,7 +177,7 @@ def _without_seed(config: TrainConfig) -> str:
 
 
 def recipe_name(folder: Path) -> str:
-    """What to call the configuration of a run folder: CONFIGURATION/seed_K, or a folder of its own name."""
+    """The name of a run folder's configuration: the parent's in CONFIGURATION/seed_K, else the folder's."""
     return _recipe_folder(folder.resolve()).name if SEED.fullmatch(folder.name) else folder.name
 
 
@@ -186,7 +186,7 @@ def _recipe_folder(folder: Path) -> Path:
 
 
 def _title(recipes: Sequence[Recipe]) -> str:
-    """The name of the first configuration without that of its algorithm: ppo_fixed_target -> fixed target."""
+    """The name of the first configuration without its algorithm: ppo_fixed_target -> fixed target."""
     words = recipes[0].name
     for algorithm in sorted((*PARAMETERS, "her"), key=len, reverse=True):
         words = words.removeprefix(f"{algorithm}_")

@@ -1,4 +1,4 @@
-"""What all controllers of a benchmark do in the same episodes: from run folders to a record."""
+"""All controllers of a benchmark in the same episodes: from run folders to a record."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array, Controller
+from agents.controllers.controller import Array, Controller, env_for
 from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import run_episodes
 from agents.evaluation.score import FLOOR
@@ -34,7 +34,7 @@ from agents.results.record import (
     RunRecord,
     World,
 )
-from agents.results.roster import candidates, env_for, is_privileged, opponents
+from agents.results.roster import candidates, is_privileged, opponents
 from agents.results.runs import CHECKPOINT, Benchmark, Recipe, Run, recipe_name, stages
 from agents.results.standings import FEEDBACK
 from agents.results.worlds import Plan, worlds_of
@@ -56,13 +56,13 @@ class _Part:
 
     @property
     def run(self) -> RunFolder | None:
-        """The run whose policy drives; None for a baseline and for floors."""
+        """The run of the driving policy; None for a baseline and for floors."""
         return self.driver if isinstance(self.driver, RunFolder) else None
 
     def __call__(self) -> Driven | Array:
         if self.driver is None:
-            known = not why_no_floor(self.env)
-            return episode_floor(self.env, self.seeds).errors if known else np.full(len(self.seeds), np.nan)
+            has_floor = not why_no_floor(self.env)
+            return episode_floor(self.env, self.seeds).errors if has_floor else np.full(len(self.seeds), np.nan)
         return Driven.of(run_episodes(self.env, _controller(self.env.id, self.driver), self.seeds), self.complete)
 
 
@@ -79,7 +79,7 @@ class Learner:
 
     Args:
         name, training: of its record. runs: the environment and the driver of every run, a run folder or the name of a
-            shipped policy, and what makes its record of what it did in all worlds.
+            shipped policy, and the function from its episodes in all worlds to its record.
     """
 
     name: str
@@ -99,22 +99,25 @@ def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive, runs_only: b
 
 def score_shipped(policy: ShippedPolicy, title: str, plan: Plan, drive: Drive) -> BenchmarkRecord:
     """The same of a shipped policy and its task, without curves: one training seed, trained earlier."""
-    known = policy.training
-    training = {name: known[name] for name in ("steps", "config")} | {"algorithm": policy.algorithm, "shipped": True}
-    run = (policy.environment, policy.name, lambda driven: RunRecord(driven, known["seed"]))
+    details = policy.training
+    training = {name: details[name] for name in ("steps", "config")} | {"algorithm": policy.algorithm, "shipped": True}
+    run = (policy.environment, policy.name, lambda driven: RunRecord(driven, details["seed"]))
     learner = Learner(f"{policy.algorithm}_{policy.name}", training, [run])
     return _score(title, common(policy.environment), [learner], replace(plan, per_point=0), drive)
 
 
 def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPolicy]:
     """The shipped policies of tasks that are none of these, by a title for their task."""
-    known, titles = {episodes_key(one.env) for one in benchmarks}, {one.title for one in benchmarks}
-    found = {}
+    keys, titles = (
+        {episodes_key(benchmark.env) for benchmark in benchmarks},
+        {benchmark.title for benchmark in benchmarks},
+    )
+    policies = {}
     for policy in map(load_policy, list_policies()):
-        if episodes_key(policy.environment) not in known:
+        if episodes_key(policy.environment) not in keys:
             title = policy.name.replace("_", " ")
-            found[f"{title} (shipped)" if title in titles else title] = policy
-    return found
+            policies[f"{title} (shipped)" if title in titles else title] = policy
+    return policies
 
 
 def _score(
@@ -123,18 +126,20 @@ def _score(
     able, impossible = ({}, {}) if learners_only else opponents(env)
     worlds = worlds_of(env, plan)
     on_floors = [] if learners_only else [world for world in worlds if _has_floors(world)]
-    driven = [(own, driver) for learner in learners for own, driver, _ in learner.runs]
+    driven = [(own_env, driver) for learner in learners for own_env, driver, _ in learner.runs]
     driven += [(env_for(env, controller), name) for name, controller in able.items()]
     parts = [
-        _Part(changed(own, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
-        for own, driver in driven
+        _Part(changed(own_env, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
+        for own_env, driver in driven
         for world in worlds
     ]
-    found = drive([*parts, *(_Part(changed(env, world.changes), None, world.seeds) for world in on_floors)])
-    done = iter([{world.name: next(found) for world in worlds} for _ in driven])
+    values = drive([*parts, *(_Part(changed(env, world.changes), None, world.seeds) for world in on_floors)])
+    done = iter([{world.name: next(values) for world in worlds} for _ in driven])
     learned = [
-        ControllerRecord(one.name, POLICY, [record(next(done)) for *_, record in one.runs], training=one.training)
-        for one in learners
+        ControllerRecord(
+            learner.name, POLICY, [record(next(done)) for *_, record in learner.runs], training=learner.training
+        )
+        for learner in learners
     ]
     compared = [
         ControllerRecord(name, BASELINE, [RunRecord(next(done))], is_privileged(controller))
@@ -145,7 +150,7 @@ def _score(
         description=description(env.arguments()["config"]),
         env_id=env.id,
         settings=plain(env),
-        worlds=[_with_floors(world, next(found)) if world in on_floors else world for world in worlds],
+        worlds=[_with_floors(world, next(values)) if world in on_floors else world for world in worlds],
         controllers=[*learned, *compared],
         impossible=impossible,
     )
@@ -177,9 +182,9 @@ def _run_record(run: Run, driven: Mapping[str, Driven]) -> RunRecord:
 
 def _levels(benchmark: Benchmark, env: EnvConfig, names: Iterable[str | None], drive: Drive) -> dict[str, float]:
     """Mean errors at the end of these controllers and of the floor, in the evaluations during training [mm]."""
-    during, known = benchmark.recipes[0].config.evaluation.seeds, list(filter(None, names))
-    *driven, floors = drive([_Part(env, name, during) for name in (*known, None)])
-    levels = {name: float(one.final.mean()) for name, one in zip(known, driven, strict=True)}
+    during, drivers = benchmark.recipes[0].config.evaluation.seeds, list(filter(None, names))
+    *driven, floors = drive([_Part(env, name, during) for name in (*drivers, None)])
+    levels = {name: float(episodes.final.mean()) for name, episodes in zip(drivers, driven, strict=True)}
     finite = floors[np.isfinite(floors)]
     return levels | ({FLOOR: float(finite.mean())} if len(finite) else {})
 
@@ -199,5 +204,5 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
 
 
 def _driven(part: _Part, run: RunFolder | None) -> Driven | Array:
-    """In a worker: the episodes of a part, whose policy is in the folder of `run` on this machine."""
+    """In a worker: the episodes of a part; its policy is in the folder of `run` on this machine."""
     return (part if run is None else replace(part, driver=run))()

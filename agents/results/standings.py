@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Standings:
-    """What a table and a verdict say; the best of a kind are those of the validation episodes.
+    """The content of a table and its verdict; the best of a kind are chosen in the validation episodes.
 
     Args:
         record: the benchmark. world: one of its worlds, complete.
@@ -67,8 +67,8 @@ class Standings:
 
     def compare(self, one: str, other: str) -> Comparison:
         """One controller against another, over these errors."""
-        both = self._errors(one), self._errors(other)
-        return self._once("comparison", f"{one}\n{other}", lambda: self._bootstrap.compare(*both))
+        errors = self._errors(one), self._errors(other)
+        return self._once("comparison", f"{one}\n{other}", lambda: self._bootstrap.compare(*errors))
 
     def change(self, name: str, before: Standings) -> Interval | None:
         """How much larger a controller's mean error is here than in another world, minus 1.

@@ -26,7 +26,7 @@ from rollingjoint.checks import as_floats, as_integer, as_number
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
-HIGH = 95  # the percentile that tables show beside mean and median
+HIGH = 95  # the percentile in tables, next to mean and median
 
 
 class Interval(NamedTuple):
@@ -61,10 +61,10 @@ class Comparison:
     """One controller against another in the same episodes.
 
     Args:
-        difference: mean error of the first minus that of the second [mm].
+        difference: mean error of the first minus the second's [mm].
         ratio: the first one's mean error over the second one's, minus 1; NaN where the second one's is zero.
         improvement: probability that the first one's error is smaller in an episode; equal errors count half.
-        runs_better, runs: how many of the first one's runs have a mean error below that of the second; all of them.
+        runs_better, runs: number of the first one's runs with a mean error below the second's; number of all its runs.
     """
 
     difference: Interval
@@ -125,7 +125,7 @@ class Bootstrap:
         return self._interval(exact, _ratio(self._means(ours, 0), self._means(theirs, 0)))
 
     def compare(self, own: ArrayLike, other: ArrayLike) -> Comparison:
-        """Errors of one controller (S, E) or (E,) against those of another, both [mm]; raises as `summary` does."""
+        """Errors of one controller (S, E) or (E,) against another's, both [mm]; raises as `summary` does."""
         ours, theirs = self._checked("own", own), self._checked("other", other)
         means = self._means(ours, 0), self._means(theirs, 1)
         exact = float(ours.mean()), float(theirs.mean())

@@ -37,29 +37,31 @@ def verdict_text(standings: Standings) -> str:
 
 
 def change_text(standings: Standings, before: Standings) -> str:
-    """What another world than the task's makes of the best learner and the best opponent; empty where unknown."""
+    """The change of the best learner's and the best opponent's mean in another world; empty where unknown."""
     names = {name: standings.change(name, before) for name in (standings.policy, standings.baseline) if name}
-    told = [
-        f"that of {name} by {with_interval(one, signed_percent)} %" for name, one in names.items() if one is not None
+    changes = [
+        f"that of {name} by {with_interval(change, signed_percent)} %"
+        for name, change in names.items()
+        if change is not None
     ]
-    if standings.world is before.world or not told:
+    if standings.world is before.world or not changes:
         return ""
-    return f"From the task's own episodes to these the mean changes: {' and '.join(told)}."
+    return f"From the task's own episodes to these the mean changes: {' and '.join(changes)}."
 
 
 def _compared(standings: Standings, policy: str, other: str) -> str:
-    found, best = standings.compare(policy, other), other == standings.baseline
-    less = "less" if found.difference.value <= 0 else "more"
-    seeds = f" and with {found.runs_better} of {found.runs} training seeds" if found.runs > 1 else ""
+    comparison, best = standings.compare(policy, other), other == standings.baseline
+    less = "less" if comparison.difference.value <= 0 else "more"
+    seeds = f" and with {comparison.runs_better} of {comparison.runs} training seeds" if comparison.runs > 1 else ""
     return (
-        f"{with_interval(_size(found.difference), mm)} mm{_share(found.ratio)} {less} than "
+        f"{with_interval(_size(comparison.difference), mm)} mm{_share(comparison.ratio)} {less} than "
         f"{'the best opponent, ' if best else ''}{other} ({with_interval(standings.mean(other), mm)} mm), better in "
-        f"{with_interval(found.improvement, percent)} % of the episodes{seeds}"
+        f"{with_interval(comparison.improvement, percent)} % of the episodes{seeds}"
     )
 
 
 def _share(ratio: Interval) -> str:
-    """The ratio in brackets, in per cent; nothing where it is unknown or the opponent hardly has an error."""
+    """The ratio in brackets, in per cent; empty where it is unknown or the opponent hardly has an error."""
     if not all(map(math.isfinite, ratio)) or abs(ratio.value) > 1:
         return ""
     return f" ({with_interval(_size(ratio), percent)} %)"

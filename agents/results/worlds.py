@@ -66,7 +66,7 @@ def task_note(record: BenchmarkRecord) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """A setting whose range an episode draws from, and what its curve is called.
+    """A setting that episodes draw from a range, and the label of its curve.
 
     Args:
         largest: for tasks that lack the setting, but are shifted to it: where the curve ends.
@@ -111,23 +111,23 @@ class Plan:
 
 def worlds_of(env: EnvConfig, plan: Plan) -> list[World]:
     """The worlds of a benchmark with this environment, without floors."""
-    own = [World(TEST, TEST, plan.test.start, len(plan.test))]
+    worlds = [World(TEST, TEST, plan.test.start, len(plan.test))]
     if plan.validation:
-        own.append(World(VALIDATION, VALIDATION, plan.validation.start, len(plan.validation)))
+        worlds.append(World(VALIDATION, VALIDATION, plan.validation.start, len(plan.validation)))
     shifts = [
         World(heading, SHIFT, plan.test.start, len(plan.test), changes, heading)
         for heading, changes in _shifts(env).items()
     ]
-    return [*own, *shifts, *(_points(env, plan) if plan.per_point else [])]
+    return [*worlds, *shifts, *(_points(env, plan) if plan.per_point else [])]
 
 
 def _shifts(env: EnvConfig) -> dict[str, Mapping[str, Any]]:
-    found = dict(SHIFTS.get(env.id, {}))
+    shifts = dict(SHIFTS.get(env.id, {}))
     if _load_varies(env):
         high = setting(env, "load", "magnitude")[1]
         heading = f"Heavier loads than in training, {load_range(setting(env, 'load'), high, HEAVIER * high)}"
-        found[heading] = {"load": {"magnitude": [high, HEAVIER * high]}}
-    return found
+        shifts[heading] = {"load": {"magnitude": [high, HEAVIER * high]}}
+    return shifts
 
 
 def _load_varies(env: EnvConfig) -> bool:

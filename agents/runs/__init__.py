@@ -1,20 +1,18 @@
-"""What a training run is: its configuration, its folder, and what every command needs to handle both.
+"""Training runs: their configuration, their folder, and the tools with which every command handles both.
 
 Modules:
     checked_json: JSON read with limits.
     checks: checks of configuration values.
     schedules: hyper-parameters that change during training.
     algorithms: learning algorithms and the hyper-parameters that a configuration may set.
-    evaluations: the columns of evaluations.csv, and which of them chooses the best policy.
-    environment: the environment of a run, and how Gymnasium makes it.
+    environment: the environment of a run, how Gymnasium makes it, and the columns of evaluations.csv.
     config: the whole configuration, read from YAML.
-    seeds: which seeds serve for what.
+    seeds: seeds and their purposes.
     files: files that are written whole or not at all; tables read back.
     locks: locks between processes.
     state_file: plain values, arrays and tensors in one safetensors file.
     consent: permissions that only the command line gives: pickles, and modules that files name.
     folder: the run folder.
-    processes: how commands are asked to stop.
     command_line: exit codes, error lines and signals of the commands.
 
 Nothing is imported here; torch and Stable-Baselines3 are loaded by the functions that need them.

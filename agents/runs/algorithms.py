@@ -29,6 +29,8 @@ def _entropy(what: str, value: Any) -> Any:
     return value
 
 
+_ENTROPY = Check(_entropy, "any number; `auto`; `auto_X` with X > 0")
+_NAME = Check(text, "a name")
 MOST_KEPT = 10_000_000
 """Steps that a rollout of all environments, or a replay buffer, may hold: some gigabytes."""
 _MOST_LEARNT = 1_000_000  # steps in a batch, updates in a row
@@ -48,8 +50,8 @@ _OFF_POLICY: dict[str, Check] = _COMMON | {
     "train_freq": _count,
     "gradient_steps": integer(-1, _MOST_LEARNT),
     "n_steps": integer(1, 1000),
-    "ent_coef": _entropy,
-    "target_entropy": _entropy,
+    "ent_coef": _ENTROPY,
+    "target_entropy": _ENTROPY,
     "use_sde_at_warmup": boolean,
 }
 _TARGETS: dict[str, Check] = {"tau": _share, "target_update_interval": _count}
@@ -68,7 +70,7 @@ _ON_POLICY: dict[str, Check] = _COMMON | {
 _LESSONS: dict[str, Check] = {
     "learning_rate": schedule(),
     "optimizer": choice("adam", "muon"),
-    "teacher": optional(text),
+    "teacher": optional(_NAME),
     "taught": _share,
     "delta": number(1e-6),
     "gradient_steps": _count,
@@ -128,15 +130,15 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
 def checked_parameters(algorithm: str, parameters: Any, n_envs: int) -> dict[str, Any]:
     """The hyper-parameters in their plain form; raises ConfigError for one that `algorithm` does not take."""
     checks = PARAMETERS[algorithm]
-    given = mapping("parameters", parameters, list(checks))
-    checked = {name: checks[name](f"parameters.{name}", value) for name, value in given.items()}
+    values = mapping("parameters", parameters, list(checks))
+    checked = {name: checks[name](f"parameters.{name}", value) for name, value in values.items()}
     if algorithm in ON_POLICY:
         _check_batches(algorithm, checked, n_envs)
     return checked
 
 
 def check_hindsight(algorithm: str, parameters: Mapping[str, Any], n_envs: int, episode_steps: int | None) -> None:
-    """Accept what hindsight experience replay works with: whole episodes to relabel, single steps to learn from."""
+    """Raise ConfigError unless hindsight replay has whole episodes to relabel and learns from single steps."""
     if algorithm not in HINDSIGHT:
         raise ConfigError("her", algorithm, f"one of the algorithms {', '.join(HINDSIGHT)}", "Else leave `her` out.")
     if parameters.get("n_steps", 1) > 1:

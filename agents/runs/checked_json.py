@@ -1,4 +1,4 @@
-"""JSON read with limits, since files come from strangers: on bytes, also of what is packed, on values and on depth."""
+"""JSON read with limits, since files come from strangers: on bytes, packed and unpacked, on values and on depth."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 
 from rollingjoint.errors import ConfigError
 
-LARGEST = 2**27  # bytes, unpacked: eighteen times those of docs/results.json.gz
-MOST_VALUES = 10_000_000  # ten times those of that file
+LARGEST = 2**27  # bytes, unpacked: eighteen times the size of docs/results.json.gz
+MOST_VALUES = 10_000_000  # ten times the number in that file
 DEEPEST = 64  # levels of lists and mappings inside each other
 PACKED = ".gz"
 

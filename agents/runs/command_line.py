@@ -1,4 +1,4 @@
-"""What the commands share: errors in one line, exit codes, signals, progress bars, the typed command."""
+"""Shared by the commands: errors in one line, exit codes, signals, progress bars, the typed command."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from contextlib import contextmanager
 from typing import Any
 
 from agents.runs.consent import Consent, allowing
-from agents.runs.processes import STOPPING
 from rollingjoint.errors import RollingJointError, named, one_line
 from rollingjoint.interrupts import INTERRUPTED, interrupted, interruptible
 from rollingjoint.tables import print_any_character
 
 FAILED = 2
+STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
+"""Signals that ask a command to stop; SIGBREAK is the one that Windows has in place of SIGTERM."""
 
 
-def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
+def exit_code(command: Callable[[], int], consent: Consent | None = None, extra: str = "") -> int:
     """The exit code of `command`, called with this consent; Ctrl-C is one line and code 130.
 
     Errors that a user can fix become one line and code 2.
+
+    Args:
+        extra: named where a package is missing that it and other extras bring.
     """
 
     def allowed() -> int:
-        with allowing(given or Consent()):
+        with allowing(consent or Consent()):
             return command()
 
     print_any_character()
@@ -35,7 +39,7 @@ def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
         print("error:", one_line(str(error)), file=sys.stderr)
         return FAILED
     except ModuleNotFoundError as error:
-        if not isinstance(missing := named(error), RollingJointError):
+        if not isinstance(missing := named(error, extra), RollingJointError):
             raise
         print("error:", missing, file=sys.stderr)
         return FAILED
@@ -45,11 +49,11 @@ def exit_code(command: Callable[[], int], given: Consent | None = None) -> int:
 
 @contextmanager
 def signals_seen() -> Iterator[list[int]]:
-    """Collects the signals that ask to stop as they arrive, in place of what they do otherwise."""
-    seen: list[int] = []
-    before = {number: signal.signal(number, lambda arrived, frame: seen.append(arrived)) for number in STOPPING}
+    """Collects the signals that ask to stop as they arrive, in place of their usual effect."""
+    numbers: list[int] = []
+    before = {number: signal.signal(number, lambda arrived, frame: numbers.append(arrived)) for number in STOPPING}
     try:
-        yield seen
+        yield numbers
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -76,6 +80,6 @@ def finished(runs: int, failed: Mapping[Any, str], signals: Sequence[int], again
     return 0
 
 
-def typed_command(module: str, argv: Sequence[str] | None) -> list[str]:
-    """The command line that starts `module` with these arguments (None: those of this process)."""
-    return ["python", "-m", module, *(sys.argv[1:] if argv is None else argv)]
+def typed_command(command: str, argv: Sequence[str] | None) -> list[str]:
+    """Words of the command line: `command`, such as "rj train", and its arguments (None: this process's)."""
+    return [*command.split(), *(sys.argv[1:] if argv is None else argv)]

@@ -6,10 +6,11 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from agents.runs.algorithms import CONVOLVING, ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
 from agents.runs.checks import (
+    Check,
     boolean,
     check_fields,
     choice,
@@ -27,7 +28,9 @@ from rollingjoint.checked_yaml import mapping, parse_yaml, read_yaml
 from rollingjoint.checked_yaml import text as checked_text
 from rollingjoint.errors import ConfigError
 
-PRIVILEGED = "privileged"  # what rj_gym calls the true state
+PRIVILEGED = "privileged"  # the name of the true state in rj_gym
+_WIDTH = integer(1, 4096)
+_WIDTHS = integers(1, 4096, most=16)
 
 
 @dataclass(frozen=True)
@@ -35,32 +38,27 @@ class PolicyConfig:
     """The networks.
 
     Args:
-        hidden: widths of the hidden layers; with a memory, of those behind it.
-        value_hidden: the same of the value functions; None: as in the policy.
-        activation: of the hidden layers: "tanh", "relu" or "elu".
-        log_std_init: logarithm of the first standard deviation of the actions (ppo, recurrent_ppo).
-        memory: width of the LSTM (recurrent_ppo), or of all layers (apg, distill).
-        critic: what the value function sees in training (ppo, recurrent_ppo): the "observation", or the "privileged"
-            state of the environment as well. The policy always sees the observation alone.
-        convolution: width of a temporal convolution over past readings, before the hidden layers (ppo, sac, tqc,
-            crossq); None: the hidden layers see all readings at once.
+        hidden: widths of the hidden layers; with a memory, of the layers behind it.
+        value_hidden: the same of the value functions; null: as in the policy.
+        activation: activation of the hidden layers.
+        log_std_init: logarithm of the first standard deviation of the actions (`ppo`, `recurrent_ppo`).
+        memory: width of the LSTM (`recurrent_ppo`), or of all layers (`apg`, `distill`).
+        critic: input of the value function in training (`ppo`, `recurrent_ppo`): the observation, or the true state of
+            the environment as well. The policy always sees the observation alone.
+        convolution: width of a temporal convolution over past readings, before the hidden layers (`ppo`, `sac`,
+            `tqc`, `crossq`); null: the hidden layers see all readings at once.
     """
 
-    hidden: Sequence[int] = (64, 64)
-    value_hidden: Sequence[int] | None = None
-    activation: str = "tanh"
-    log_std_init: float = 0.0
-    memory: int = 128
-    critic: str = "observation"
-    convolution: int | None = None
+    hidden: Annotated[Sequence[int], _WIDTHS] = (64, 64)
+    value_hidden: Annotated[Sequence[int] | None, optional(_WIDTHS)] = None
+    activation: Annotated[str, choice("tanh", "relu", "elu")] = "tanh"
+    log_std_init: Annotated[float, number(-10.0, 3.0)] = 0.0
+    memory: Annotated[int, _WIDTH] = 128
+    critic: Annotated[str, choice("observation", PRIVILEGED)] = "observation"
+    convolution: Annotated[int | None, optional(_WIDTH)] = None
 
     def __post_init__(self) -> None:
-        widths = integers(1, 4096, most=16)
-        activation = choice("tanh", "relu", "elu")
-        check_fields(self, "policy.", hidden=widths, value_hidden=optional(widths), activation=activation)
-        check_fields(self, "policy.", log_std_init=number(-10.0, 3.0), memory=integer(1, 4096))
-        check_fields(self, "policy.", critic=choice("observation", PRIVILEGED))
-        check_fields(self, "policy.", convolution=optional(integer(1, 4096)))
+        check_fields(self, "policy.")
 
     @property
     def critic_is_privileged(self) -> bool:
@@ -70,39 +68,53 @@ class PolicyConfig:
 
 @dataclass(frozen=True)
 class HerConfig:
-    """Hindsight experience replay: `goals` relabelled transitions to every real one, and which states become goals.
+    """Hindsight experience replay.
 
+    Args:
+        goals: relabelled transitions to every real one.
+        strategy: the states of the episode that become goals.
     Source: Andrychowicz et al., Hindsight Experience Replay, 2017.
     """
 
-    goals: int = 4
-    strategy: str = "future"
+    goals: Annotated[int, integer(1, 100)] = 4
+    strategy: Annotated[str, choice("future", "final", "episode")] = "future"
 
     def __post_init__(self) -> None:
-        check_fields(self, "her.", goals=integer(1, 100), strategy=choice("future", "final", "episode"))
+        check_fields(self, "her.")
 
 
 @dataclass(frozen=True)
 class NormaliseConfig:
-    """Running normalisation of observations and rewards (VecNormalize)."""
+    """Running normalisation by VecNormalize.
 
-    observation: bool = True
-    reward: bool = True
+    Args:
+        observation: running normalisation of observations.
+        reward: running normalisation of rewards.
+    """
+
+    observation: Annotated[bool, boolean] = True
+    reward: Annotated[bool, boolean] = True
 
     def __post_init__(self) -> None:
-        check_fields(self, "normalise.", observation=boolean, reward=boolean)
+        check_fields(self, "normalise.")
 
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """Evaluation during training: every `every` steps, on `episodes` fixed seeds from `seed` on."""
+    """Evaluation during training, always in the same episodes.
 
-    every: int = 50_000
-    episodes: int = 40
-    seed: int = 1_000_000
+    Args:
+        every: steps of all environments together between two evaluations.
+        episodes: number of episodes.
+        seed: seed of the first episode; the others have the next ones.
+    """
+
+    every: Annotated[int, step_count] = 50_000
+    episodes: Annotated[int, episode_count] = 40
+    seed: Annotated[int, seed_number] = 1_000_000
 
     def __post_init__(self) -> None:
-        check_fields(self, "evaluation.", every=step_count, episodes=episode_count, seed=seed_number)
+        check_fields(self, "evaluation.")
 
     @property
     def seeds(self) -> range:
@@ -112,29 +124,41 @@ class EvaluationConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Everything that a training run depends on; steps are counted over all environments together.
+    """Everything that a training run depends on.
 
-    `residual` names the controller to whose actions the policy adds its own; None: the policy acts alone. `start_from`
-    is the folder of an earlier run as whose best policy this one starts (apg, distill); None: it starts from nothing.
+    Args:
+        algorithm: the learner.
+        total_timesteps: steps of all environments together.
+        seed: seed of the policy, of the training environments (`seed`, `seed + 1`, ...) and of torch.
+        env: the environment.
+        parameters: arguments of the learner by name; Stable-Baselines3's or our own defaults apply otherwise.
+        policy: the networks.
+        normalise: running normalisation.
+        her: hindsight experience replay (`sac`, `tqc`); null: none.
+        residual: name of the controller to whose actions the policy adds its own; null: the policy acts alone.
+        start_from: folder of an earlier run with whose best policy this one starts (`apg`, `distill`), relative to the
+            working directory; null: a fresh policy.
+        evaluation: evaluation during training.
+        checkpoint_every: steps of all environments together between two checkpoints.
+        torch_threads: threads of torch; small networks are fastest with one.
     """
 
-    algorithm: str = "ppo"
-    total_timesteps: int = 1_000_000
-    seed: int = 0
+    algorithm: Annotated[str, choice(*PARAMETERS)] = "ppo"
+    total_timesteps: Annotated[int, step_count] = 1_000_000
+    seed: Annotated[int, seed_number] = 0
     env: EnvConfig = field(default_factory=EnvConfig)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     normalise: NormaliseConfig = field(default_factory=NormaliseConfig)
     her: HerConfig | None = None
-    residual: str | None = None
-    start_from: str | None = None
+    residual: Annotated[str | None, optional(Check(checked_text, "a name"))] = None
+    start_from: Annotated[str | None, optional(Check(checked_text, "a folder"))] = None
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    checkpoint_every: int = 250_000
-    torch_threads: int = 1
+    checkpoint_every: Annotated[int, step_count] = 250_000
+    torch_threads: Annotated[int, integer(1, 256)] = 1
 
     def __post_init__(self) -> None:
-        check_fields(self, algorithm=choice(*PARAMETERS), total_timesteps=step_count, seed=seed_number)
-        check_fields(self, checkpoint_every=step_count, torch_threads=integer(1, 256))
+        check_fields(self)
         parameters = checked_parameters(self.algorithm, self.parameters, self.env.n_envs)
         object.__setattr__(self, "parameters", parameters)
         if self.her is not None:
@@ -149,12 +173,10 @@ class TrainConfig:
             self._check_convolution()
 
     def _check_start(self) -> None:
-        checked_text("start_from", self.start_from)
         if self.algorithm not in OWN:
             raise ConfigError("start_from", self.start_from, f"null, or a run folder with {' or '.join(OWN)}")
 
     def _check_residual(self) -> None:
-        checked_text("residual", self.residual)
         if self.algorithm == "distill" or self.parameters.get("lessons", 0.0) > 0.0:
             allowed = "null with distill, and with apg that has lessons"
             raise ConfigError("residual", self.residual, allowed, "A teacher shows whole actions.")
@@ -195,7 +217,7 @@ class TrainConfig:
         return {"training_environments": environments, "evaluation_during_training": self.evaluation.seeds}
 
     def use_of(self, seeds: range) -> str | None:
-        """What the run uses one of these seeds for; None if for nothing."""
+        """The purpose for which the run uses one of these seeds; None without one."""
         return next((use for use, used in self.seeds.items() if overlap(used, seeds)), None)
 
     def check_unused(self, seeds: range) -> None:
@@ -239,9 +261,9 @@ SECTIONS: dict[str, type] = {
 }
 
 
-def overlap(one: range, other: range) -> bool:
+def overlap(first: range, second: range) -> bool:
     """Whether two ranges of seeds have one in common."""
-    return one.start < other.stop and other.start < one.stop
+    return first.start < second.stop and second.start < first.stop
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainConfig:
@@ -266,7 +288,7 @@ def filled(path: Path) -> dict[str, Any]:
     """The keys and values of a YAML file; ConfigError where there are none."""
     values = _section(read_yaml(path), str(path))
     if not values:
-        keys = ", ".join(each.name for each in fields(TrainConfig))
+        keys = ", ".join(key.name for key in fields(TrainConfig))
         raise ConfigError(str(path), None, f"keys and values, with the keys {keys}")
     return values
 
@@ -304,7 +326,7 @@ def _resolve_env(env: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _section(values: object, where: str) -> dict[str, Any]:
-    """A copy of a mapping read from YAML; nothing is an empty one."""
+    """A copy of a mapping read from YAML; an empty one for None."""
     if values is not None and not isinstance(values, dict):
         raise ConfigError(where, values, "a mapping of keys to values")
     return dict(values or {})
@@ -320,8 +342,8 @@ def _with_mechanism(settings: Any, folder: Path) -> dict[str, Any]:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    both = dict(below)
+    values = dict(below)
     for key, value in above.items():
-        nested = isinstance(value, dict) and isinstance(both.get(key), dict)
-        both[key] = _merged(both[key], value) if nested else value
-    return both
+        nested = isinstance(value, dict) and isinstance(values.get(key), dict)
+        values[key] = _merged(values[key], value) if nested else value
+    return values

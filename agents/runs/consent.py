@@ -19,7 +19,7 @@ from typing import Any
 from agents.runs.files import RunFolderError
 from rollingjoint.errors import ConfigError
 
-OWN = ("rj_gym", "gymnasium")  # packages whose registered environments need no consent
+OWN = ("rj_gym", "gymnasium")  # environments registered by these packages need no consent
 
 
 @dataclass(frozen=True)

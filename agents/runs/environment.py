@@ -1,4 +1,4 @@
-"""The environment of a run, and how Gymnasium makes it."""
+"""The environment of a run, how Gymnasium makes it, and the columns by which policies are judged there."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import gymnasium
 
 from agents.runs.checks import check_fields, integer, prefixed
 from agents.runs.consent import check_named
-from agents.runs.evaluations import AT_THE_END, LAST_10
 from rollingjoint.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,34 +20,43 @@ if TYPE_CHECKING:
 
     from rj_gym.tracking.config import TaskConfig
 
+AT_THE_END, LAST_10 = "mean_mm", "last_10_mm"
+"""Mean tip error at the end of the episodes, and over their last 10 steps, as in the tables of results."""
+
+COLUMNS = ("steps", AT_THE_END, "median_mm", "p95_mm", LAST_10, "mean_reward")
+_WHEN = {AT_THE_END: "at the end", LAST_10: "over the last 10 steps"}
+
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The environment: Gymnasium id, copies that are stepped together, and settings.
+    """The environment of a run.
 
-    For ids of rj_gym the settings are the keys of its settings class; else arguments of gymnasium.make.
+    Args:
+        id: its id in Gymnasium.
+        n_envs: number of environments that are stepped together.
+        settings: keys of the settings class for environments of rj_gym, else arguments of `gymnasium.make`.
     """
 
     id: str = "rj_gym/RollingJoint-v0"
-    n_envs: int = 16
+    n_envs: Annotated[int, integer(1, 1024)] = 16
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id:
             raise ConfigError("env.id", self.id, "the id of a Gymnasium environment")
         self._check_code()
-        check_fields(self, "env.", n_envs=integer(1, 1024))
+        check_fields(self, "env.")
         if not isinstance(self.settings, Mapping):
             raise ConfigError("env.settings", self.settings, "a mapping of settings to values")
         self.arguments()
 
     def _check_code(self) -> None:
-        """Raise ConfigError for an id whose environment is code that the command does not allow."""
+        """Raise ConfigError for the id of an environment in code that the command does not allow."""
         module, colon, name = self.id.rpartition(":")
         if colon:
             check_named("env.id", self.id, module)
-        for known, spec in gymnasium.registry.items():
-            is_meant = known == name or known.startswith(f"{name}-v")  # Gymnasium fills in the newest version
+        for registered, spec in gymnasium.registry.items():
+            is_meant = registered == name or registered.startswith(f"{name}-v")  # Gymnasium fills in the newest version
             if is_meant and isinstance(spec.entry_point, str):  # else it is of a module that was imported
                 check_named("env.id", self.id, spec.entry_point.partition(":")[0])
 
@@ -145,3 +153,8 @@ def tip_errors(info: Mapping[str, Any]) -> Any:
     if "error_mm" not in info:
         raise ConfigError("info", sorted(info), 'an environment that reports info["error_mm"], the tip error in mm')
     return info["error_mm"]
+
+
+def in_words(column: str, error: float) -> str:
+    """A mean tip error [mm] of one of these two columns."""
+    return f"mean tip error {_WHEN[column]} {error:.3f} mm"

@@ -51,7 +51,7 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def write_hashed(path: Path, write: Callable[[Any], Any]) -> None:
-    """As write_file, with a hash beside the file."""
+    """As write_file, with the hash of the file in FILE.sha256."""
     hashing = _Hashing()
 
     def both(stream: BinaryIO) -> None:
@@ -64,12 +64,12 @@ def write_hashed(path: Path, write: Callable[[Any], Any]) -> None:
 
 
 def write_hashed_bytes(path: Path, content: bytes) -> None:
-    """Write a file of these bytes with a hash beside it."""
+    """Write a file of these bytes, and its hash in FILE.sha256."""
     write_hashed(path, lambda stream: stream.write(content))
 
 
 def write_hashed_text(path: Path, text: str) -> None:
-    """Write a text file with a hash beside it."""
+    """Write a text file, and its hash in FILE.sha256."""
     write_hashed_bytes(path, text.encode())
 
 
@@ -92,7 +92,7 @@ def hash_file(path: Path) -> Path:
 
 
 def is_as_written(path: Path) -> bool:
-    """Whether a file is what `write_hashed` wrote; also where there is no hash, as in folders of older versions."""
+    """True for a file as `write_hashed` wrote it, and where there is no hash, as in folders of older versions."""
     beside = hash_file(path)
     if not beside.is_file():
         return True
@@ -113,7 +113,7 @@ def _hash(path: Path) -> str:
 
 
 class _Hashing:
-    """A binary stream that hashes what it is given."""
+    """A binary stream that hashes its content."""
 
     stream: BinaryIO
 
@@ -127,11 +127,11 @@ class _Hashing:
 
 
 def cut_off_unfinished_line(path: Path) -> None:
-    """Remove what a killed process or a full disk left of a last line; nothing where there is no file."""
+    """Remove an unfinished last line, left by a killed process or a full disk; no effect without a file."""
     content = path.read_bytes() if path.is_file() else b""
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        os.truncate(path, whole)
+    end = content.rfind(b"\n") + 1
+    if end < len(content):
+        os.truncate(path, end)
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:

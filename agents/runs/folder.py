@@ -1,11 +1,11 @@
 """A run folder: everything needed to repeat a training run and to use its policy.
 
     config.yaml          the configuration, complete: environment settings and overrides written in
-    command.txt          what was typed; one more line for every --resume
+    command.txt          the command as typed; one more line for every --resume
     mechanism.yaml       the mechanism, where the environment names a mechanism file
     versions.json        Python, packages, platform
     seeds.json           seeds of training and of the evaluations during training
-    policy.safetensors   the policy at the end (or where training was stopped), with its normaliser: what commands read
+    policy.safetensors   the policy at the end (or where training was stopped), with its normaliser; commands read it
     policy.parameters.safetensors   in its place, of a policy that has no form in NumPy
     policy.zip           the same with its critic, for programs of yours that use Stable-Baselines3
     normaliser.pkl       its VecNormalize, for the same
@@ -13,7 +13,7 @@
     checkpoints/         STEPS/ with these files at that time; the newest two hold all that --resume needs
     logs/                progress.csv and TensorBoard events
     evaluations.csv      tip error in the evaluations during training
-    evaluation/          report, pictures and animation, written by agents.evaluate
+    evaluation/          report, pictures and animation, written by rj evaluate
     error.txt            the traceback, if training failed
     lock                 held by the training that runs
 
@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 from agents.runs.checked_json import read_json
 from agents.runs.config import TrainConfig, filled, load_config
 from agents.runs.consent import consent
-from agents.runs.evaluations import AT_THE_END
+from agents.runs.environment import AT_THE_END
 from agents.runs.files import RunFolderError, check_as_written, read_rows, write_hashed_bytes, write_hashed_text
 from agents.runs.locks import alone_in
 from rollingjoint.checked_yaml import dump_yaml
@@ -98,7 +98,7 @@ class RunFolder:
                 cls(path)._give_way_to(partial)
             else:
                 if path.exists():
-                    path.rmdir()  # it is empty; Windows moves nothing to where something is
+                    path.rmdir()  # it is empty; Windows does not move onto an existing folder
                 os.replace(partial, path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
@@ -117,7 +117,7 @@ class RunFolder:
     def open(cls, path: Path) -> RunFolder:
         """The run folder at `path`; raises RunFolderError if there is no run."""
         if not (path / "config.yaml").is_file():
-            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by agents.train")
+            raise RunFolderError("run folder", str(path), "a folder with a config.yaml, written by rj train")
         return cls(path)
 
     @staticmethod
@@ -169,10 +169,10 @@ class RunFolder:
     def begun_with(self) -> str:
         """The version of this project that wrote the folder, in words."""
         try:
-            found = read_json(self.path / "versions.json")["rollingjoint"]
+            version = read_json(self.path / "versions.json")["rollingjoint"]
         except (ConfigError, LookupError, TypeError):
             return "an unknown version of rollingjoint"
-        return f"rollingjoint {found}"
+        return f"rollingjoint {version}"
 
     @property
     def is_finished(self) -> bool:
@@ -202,7 +202,7 @@ class RunFolder:
 
     @property
     def checkpoint_folders(self) -> list[Path]:
-        """The folders of the checkpoints; others there, whatever they are, are nobody's business."""
+        """The folders of the checkpoints; other folders are ignored."""
         return [path for path in self.checkpoints.glob("[0-9]*") if re.fullmatch("[0-9]{1,18}", path.name)]
 
     @property
@@ -226,12 +226,12 @@ class RunFolder:
 
     @property
     def tables(self) -> tuple[Path, Path]:
-        """What grows during training, sealed when it ends."""
+        """The files that grow during training and are sealed when it ends."""
         return self.evaluations, self.progress
 
     @property
     def evaluation(self) -> Path:
-        """Folder of the report that agents.evaluate writes."""
+        """Folder of the report that rj evaluate writes."""
         return self.path / "evaluation"
 
     def policy_files(self, which: str) -> PolicyFiles:
@@ -277,10 +277,10 @@ def _seeds(config: TrainConfig) -> dict[str, Any]:
 
 def versions(*more: str) -> dict[str, str]:
     """Versions of Python, of our packages and of `more`, and the platform."""
-    found = {"python": platform.python_version()}
+    packages = {"python": platform.python_version()}
     for name in (*PACKAGES, *more):
         try:
-            found[name] = importlib.metadata.version(name)
+            packages[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed as a package"
-    return found | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}
+            packages[name] = "not installed as a package"
+    return packages | {"platform": platform.platform(), "processor": platform.machine(), "cores": str(os.cpu_count())}

@@ -14,7 +14,7 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 @contextmanager
 def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
-    """Hold the file at `path`, which is made if it is not there; on a file system without locks hold nothing.
+    """Hold the file at `path`, which is created if missing; without effect on a file system without locks.
 
     Raises filelock.Timeout if it is held elsewhere, in another process or in this one, unless told to wait.
     """

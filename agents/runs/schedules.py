@@ -35,7 +35,7 @@ def schedule(low: float = 0.0) -> Check:
             raise ConfigError(f"{what}.linear", ends, "two numbers [start, end]")
         return {"linear": [check(f"{what}.linear", end) for end in ends]}
 
-    return check_schedule
+    return Check(check_schedule, f"{check.allowed}; `{{linear: [first, last]}}`")
 
 
 def built(value: Any) -> Any:

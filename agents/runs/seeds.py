@@ -1,4 +1,4 @@
-"""Which episodes serve for what: ranges of seeds that no other purpose uses.
+"""Seeds by purpose: ranges that no other purpose uses.
 
 Training uses the seeds of its run, evaluations during it those from 1,000,000 on, studies of hyper-parameters those
 from 2,000,000 on, recorded scores of shipped policies those from 20,000 on, studies of what can be known those from

@@ -1,4 +1,4 @@
-"""Design search: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
+"""Design search: rj search configs/search/demo.yaml --out runs/search/demo.
 
 Modules:
     config: what a search file says, checked.

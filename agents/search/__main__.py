@@ -1,4 +1,4 @@
-"""Search designs: python -m agents.search configs/search/demo.yaml --out runs/search/demo.
+"""Search designs: rj search configs/search/demo.yaml --out runs/search/demo.
 
 Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md says what was found. The same
 command continues a search: finished runs are kept, interrupted ones continue after their last batch.
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the command: 0 all finished, 2 an error or a run that failed, 130 stopped by Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m agents.search", description="Search designs.")
+    parser = argparse.ArgumentParser(prog="rj search", description="Search designs.")
     parser.add_argument("config", type=Path, help="YAML file, for example one of configs/search/")
     parser.add_argument(
         "--out", type=Path, help="folder of the search (default: runs/search/ and the name of the file)"
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_options(parser, "runs")
     parser.add_argument("--force", action="store_true", help="restart existing runs")
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.search", argv)))
+    return exit_code(lambda: _command(arguments, typed_command("rj search", argv)))
 
 
 @naming_extras("search")

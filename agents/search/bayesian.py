@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
@@ -30,16 +30,16 @@ class Bayesian:
     """
 
     setup: Setup
-    sampler: str = "tpe"
-    startup: int = 20
-    batch: int = 10
+    sampler: Annotated[str, choice("tpe", "gp")] = "tpe"
+    startup: Annotated[int, integer(1, 100_000)] = 20
+    batch: Annotated[int, integer(1, 100_000)] = 10
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
         import optuna
 
-        check_fields(self, sampler=choice("tpe", "gp"), startup=integer(1, 100_000), batch=integer(1, 100_000))
+        check_fields(self)
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)

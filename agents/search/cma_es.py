@@ -7,7 +7,7 @@ Auger and Hansen, "A restart CMA evolution strategy with increasing population s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -25,13 +25,13 @@ class CmaEs:
     """
 
     setup: Setup
-    population: int = 0
-    spread: float = 0.5
+    population: Annotated[int, integer(0, 10_000)] = 0
+    spread: Annotated[float, number(1e-3, 2.0)] = 0.5
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, population=integer(0, 10_000), spread=number(1e-3, 2.0))
+        check_fields(self)
         self.generator = self.setup.generator
         size = max(self.population or 4 + int(3 * np.log(self.setup.dimensions)), 4)
         self.strategy = self._strategy(np.zeros(self.setup.dimensions), size)

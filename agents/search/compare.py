@@ -24,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m agents.search.compare", description="Rebuild the page of searches."
     )
-    parser.add_argument("searches", type=Path, nargs="+", help="folders of searches, as agents.search leaves them")
+    parser.add_argument("searches", type=Path, nargs="+", help="folders of searches, as rj search leaves them")
     parser.add_argument("--page", type=Path, default=PAGE, help=f"with the two marks (default: {PAGE})")
     arguments = parser.parse_args(argv)
     return exit_code(lambda: _command(arguments.searches, arguments.page))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from agents.runs.checks import check_fields, integer, integers, prefixed
 from agents.search.methods import METHODS
@@ -20,17 +20,18 @@ class SearchConfig:
     """A search: one design problem, several methods with equal budgets, each with several seeds.
 
     Args:
-        objectives: of the cost, each {kind, weight, scale} and the fields of its class; weight 0: only measured.
+        objectives: a list of {`kind`, `weight`, `scale`} and fields of the kind; weight 0: only measured; scale 1 by
+            default, or `reference`: the value of the reference mechanism.
         methods: settings by name of a method.
-        space: fields of rollingjoint.design.DesignSpace.
-        limits: to be kept to, each {kind, low, high} and the fields of its class; `reference` as a bound: what the
-            reference mechanism has.
-        held_out: by kind of objective, fields that are other when the best designs are scored again; not used before.
+        space: fields of `rollingjoint.design.DesignSpace`, by default five equal, symmetric links.
+        limits: a list of {`kind`, `low`, `high`} and fields of the kind; the bound `reference`: the value of the
+            reference mechanism.
+        held_out: by kind of objective, fields that differ when the best designs are scored again.
         reference: the mechanism to compare with, a preset or the path of a mechanism file.
         budget: designs that every run evaluates; one with its gradient is one.
         seeds: every method runs once with each.
-        chunk: designs that are scored together at least, 100 or more; batches of twice as many or more are scored in
-            such chunks, by several workers. 0: every batch as a whole, by the process of its run.
+        chunk: 0: every batch is scored as a whole, by the process of its run. 100 or more: batches of at least twice as
+            many designs are scored in chunks of at least this size, [by many workers](scaling.md#one-slow-search).
     """
 
     objectives: Sequence[Mapping[str, Any]]
@@ -39,9 +40,9 @@ class SearchConfig:
     limits: Sequence[Mapping[str, Any]] = ()
     held_out: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     reference: str = "five_link"
-    budget: int = 1000
-    seeds: Sequence[int] = (1, 2, 3)
-    chunk: int = 0
+    budget: Annotated[int, integer(1, 10_000_000)] = 1000
+    seeds: Annotated[Sequence[int], integers(0, 2**31 - 1)] = (1, 2, 3)
+    chunk: Annotated[int, integer(0, 10_000_000)] = 0
 
     def __post_init__(self) -> None:
         entries("objectives", self.objectives)
@@ -54,7 +55,7 @@ class SearchConfig:
             raise ConfigError("methods", self.methods, f"at least one of {', '.join(METHODS)}")
         text("reference", self.reference)
         entries("seeds", self.seeds)
-        check_fields(self, budget=integer(1, 10_000_000), seeds=integers(0, 2**31 - 1), chunk=integer(0, 10_000_000))
+        check_fields(self)
         if 0 < self.chunk < SMALLEST_CHUNK:
             hint = "Fewer designs are scored sooner than they are handed over."
             raise ConfigError("chunk", self.chunk, f"0, or {SMALLEST_CHUNK} or more", hint)

@@ -105,7 +105,7 @@ class SearchRun:
             return [_batch(parse_json(line, f"line {number}")) for number, line in enumerate(lines, 1)]
         except (ValueError, KeyError, TypeError) as error:
             hint = f"{error}. --force begins the run anew."
-            raise RunFolderError("journal", str(self.journal), "lines as agents.search writes them", hint) from error
+            raise RunFolderError("journal", str(self.journal), "lines as rj search writes them", hint) from error
 
     def append(self, evaluated: Evaluated, seconds: float) -> None:
         """Add a batch: after this it is on the disk, whole."""

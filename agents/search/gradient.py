@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -32,14 +32,14 @@ class Gradient:
     """
 
     setup: Setup
-    starts: int = 8
-    memory: int = 10
-    longest_step: float = 0.5
+    starts: Annotated[int, integer(1, 1000)] = 8
+    memory: Annotated[int, integer(1, 1000)] = 10
+    longest_step: Annotated[float, number(1e-3, 2.0)] = 0.5
 
     wants: ClassVar[Derivatives] = "gradient"
 
     def __post_init__(self) -> None:
-        check_fields(self, starts=integer(1, 1000), memory=integer(1, 1000), longest_step=number(1e-3, 2.0))
+        check_fields(self)
         self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -34,9 +34,9 @@ class MapElites:
     setup: Setup
     measures: Sequence[str]
     ranges: Sequence[Sequence[float]]
-    cells: Sequence[int] = (20, 20)
-    batch: int = 12
-    spread: float = 0.3
+    cells: Annotated[Sequence[int], integers(1, 1000)] = (20, 20)
+    batch: Annotated[int, integer(2, 10_000)] = 12
+    spread: Annotated[float, number(1e-3, 2.0)] = 0.3
 
     wants: ClassVar[Derivatives] = ""
 
@@ -48,7 +48,7 @@ class MapElites:
             choice(*self.setup.names)("measures", name)
         for low, high in (point("ranges", one) for one in self.ranges):
             number(1e-12)("ranges", high - low)
-        check_fields(self, cells=integers(1, 1000), batch=integer(2, 10_000), spread=number(1e-3, 2.0))
+        check_fields(self)
         self.columns = [self.setup.names.index(name) for name in self.measures]
         self._fill()
 

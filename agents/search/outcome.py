@@ -20,8 +20,7 @@ from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array, Evaluated, Mask
 from agents.search.problem import against, design_problem, measured, names
-from rollingjoint.design.comparison import nondominated
-from rollingjoint.design.problem import Problem
+from rollingjoint.design import Problem, nondominated
 
 N = TypeVar("N", int, float)
 YARDSTICK = "cma_es"  # the other methods have to reach what it ends with

@@ -12,10 +12,9 @@ from agents.search.methods import METHODS
 from agents.search.optimiser import Array
 from agents.search.outcome import Outcome, Search, words
 from agents.search.problem import reference
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import RollingChain, solve_tensions
 from rollingjoint.errors import MechanismError
 from rollingjoint.plotting import plot_family
-from rollingjoint.statics.solve import solve_tensions
 
 RATIOS = (1 / 3, 1 / 3**0.5, 1.0, 3**0.5, 3.0)  # of the tensions, left to right, in which mechanisms are drawn
 TENSION = 10.0  # their sum [N]

@@ -12,13 +12,23 @@ from agents.runs.checks import prefixed
 from agents.search.config import SearchConfig
 from agents.search.methods import make
 from agents.search.optimiser import Optimiser, Setup
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import RollingChain
 from rollingjoint.checked_yaml import mapping, number
-from rollingjoint.design.comparison import measure
-from rollingjoint.design.loads import LateralStiffness, LoadCapacity, PeakTension
-from rollingjoint.design.objectives import BendingShapes, Objective, TendonTravel, TipRotation, TipTravel
-from rollingjoint.design.problem import Limit, Problem, Term
-from rollingjoint.design.space import DesignSpace
+from rollingjoint.design import (
+    BendingShapes,
+    DesignSpace,
+    LateralStiffness,
+    Limit,
+    LoadCapacity,
+    Objective,
+    PeakTension,
+    Problem,
+    TendonTravel,
+    Term,
+    TipRotation,
+    TipTravel,
+    measure,
+)
 from rollingjoint.errors import ConfigError, SolverError
 from rollingjoint.io.mechanism_file import load_mechanism
 

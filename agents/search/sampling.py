@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from agents.runs.checks import check_fields, integer
 from agents.search.optimiser import Array, Derivatives, Evaluated, Setup
@@ -14,12 +14,12 @@ class RandomSearch:
     """Independent uniform designs, `batch` at a time."""
 
     setup: Setup
-    batch: int = 50
+    batch: Annotated[int, integer(1, 100_000)] = 50
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, batch=integer(1, 100_000))
+        check_fields(self)
         self.generator = self.setup.generator
 
     def ask(self, most: int) -> Array:
@@ -38,12 +38,12 @@ class LatinHypercube:
     """
 
     setup: Setup
-    batch: int = 50
+    batch: Annotated[int, integer(1, 100_000)] = 50
 
     wants: ClassVar[Derivatives] = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, batch=integer(1, 100_000))
+        check_fields(self)
         self.left: Array | None = None
 
     def ask(self, most: int) -> Array:

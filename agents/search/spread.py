@@ -23,7 +23,7 @@ from agents.search.folder import SearchRun
 from agents.search.optimiser import Derivatives, Evaluated
 from agents.search.problem import design_problem, optimiser
 from agents.search.run import Progress, RunInWork, chunks, evaluated_by
-from rollingjoint.design.problem import Problem
+from rollingjoint.design import Problem
 from rollingjoint.errors import one_line
 
 

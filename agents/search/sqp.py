@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -35,13 +35,13 @@ class Sqp:
     """
 
     setup: Setup
-    starts: int = 2
-    share: float = 0.5
+    starts: Annotated[int, integer(1, 1000)] = 2
+    share: Annotated[float, number(1e-3, 1.0)] = 0.5
 
     wants: ClassVar[Derivatives] = "jacobian"
 
     def __post_init__(self) -> None:
-        check_fields(self, starts=integer(1, 1000), share=number(1e-3, 1.0))
+        check_fields(self)
         self.generator = self.setup.generator
         self.descents = [self._descent() for _ in range(self.starts)]
 

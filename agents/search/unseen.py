@@ -53,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="page with the two marks")
     add_consent(parser)
     arguments = parser.parse_args(argv)
-    return exit_code(lambda: _command(arguments, typed_command("agents.search.unseen", argv)), consent_of(arguments))
+    command = typed_command("python -m agents.search.unseen", argv)
+    return exit_code(lambda: _command(arguments, command), consent_of(arguments))
 
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
@@ -104,14 +105,13 @@ def _row(name: str, errors: Array, policy: Array, seconds: float) -> list[str]:
 
 def _policy_errors(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> Array:
     """Smallest error of the policy on every task, (tasks,) [mm]."""
-    from agents.evaluation.controller import Seen
     from agents.policies.trained import load_trained
 
     policy, envs = load_trained(run), _environments(env, tasks)
     observation, info = envs.reset(seed=FIRST_SEED)
     errors = [info["error_mm"]]
     for _ in range(budget - 1):
-        observation, _, _, _, info = envs.step(policy.act(Seen(observation, None)))
+        observation, _, _, _, info = envs.step(policy.act(observation))
         errors.append(info["error_mm"])
     return np.min(errors, axis=0)
 

@@ -3,9 +3,8 @@
 Modules:
     asymmetric: networks whose critic sees more than the policy.
     convolution: a temporal convolution over past readings, before the hidden layers.
-    residual: environments with the advice of a controller.
+    residual: environments with the outputs of a controller.
     build: environments and model of a configuration.
-    teaching: controllers as teachers.
     start: the model with which a run begins, fresh or as an earlier policy.
     learn: a run from its beginning, or continued.
     callbacks: checkpoints, evaluations, progress, stopping on a signal.

@@ -11,15 +11,14 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 
-from agents.baselines.residual import advice_size, guide_named
+from agents.controllers.residual import base_controller, output_size
 from agents.policies.parameters import network_arguments, policy_name
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
-from agents.training.residual import AdvisedVecEnv
-from agents.training.teaching import ControllerTeacher
+from agents.training.residual import ResidualVecEnv
 from rj_gym.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
@@ -37,10 +36,10 @@ def make_training_env(config: EnvConfig) -> VecEnv:
     return VecMonitor(envs, info_keywords=("error_mm",))
 
 
-def _advised(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
-    """The lanes with the advice of a controller; raises ConfigError for one that cannot act there."""
+def _on_top_of(envs: VecEnv, controller: str, config: EnvConfig) -> VecEnv:
+    """The lanes with the outputs of a controller; raises ConfigError for one that cannot act there."""
     try:
-        return AdvisedVecEnv(envs, partial(guide_named, controller, config.id), advice_size(controller, config))
+        return ResidualVecEnv(envs, partial(base_controller, controller, config.id), output_size(controller, config))
     except ConfigError:
         envs.close()
         raise
@@ -63,13 +62,13 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     torch.set_num_threads(config.torch_threads)
     env = make_training_env(config.training_env)
     if config.residual is not None:
-        env = _advised(env, config.residual, config.env)
+        env = _on_top_of(env, config.residual, config.env)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
     arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
-        arguments |= _teacher_argument(config)
+        arguments |= _teacher_argument(config, env)
         _check_observation(config, env.observation_space)
         return algorithm_class(config.algorithm)(
             _policy_class(config, env.observation_space),
@@ -127,10 +126,15 @@ def _hindsight_arguments(config: TrainConfig) -> dict[str, Any]:
     return {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": goals}
 
 
-def _teacher_argument(config: TrainConfig) -> dict[str, Any]:
-    """The controller that a distillation imitates, where it names one."""
-    name = config.parameters.get("teacher")
-    return {} if name is None else {"teacher": ControllerTeacher.named(name, config.env)}
+def _teacher_argument(config: TrainConfig, env: VecEnv) -> dict[str, Any]:
+    """The controller that a distillation imitates, where it names one; raises ConfigError if that cannot act there."""
+    name, key = config.parameters.get("teacher"), "parameters.teacher"
+    if name is None:
+        return {}
+    output_size(name, config.env, key)
+    teacher = base_controller(name, config.env.id, key)
+    teacher.bind(env.get_attr("task", [0])[0])
+    return {"teacher": teacher}
 
 
 def _check_observation(config: TrainConfig, space: gymnasium.Space[Any]) -> None:

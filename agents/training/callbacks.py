@@ -11,14 +11,13 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.baselines.residual import driving
+from agents.controllers.residual import controller_of
 from agents.evaluation.rollout import Episodes, run_episodes
 from agents.policies.trained import policy_of
-from agents.runs.command_line import progress_bar
+from agents.runs.command_line import STOPPING, progress_bar
 from agents.runs.config import TrainConfig
-from agents.runs.evaluations import COLUMNS, in_words
+from agents.runs.environment import COLUMNS, in_words
 from agents.runs.folder import RunFolder
-from agents.runs.processes import STOPPING
 from agents.training import checkpoint
 from agents.training.checkpoint import Moment, save_policy
 
@@ -139,7 +138,7 @@ class Evaluator(BaseCallback):
 
     def evaluate(self) -> Row:
         """Score the policy as it is now: the new row of evaluations.csv."""
-        policy = driving(self.config, policy_of(self.model, self.model.get_vec_normalize_env()))
+        policy = controller_of(self.config, policy_of(self.model, self.model.get_vec_normalize_env()))
         row = self._row(run_episodes(self.config.env, policy, self.seeds))
         for name in self.columns[1:]:
             self.logger.record(f"evaluation/{name}", row[name])

@@ -20,7 +20,7 @@ from agents.runs.checks import integer
 from agents.runs.command_line import finished, signals_seen, typed_command
 from agents.runs.config import load_config
 from agents.runs.consent import check_pickles
-from agents.runs.evaluations import in_words
+from agents.runs.environment import in_words
 from agents.runs.files import RunFolderError, read_rows
 from agents.runs.folder import RunFolder
 from agents.training.old_checkpoint import old_state
@@ -76,7 +76,7 @@ class Member:
         """Its run folder before training; raises RollingJointError where another file or folder is there."""
         folder = self.folder(out)
         changes = [word for override in self.overrides for word in ("--set", override)]
-        command = typed_command("agents.train", ["--config", str(self.config), "--run-dir", str(folder), *changes])
+        command = typed_command("rj train", ["--config", str(self.config), "--run-dir", str(folder), *changes])
         return RunFolder.create(folder, load_config(self.config, self.overrides), command)
 
 
@@ -117,7 +117,7 @@ class Campaign:
             failed |= self._work(executor, waiting, signals)
         code = finished(len(self.members), failed, signals, (self.out / "command.txt").read_text("utf-8").strip())
         if code == 0:
-            print(f"All {len(self.members)} runs are finished.\nNext: python -m agents.results {self.out}")
+            print(f"All {len(self.members)} runs are finished.\nNext: rj results {self.out}")
         return code
 
     def _plan(self) -> tuple[list[Member], dict[Member, str]]:
@@ -195,7 +195,7 @@ def train_in(folder: Path) -> None:
     begun = bool(run.checkpoint_folders)
     with output_to(folder.with_name(f"{folder.name}.log")):
         try:
-            code = resume(folder, command=typed_command("agents.train", ["--resume", str(folder)]) if begun else ())
+            code = resume(folder, command=typed_command("rj train", ["--resume", str(folder)]) if begun else ())
         except RollingJointError:
             raise
         except Exception:  # the log says where

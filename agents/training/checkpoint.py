@@ -226,7 +226,7 @@ def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
 
 
 def _again(run: RunFolder) -> str:
-    return f"python -m agents.train --config {run.path / 'config.yaml'} --run-dir NEW"
+    return f"rj train --config {run.path / 'config.yaml'} --run-dir NEW"
 
 
 def bring_back_files(checkpoint: Path, run: RunFolder) -> None:

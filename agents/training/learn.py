@@ -97,8 +97,8 @@ def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Mo
     if stop.signal is not None:
         print(f"stopped by {stop.signal.name} after {model.num_timesteps} steps; the policy so far is saved.")
         if checkpoint.resumable(run):
-            print(f"To go on: python -m agents.train --resume {run.path}")
-    print(f"The run is in {run.path}\nNext: python -m agents.evaluate {run.path}")
+            print(f"To go on: rj train --resume {run.path}")
+    print(f"The run is in {run.path}\nNext: rj evaluate {run.path}")
     return 0 if stop.signal is None else 128 + stop.signal
 
 
@@ -142,5 +142,5 @@ def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> Train
         text += f"{error!r}; all of it is in {run.path}/error.txt"
     kept = checkpoint.resumable(run)
     if kept:
-        text += f". From step {checkpoint.steps_of(kept[0])} on: python -m agents.train --resume {run.path}"
+        text += f". From step {checkpoint.steps_of(kept[0])} on: rj train --resume {run.path}"
     return TrainingError(text)

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, 
 from agents.learners.demonstrations import Demonstrations
 from agents.policies.parameters import running_averages, set_running_averages
 from agents.runs.state_file import StateError
-from agents.training.residual import AdvisedVecEnv
+from agents.training.residual import ResidualVecEnv
 from rj_gym.core.vector import TaskVectorEnv
 
 Plain = dict[str, Any]
@@ -108,7 +108,7 @@ def _lanes_state(env: VecEnv) -> Any:
         return {"averages": running_averages(env), "held": _held(env, _NORMALISED)}
     if isinstance(env, VecMonitor):
         return _held(env, _MONITORED)
-    if isinstance(env, AdvisedVecEnv):
+    if isinstance(env, ResidualVecEnv):
         return env.get_state()
     native = _native(env)
     return None if native is None else {"native": native.get_state() if native.has_begun else None}
@@ -121,7 +121,7 @@ def _restore_lanes(env: Any, state: Any) -> bool:
         _hold(env, state["held"], _NORMALISED)
     elif isinstance(env, VecMonitor):
         _hold(env, state, _MONITORED)
-    elif isinstance(env, AdvisedVecEnv):
+    elif isinstance(env, ResidualVecEnv):
         env.set_state(state)
     elif state is None:
         return False

@@ -7,11 +7,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from agents.runs.checked_json import parse_json
 from agents.runs.checks import (
-    Check,
     boolean,
     check_fields,
     choice,
@@ -23,7 +22,7 @@ from agents.runs.checks import (
     seed_number,
 )
 from agents.runs.config import TrainConfig, load_config, overlap
-from agents.runs.evaluations import AT_THE_END, LAST_10
+from agents.runs.environment import AT_THE_END, LAST_10
 from rollingjoint.checked_yaml import entries, mapping, read_yaml
 from rollingjoint.errors import ConfigError
 
@@ -32,8 +31,8 @@ if TYPE_CHECKING:
 
 SCORES = (LAST_10, AT_THE_END, "median_mm", "p95_mm")
 PRUNERS = ("median", "halving", "none")
-trial_count: Check = integer(0, 100_000)
-RESERVED = {"agents.evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
+trial_count = integer(0, 100_000)
+RESERVED = {"rj evaluate": range(10_000, 100_000), "evaluations of other runs": range(1_000_000, 2_000_000)}
 
 
 @dataclass(frozen=True)
@@ -106,32 +105,33 @@ class StudyConfig:
     Args:
         train: what every trial trains, except for the keys in `space`.
         space: what is searched, by dotted key of the training configuration (a number is an index of a list).
-        score: column of the evaluations during training, whose last one scores a trial; smaller is better. "": the one
-            that policies of this environment are chosen by.
+        score: score of a trial, smaller is better: the mean tip error of its last evaluation over the last 10 steps,
+            or the mean, the median or the 95th percentile of the errors at the end of the episodes. Without it
+            `last_10_mm` in tracking tasks, else `mean_mm`.
         training_seeds: a trial trains once with each; its score is the mean.
-        episodes, first_seed: evaluation episodes of a trial, their seeds: used by nothing else.
-        pruner: ends trials that fall behind: "median" of the earlier ones, "halving" (successive halving) or "none".
+        episodes: number of evaluation episodes of a trial.
+        first_seed: seed of the first of them; neither training nor `rj evaluate` may use their seeds.
+        pruner: ends trials that fall behind: the median of the earlier ones, or successive halving.
         startup: number of first trials, which are drawn at random and never ended early.
-        trials: how many; seed: of the search itself.
+        trials: number of trials.
+        seed: seed of the search itself.
     """
 
     train: TrainConfig
     space: Mapping[str, Interval | Choices]
-    score: str = ""
-    training_seeds: Sequence[int] = (1,)
-    episodes: int = 100
-    first_seed: int = 2_000_000
-    pruner: str = "median"
-    startup: int = 8
-    trials: int = 20
-    seed: int = 0
+    score: Annotated[str, choice(*SCORES)] = ""
+    training_seeds: Annotated[Sequence[int], integers(0, 2**31)] = (1,)
+    episodes: Annotated[int, episode_count] = 100
+    first_seed: Annotated[int, seed_number] = 2_000_000
+    pruner: Annotated[str, choice(*PRUNERS)] = "median"
+    startup: Annotated[int, trial_count] = 8
+    trials: Annotated[int, trial_count] = 20
+    seed: Annotated[int, seed_number] = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "score", self.score or self.train.env.judged_by)
-        check_fields(self, score=choice(*SCORES), pruner=choice(*PRUNERS), episodes=episode_count)
-        check_fields(self, first_seed=seed_number, startup=trial_count, trials=trial_count, seed=seed_number)
         entries("training_seeds", self.training_seeds)
-        check_fields(self, training_seeds=integers(0, 2**31))
+        check_fields(self)
         self._check_seeds()
         for key, values in self.space.items():
             for example in values.examples:

@@ -62,14 +62,14 @@ def tune(
         _work(executor, study, config, folder, trials, signals)
     write_results(study, config, folder.path, command)
     if signals:
-        print(f"stopped by {signal.Signals(signals[0]).name}; to go on: python -m agents.tune --study {folder.path}")
+        print(f"stopped by {signal.Signals(signals[0]).name}; to go on: rj tune --study {folder.path}")
         return 128 + signals[0]
     if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         raise RunFolderError(
             "study", str(folder.path), "one trial at least that finishes", "report.md says why none did."
         )
     print(f"The best trial is in {folder.path / 'best.yaml'}, the report in {folder.path / 'report.md'}")
-    print(f"Next: python -m agents.train --config {folder.path / 'best.yaml'} --run-dir runs/best")
+    print(f"Next: rj train --config {folder.path / 'best.yaml'} --run-dir runs/best")
     return 0
 
 

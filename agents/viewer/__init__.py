@@ -8,7 +8,7 @@ Modules:
     record: pages that play without a server.
     explorer: a mechanism and what a person sets of it.
     drive: a controller in an episode, and all that is seen of it.
-    entrants: who can drive in which environment.
+    controllers: those that can drive in an environment.
     play: a person and others in the same episode.
     steering: what keys mean to a person who steers.
     episodes: episodes to look at; best, median and worst.

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.viewer.solids import Array
 from rj_gym.tracking.render import TrackingScene
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import RollingChain
 
 FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so
 

@@ -14,10 +14,8 @@ from agents.search.optimiser import Array, Mask
 from agents.search.outcome import Search, plain_number, words
 from agents.search.pictures import RATIOS, TENSION
 from agents.search.problem import against, reference
-from rollingjoint.chain.equilibrium import Equilibrium
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import Equilibrium, RollingChain, solve_tensions
 from rollingjoint.checks import as_integer, as_number
-from rollingjoint.statics.solve import solve_tensions
 
 SHOWN = 4000  # designs of which a scatter plot has a point, besides those of the Pareto set and the archive
 KINDS = ("feasible", "archive", "Pareto set")
@@ -82,7 +80,7 @@ class Designs:
 
     @classmethod
     def read(cls, folder: Path) -> Designs:
-        """The designs in a folder of agents.search; raises RunFolderError where no run in it is finished."""
+        """The designs in a folder of rj search; raises RunFolderError where no run in it is finished."""
         return cls(Search.read(folder))
 
     @property

@@ -9,9 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.controller import Array, Controller, Seen
+from agents.controllers.controller import Array, Controller, Mask, as_controller, env_for, restarted
 from agents.evaluation.rollout import LAST_STEPS
-from agents.results.roster import env_for
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym.tracking.render import TrackingScene
 from rollingjoint.errors import InvalidInput
@@ -68,10 +67,10 @@ class Drive:
     def __init__(self, name: str, env: EnvConfig, controller: Controller, seed: int) -> None:
         if not env.is_tracking:
             raise InvalidInput("environment", env.id, "a tracking environment of rj_gym")
-        self.film, self.controller, self.over = Film(name, env, seed), controller, False
+        self.film, self.controller, self.over = Film(name, env, seed), as_controller(controller), False
         self._envs = cast(Any, make_vector_env(env_for(env, controller), 1))
         self._observation, info = self._envs.reset(seed=[seed])
-        controller.begin(self._envs.task, 1)
+        self.controller.begin(self._envs.task, 1)
         self._see(info)
 
     @property
@@ -88,7 +87,7 @@ class Drive:
         if self.over:
             return
         space = self._envs.single_action_space
-        wanted = np.asarray(self.controller.act(Seen(self._observation, self.task)), np.float32)
+        wanted = np.asarray(self.controller.act(self._observation), np.float32)
         action = np.clip(wanted, space.low, space.high)
         self._observation, _, (ended,), (truncated,), info = self._envs.step(action)
         self.film.actions.append(action[0])
@@ -113,24 +112,24 @@ def filmed(name: str, env: EnvConfig, controller: Controller, seed: int) -> Film
     return drive.film
 
 
-class Repeated:
-    """A Controller that repeats the actions of a recorded episode; after its end, the last one.
+class Repeated(Controller):
+    """Repeats the actions of a recorded episode; after its end, the last one.
 
     Args:
         actions: (T, m), of one episode.
     """
 
     def __init__(self, actions: Sequence[NDArray[np.float32]] | NDArray[np.float32]) -> None:
-        self.actions = np.asarray(actions, np.float32)
+        self.actions, self.steps = np.asarray(actions, np.float32), np.empty(0)
 
-    def begin(self, task: Any, episodes: int) -> None:
+    def reset(self, mask: Mask) -> None:
         """Return to the first action; raises InvalidInput unless there is one number per tendon."""
-        if self.actions.shape[1] != task.action_size:
-            raise InvalidInput("numbers per action", self.actions.shape[1], f"{task.action_size}, one per tendon")
-        self.shape, self.step = (episodes, self.actions.shape[1]), 0
+        if self.actions.shape[1] != self.task.action_size:
+            raise InvalidInput("numbers per action", self.actions.shape[1], f"{self.task.action_size}, one per tendon")
+        self.steps = restarted(self.steps, mask, np.zeros(len(mask)))
 
-    def act(self, seen: Seen) -> NDArray[Any]:
+    def act(self, observations: Any) -> NDArray[Any]:
         """The recorded actions of this step, (B, m)."""
-        action = self.actions[min(self.step, len(self.actions) - 1)]
-        self.step += 1
-        return np.broadcast_to(action, self.shape)
+        actions = self.actions[np.minimum(self.steps, len(self.actions) - 1).astype(int)]
+        self.steps = self.steps + 1.0
+        return actions

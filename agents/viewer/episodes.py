@@ -9,20 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from agents.policies.loading import list_policies
 from agents.policies.trained import load_driving
 from agents.results.environment import episodes_key
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
+from agents.viewer.controllers import POLICY, OfferedController, offered_controllers, worlds
 from agents.viewer.drive import Film
-from agents.viewer.entrants import POLICY, Entrant, entrants, worlds
 from agents.viewer.recorded import Record, read_records
 from rollingjoint.checks import as_choice, suggestion
 from rollingjoint.errors import InvalidInput
 
 SEEDS = range(10_000, 10_200)
-"""The episodes that agents.evaluate plays by default."""
+"""The episodes that rj evaluate plays by default."""
 
 RANKS = ("best", "median", "worst")
 
@@ -76,9 +76,9 @@ class Episodes(ABC):
         chosen = [others[as_choice("beside", name, list(others))] for name in beside]
         return [self.film(seed), *(one.film(seed) for one in chosen)]
 
-    def beside(self) -> dict[str, Entrant]:
+    def beside(self) -> dict[str, OfferedController]:
         """Others that can drive in the same episodes, by name."""
-        return {name: one for name, one in entrants(self.env).items() if name != self.name}
+        return {name: one for name, one in offered_controllers(self.env).items() if name != self.name}
 
     def _check(self, seed: int) -> None:
         if seed not in self.seeds:
@@ -88,18 +88,18 @@ class Episodes(ABC):
 class Driven(Episodes):
     """Episodes that a controller drives when they are asked for."""
 
-    def __init__(self, entrant: Entrant, seeds: Sequence[int] = SEEDS) -> None:
-        self.entrant, self.name, self.env, self.seeds = entrant, entrant.name, entrant.env, seeds
+    def __init__(self, controller: OfferedController, seeds: Sequence[int] = SEEDS) -> None:
+        self.controller, self.name, self.env, self.seeds = controller, controller.name, controller.env, seeds
 
     @cached_property
     def errors(self) -> Array:
         """Mean tip error over the last 10 steps of every episode, (E,) [mm]."""
-        return self.entrant.errors(self.seeds)
+        return self.controller.errors(self.seeds)
 
     def film(self, seed: int) -> Film:
         """The episode with this seed; raises InvalidInput where it is none of these."""
         self._check(seed)
-        return self.entrant.film(seed)
+        return self.controller.film(seed)
 
 
 class Recorded(Episodes):
@@ -129,7 +129,7 @@ class Recorded(Episodes):
 
 
 def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> Driven:
-    """Episodes of the policy in a run folder, read as agents.evaluate reads it.
+    """Episodes of the policy in a run folder, read as rj evaluate reads it.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
@@ -144,12 +144,12 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
         raise InvalidInput("run", str(path), "a run in a tracking environment", f"Its environment is {config.env.id}.")
     config.check_unused(range(min(seeds), max(seeds) + 1))
     load_driving(run, which)
-    return Driven(Entrant(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
+    return Driven(OfferedController(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
 
 
 def of_shipped_policies() -> list[Episodes]:
     """Episodes of all shipped policies, each in its own environment."""
-    everyone = [one for env in worlds().values() for one in entrants(env).values()]
+    everyone = [one for env in worlds().values() for one in offered_controllers(env).values()]
     return [Driven(one) for one in everyone if one.name.startswith(POLICY)]
 
 
@@ -168,7 +168,7 @@ def episodes_of(name: str) -> list[Episodes]:
 
 
 def recorded_episodes(path: Path) -> list[Recorded]:
-    """The episodes in a file that the viewer wrote, or in a folder that agents.dataset wrote; one per controller.
+    """The episodes in a file that the viewer wrote, or in a folder that rj dataset wrote; one per controller.
 
     Raises:
         InvalidInput: anything else.

@@ -16,12 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from rollingjoint import CapstanFriction, WorldForce, solve_lengths, solve_tensions, solve_tensions_batch
-from rollingjoint.chain.presets import PRESETS
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import (
+    PRESETS,
+    CapstanFriction,
+    Profile,
+    RollingChain,
+    Surface,
+    WorldForce,
+    solve_lengths,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.io import report
 from rollingjoint.io.mechanism_file import dump_mechanism
-from rollingjoint.profile import Profile, Surface
+from rollingjoint.transmission import unstretched_length
 
 Array = NDArray[np.float64]
 
@@ -231,7 +239,7 @@ class Explorer:
             return {}
         if drive == TENSIONS:
             return {"tensions": tuple(self.found.tensions.tolist())}
-        commanded = self.found.lengths - self.found.tensions / self.mechanism.stiffnesses
+        commanded = unstretched_length(self.found.lengths, self.found.tensions, self.mechanism.stiffnesses)
         return {"pulls": tuple((self.nominal.neutral_lengths - commanded).tolist())}
 
     def _neutral(self) -> Inputs:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.baselines import OpenLoop
-from agents.evaluation.controller import Array, Seen
+from agents.controllers import OpenLoop
+from agents.controllers.controller import Array, Controller, Mask, Reading
 from agents.runs.environment import EnvConfig
+from agents.viewer.controllers import offered_controllers
 from agents.viewer.drive import Drive, Film
-from agents.viewer.entrants import entrants
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.checks import as_choice, as_vector
 from rollingjoint.errors import InvalidInput
@@ -21,12 +21,12 @@ from rollingjoint.errors import InvalidInput
 PERSON = "you"
 
 
-class Hand:
-    """A Controller that pulls every tendon as a person says."""
+class Hand(Controller):
+    """Pulls every tendon as a person says."""
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
+    def reset(self, mask: Mask) -> None:
         """Hold still."""
-        self.pulls = np.zeros(task.action_size)
+        self.pulls = np.zeros(self.task.action_size)
 
     def pull(self, pulls: ArrayLike) -> None:
         """Say how far each tendon is pulled in per step, (m,) in units of action_scale_mm; until said otherwise.
@@ -36,20 +36,20 @@ class Hand:
         """
         self.pulls = np.clip(_finite("pulls", pulls, len(self.pulls), "one per tendon"), -1.0, 1.0)
 
-    def act(self, seen: Seen) -> Array:
+    def act(self, observations: Any) -> Array:
         """The pulls, (1, m)."""
         return self.pulls[None]
 
 
 class Pointer(OpenLoop):
-    """A Controller that brings the tip of the model, not of the mechanism, to a point that a person moves.
+    """Brings the tip of the model, not of the mechanism, to a point that a person moves.
 
     A person who sees the tip or its trend moves the point until the true tip is at the target.
     """
 
-    def begin(self, task: TrackingTask, episodes: int) -> None:
+    def reset(self, mask: Mask) -> None:
         """Point at the tip of the resting model."""
-        super().begin(task, episodes)
+        super().reset(mask)
         self.point: Array | None = None
 
     def aim_at(self, point: ArrayLike) -> None:
@@ -60,11 +60,11 @@ class Pointer(OpenLoop):
         """
         self.point = _finite("point", point, self.task.dimension, "coordinates in mm")
 
-    def act(self, seen: Seen) -> Array:
+    def act(self, observations: Any) -> Array:
         """One step towards the point, (1, m); none before there is one."""
-        return np.zeros((1, self.task.action_size)) if self.point is None else super().act(seen)
+        return np.zeros((1, self.task.action_size)) if self.point is None else super().act(observations)
 
-    def aim(self, seen: Seen) -> Array:
+    def aim(self, reading: Reading) -> Array:
         """Where the model's tip should go, (1, d) [mm]."""
         assert self.point is not None
         return self.point[None]
@@ -80,7 +80,7 @@ class Seat:
 
     Args:
         env: the environment. seed: of the episode. way: one of WAYS.
-        beside: names of others, as `entrants` knows them.
+        beside: names of others, of `offered_controllers`.
     """
 
     env: EnvConfig
@@ -101,7 +101,7 @@ class Match:
     def __init__(self, seat: Seat) -> None:
         self.seat = seat
         self.person: Any = WAYS[as_choice("way", seat.way, list(WAYS))]()
-        known = entrants(seat.env) if seat.beside else {}
+        known = offered_controllers(seat.env) if seat.beside else {}
         others = [known[as_choice("controller", name, list(known))] for name in seat.beside]
         self.drives = [Drive(PERSON, seat.env, self.person, seat.seed), *(one.drive(seat.seed) for one in others)]
 

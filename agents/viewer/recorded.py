@@ -28,7 +28,7 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict
 MARK = "rolling-joint episodes"
 VERSION = 1
 KEYS = ("name", "environment", "seed", "actions", "error_mm")
-WRITTEN = "a file of episodes that rj view wrote, or a dataset that agents.dataset wrote"
+WRITTEN = "a file of episodes that rj view wrote, or a dataset that rj dataset wrote"
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def records_in(content: bytes, source: str) -> list[Record]:
 
 
 def _in_dataset(path: Path) -> Iterator[Record]:
-    """The episodes of a dataset that agents.dataset wrote."""
+    """The episodes of a dataset that rj dataset wrote."""
     from agents.evaluation.minari_dataset import read_dataset, recorded_by
 
     steps, (name, environment) = read_dataset(path), recorded_by(path)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.tracking.render import TrackingScene
-from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import Link, RollingChain
+from rollingjoint import HingeChain, Link, RollingChain
 
 Array = NDArray[np.float64]
 Strand = tuple[Array, float]

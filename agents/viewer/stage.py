@@ -15,8 +15,7 @@ from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
 from rj_gym.rendering import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
 from rj_gym.tracking.render import TrackingScene
-from rollingjoint.chain.hinge import HingeChain
-from rollingjoint.chain.rolling import RollingChain
+from rollingjoint import HingeChain, RollingChain
 
 GRAVITY: Color = (120, 90, 160)
 EDGES: Color = (208, 213, 219)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.controller import Array
+from agents.controllers.controller import Array
 from rj_gym.tracking.task import TrackingTask
 
 KEYS: Mapping[str, tuple[str, int]] = {

@@ -71,7 +71,7 @@ def _dumps(sizes: Sizes) -> Record:
 
 
 def _run_folders(older: Path, out: Path) -> Record:
-    """Short runs of the older checkout: their policies' actions, and what agents.evaluate says of them."""
+    """Short runs of the older checkout: their policies' actions, and what rj evaluate says of them."""
     from agents.shipped import load_policy
 
     made = out.parent / "runs"

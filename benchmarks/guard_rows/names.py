@@ -124,5 +124,6 @@ def _said(work: Any) -> str:
 
 
 def _usage(work: Any) -> str:
-    """The usage that a command prints with --help, on one line."""
-    return " ".join(_said(work).partition("\n\n")[0].split())
+    """The options that a command prints with --help, on one line, without its own name."""
+    usage = " ".join(_said(work).partition("\n\n")[0].split())
+    return re.sub(r"^usage: (python -m [\w.]+|rj [\w-]+) ?", "", usage)

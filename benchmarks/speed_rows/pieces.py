@@ -13,23 +13,12 @@ from rollingjoint._numba.jit import kernel, machine_code, part
 from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
-from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, PinnedBatch
-from rollingjoint.kernels.planar.block import Block, block_sizes
-from rollingjoint.kernels.planar.chain import evaluate_poses, evaluate_residual
-from rollingjoint.kernels.planar.joint import locate
-from rollingjoint.kernels.planar.loads import evaluate_dead_loads, n_rows
-from rollingjoint.kernels.planar.side_by_side import evaluate_joints
-from rollingjoint.kernels.shared import block_formulas
-from rollingjoint.kernels.shared.lanes import (
-    PHASE,
-    RUNNING,
-    begin_lane,
-    factor_stiffness,
-    hold_ends,
-    move,
-    newton_step,
-)
-from rollingjoint.kernels.shared.tendons import evaluate_tendons
+from rollingjoint.kernels import formulas as block_formulas
+from rollingjoint.kernels.lanes import PHASE, RUNNING, begin_lane, factor_stiffness, hold_ends, move, newton_step
+from rollingjoint.kernels.planar_loads import evaluate_dead_loads, n_rows
+from rollingjoint.kernels.rolling import BUCKET_ENDS, PinnedBatch, evaluate_poses, evaluate_residual, locate
+from rollingjoint.kernels.rolling_lanes import Block, block_sizes, evaluate_joints
+from rollingjoint.kernels.tendons import evaluate_tendons
 from speed_rows.row import Row
 from speed_rows.sizes import Sizes
 from speed_rows.timing import fastest

@@ -21,7 +21,7 @@ BEFORE = Path(__file__).resolve().parents[1] / "training_before.json"
 
 TITLE = "Where a training run spends its time"
 ONCE = True
-TEXT = """PPO as `python -m agents.train` builds it, without evaluations and checkpoints: the demo's configuration
+TEXT = """PPO as `rj train` builds it, without evaluations and checkpoints: the demo's configuration
 (`configs/train/demo.yaml`, 16 lanes), and the same with 1,024 lanes and rollouts of 8 steps. Wall time per frame,
 by what it was spent on; *environment step* holds the adapter, *wrappers* are VecMonitor and VecNormalize. The peer
 is the measurement kept in `benchmarks/training_before.json`, with the command and the machine it was made on."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from rollingjoint import Equilibrium, RollingChain, WorldForce, five_link, solve_lengths
 from rollingjoint.compiled import BatchArrays, PinnedRange, TendonLaw
-from rollingjoint.kernels.planar.arrays import new_results
-from rollingjoint.kernels.planar.side_by_side import memory_alone
+from rollingjoint.kernels.rolling import new_results
+from rollingjoint.kernels.rolling_lanes import memory_alone
 from rollingjoint.load import load_table
 
 Array = NDArray[np.float64]

@@ -3,6 +3,7 @@
 Modules:
     environments: a page for every registered environment.
     reference: a page for every module that users import from.
+    settings: tables of settings in docs/, a command of its own.
     repository: the pages in docs/ and files that they link to, with links that hold on the site.
     notebooks: notebooks as pages.
     replays: episodes of the shipped policies.

@@ -25,15 +25,12 @@ MODULES = (
     "rj_gym.vector_checker",
     "agents.shipped",
     "agents.evaluate",
-    "agents.evaluation.controller",
-    "agents.baselines",
+    "agents.controllers.controller",
+    "agents.controllers",
     "agents.dataset",
     "agents.results",
     "agents.robots",
 )
-
-HIDDEN = {"agents.robots.robot": "agents.robots.robot.robot"}  # where functions are whose name is a module's, too
-WITH_HEADING = "\n::: {}\n    options: {{show_root_heading: true, show_root_toc_entry: true}}\n"
 
 
 def public_names(module: ModuleType) -> list[str]:
@@ -51,6 +48,5 @@ def pages() -> dict[str, str]:
 
 def page(module: str) -> str:
     """The page of a module."""
-    hidden = [where for name, where in HIDDEN.items() if name.rpartition(".")[0] == module]
     installed = f"\nInstalled: `rj_{module}`.\n" if module.startswith("agents.") else ""
-    return f"# {module}\n{installed}\n::: {module}\n" + "".join(map(WITH_HEADING.format, hidden))
+    return f"# {module}\n{installed}\n::: {module}\n"

@@ -53,6 +53,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self.observation_space = observation_space(self.task, self.goal)
         self._buffer = self.buffer(self.task, 1, self.goal)
         self._steps, self._last_status = self.config.episode_steps, self.task.last_status
+        self._own_ends = self.task.own_ends
         self._plain = not self.goal and not self.task.observes_truth
         self._begun = False
         self._over = True
@@ -102,6 +103,8 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         vector, readings = self._buffer.step_alone(action)
         numbers = readings.tolist()
         terminated, truncated = numbers[STATUS] > self._last_status, numbers[STEP] >= self._steps
+        if self._own_ends and not terminated:
+            terminated = bool(self.task.terminated(readings[None])[0])
         self._over = terminated or truncated
         if self.render_mode is not None:
             self._show(readings)

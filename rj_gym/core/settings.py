@@ -73,6 +73,9 @@ def made_settings(kind: type[S], config: S | Mapping[str, Any] | None, changes: 
         allowed = "their defaults in a Goal environment"
         hint = "Its achieved_goal is the true tip; use the id without Goal."
         raise ConfigError("sensing, actuation, observe_history, privileged", "changed", allowed, hint)
+    if goal and (rewards := getattr(getattr(settings, "terms", None), "rewards", None)):
+        hint = "Its reward is compute_reward of the goals alone."
+        raise ConfigError("terms.rewards", sorted(rewards), "none in a Goal environment", hint)
     return settings
 
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rj_gym.core.columns import STATUS
 from rj_gym.core.generators import Random
 from rj_gym.core.info import every_lane
 from rollingjoint.chain.status import Status
@@ -39,12 +40,14 @@ class Task(ABC):
         action_size: numbers of an action.
         dimension: number of coordinates of the position that pictures trace; 0 where they trace none.
         last_status: the largest status with which an episode continues.
+        own_ends: whether episodes may end for a reason besides their status.
         observes_truth: whether observations are a Dict with the privileged state of a tracking task.
     """
 
     dimension: ClassVar[int] = 0
     last_status: ClassVar[int] = int(Status.AT_LIMIT)
     observes_truth: bool = False
+    own_ends: bool = False
     config: Any
     length: float
     action_size: int
@@ -64,6 +67,11 @@ class Task(ABC):
     @abstractmethod
     def state_info(self, readings: Array) -> dict[str, Any]:
         """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
+
+    def terminated(self, readings: Array) -> NDArray[np.bool_]:
+        """Which episodes have terminated, (B,), from readings (B, columns)."""
+        ended: NDArray[np.bool_] = readings[:, STATUS] > self.last_status
+        return ended
 
     @abstractmethod
     def reward_info(self, readings: Array) -> dict[str, Array]:

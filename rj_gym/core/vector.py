@@ -25,7 +25,7 @@ from rj_gym.core.arguments import (
     checked_seeds,
     used_alone,
 )
-from rj_gym.core.columns import REWARD, STATUS, STEP, TIP
+from rj_gym.core.columns import REWARD, STEP, TIP
 from rj_gym.core.env import TaskEnv
 from rj_gym.core.generators import Generators, check_generator_states, generator_states, set_generator_states
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
@@ -149,7 +149,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         readings = self._buffer.readings.copy()
         self._remember(readings)
         terminated, truncated = (
-            readings[:, STATUS] > self.task.last_status,
+            self.task.terminated(readings),
             readings[:, STEP] >= self.config.episode_steps,
         )
         terminated[fresh] = False

@@ -21,6 +21,7 @@ Modules:
     solver: equilibria of an episode buffer's lanes.
     tangent: how a step answers its motors.
     task: the base of both tasks.
+    terms: own reward terms, observation entries, ends, targets and loads.
     vector: the native vector environments.
     worlds: settings of worlds in which the tip is not seen, or late.
 """

@@ -21,6 +21,7 @@ from rj_gym.tracking.draws import (
     normal,
     of_lanes,
     over_time,
+    own_series,
     shared_draws,
     symmetric,
 )
@@ -67,10 +68,11 @@ class ArmTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config = self.config
         mechanisms, designs = _mechanisms(config.randomization, self.mechanism, uniforms, fixed)
+        weights = own_series(config, "loads", uniforms, self.length, ())
         return ArmDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
             gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
-            payloads=payloads(config.load, uniforms),
+            payloads=payloads(config.load, uniforms) if weights is None else weights,
             hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
             weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
         )
@@ -82,7 +84,7 @@ class ArmTask(TrackingTask):
         return {"gravity": (2,)} | loads, {"hinge": joints, "weight": joints}
 
     def weight_rows(self, arm: HingeChain, gravity: Array) -> Array:
-        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, 20)."""
+        """The load table of an arm's weights along a direction (3,), and a last row for the payload, (n, columns)."""
         rows = np.zeros((arm.n_links, len(SPATIAL_LOAD_COLUMNS)))
         rows[:, 0] = np.append(np.arange(1, arm.n_links), arm.n_links - 1)
         rows[:-1, _PZ] = [-0.5 * bead.spacing for bead in arm.beads]
@@ -90,7 +92,7 @@ class ArmTask(TrackingTask):
         return rows
 
     def load_tables(self, episodes: ArmDraws, step: int) -> Array:
-        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, 20)."""
+        """The true loads of E episodes at a step: weights, and the payload in the last row, tables (E, n, columns)."""
         nowhere = np.zeros(3)
         tables = np.array([self.weight_rows(arm, nowhere) for arm in episodes.mechanisms])[episodes.designs]
         tables[:, :-1, _FX : _FX + 3] = episodes.weights[:, :, None] * episodes.gravity[:, None]
@@ -98,11 +100,11 @@ class ArmTask(TrackingTask):
         return tables
 
     def base_load_tables(self, episodes: ArmDraws) -> Array:
-        """Loads of the unloaded states: weights alone, tables (E, n - 1, 20)."""
+        """Loads of the unloaded states: weights alone, tables (E, n - 1, columns)."""
         return np.ascontiguousarray(self.load_tables(episodes, 0)[:, :-1])
 
     def new_loads(self, lanes: int) -> Array:
-        """Load tables of lanes before they begin, (lanes, n, 20)."""
+        """Load tables of lanes before they begin, (lanes, n, columns)."""
         return np.repeat(self.weight_rows(self.mechanism, np.zeros(3))[None], lanes, axis=0)
 
     def new_results(self, lanes: int) -> Any:

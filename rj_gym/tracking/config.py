@@ -12,6 +12,7 @@ import numpy as np
 
 from rj_gym.core.settings import LONGEST_EPISODE, Range, Settings
 from rj_gym.tracking.sensing import PRIVILEGED, ActuationConfig, SensingConfig, checked_lags
+from rj_gym.tracking.terms import Terms
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.checks import as_boolean, as_choice, as_integer, as_number, as_range
@@ -159,6 +160,7 @@ class TaskConfig(Settings):
         observe_history: past readings in the observation: those 1 to k steps ago for a number k, or a list of lags.
         privileged: where the true state can be read, hidden parts included: "off", "info" (as info["privileged"]), or
             "observation" (a Dict with it under "privileged", for critics).
+        terms: own reward terms, observation entries, ends, targets and loads, a Terms.
     """
 
     DIMENSION: ClassVar[int] = 0
@@ -185,6 +187,7 @@ class TaskConfig(Settings):
     actuation: ActuationConfig = field(default_factory=ActuationConfig)
     observe_history: int | Sequence[int] = 0
     privileged: str = "off"
+    terms: Terms = field(default_factory=Terms)
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, str | self.MECHANISM):
@@ -201,7 +204,7 @@ class TaskConfig(Settings):
         self._check(as_boolean, *self._SWITCHES)
         self._check(as_choice, "privileged", choices=PRIVILEGED)
         self._set("observe_history", checked_lags(self.observe_history))
-        nested = self._NESTED | {"sensing": SensingConfig, "actuation": ActuationConfig}
+        nested = self._NESTED | {"sensing": SensingConfig, "actuation": ActuationConfig, "terms": Terms}
         self._check_nested(nested | ({} if self.friction is None else {"friction": FrictionConfig}))
 
     @cached_property
@@ -225,6 +228,11 @@ class TaskConfig(Settings):
     def orientation(self) -> bool:
         """Whether the tip has to turn into a target frame, too: a setting of arms."""
         return False
+
+    @property
+    def target_numbers(self) -> int:
+        """Numbers of a target: its position and, with orientation, a rotation matrix row by row."""
+        return self.DIMENSION + (9 if self.orientation else 0)
 
     def has_friction(self, mechanism: Any) -> bool:
         """Whether episodes of this nominal mechanism take steps with friction."""

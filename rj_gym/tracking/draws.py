@@ -14,6 +14,7 @@ from rj_gym.core.generators import Uniforms
 from rj_gym.tracking.config import FrictionConfig, LoadSettings, TaskConfig
 from rj_gym.tracking.hardware import HardwareDraws, draw_hardware
 from rj_gym.tracking.options import TrackingOptions
+from rj_gym.tracking.terms import Start, checked_series
 from rollingjoint.chain.stacks import Variations
 
 Array = NDArray[np.float64]
@@ -74,12 +75,13 @@ def shared_draws(
         scale: the scales of a pose's numbers, from the scales of its positions [mm] and angles [rad].
         parts: shape of the poses that are measured, (n - 1,) for every link; () for one.
     """
-    randomization = config.randomization
+    randomization, length = config.randomization, float(mechanisms[0].length)
+    tensions = own_series(config, "target_tensions", uniforms, length, (mechanisms[0].n_tendons,))
     return {
         "mechanisms": mechanisms,
         "designs": designs,
-        "targets": None,
-        "target_tensions": target_tensions(config, uniforms["target"]),
+        "targets": own_series(config, "targets", uniforms, length, (config.target_numbers,)),
+        "target_tensions": target_tensions(config, uniforms["target"]) if tensions is None else tensions,
         "start_tensions": start_tensions(config, uniforms["start"]),
         "stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0),
         "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
@@ -87,6 +89,18 @@ def shared_draws(
         "friction_mu": None if config.friction is None else friction_mu(config.friction, uniforms),
         "hardware": draw_hardware(config, uniforms, normal),
     }
+
+
+def own_series(
+    config: TaskConfig, name: str, uniforms: Uniforms, length: float, shape: tuple[int, ...]
+) -> Array | None:
+    """The targets or loads that the settings bring, `terms.<name>`, (B, 1 or T + 1, *shape); None where they do not."""
+    own = getattr(config.terms, name)
+    if own is None:
+        return None
+    numbers = uniforms[f"own {name}"] if own.uniforms else np.zeros((len(uniforms), 0))
+    start = Start(numbers, config.episode_steps, length)
+    return checked_series(f"terms.{name}", own.function(start), start, shape)
 
 
 def measurement_errors(

@@ -46,6 +46,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._rules = task.rules(goal)
         self._entries, self._action_shape = len(self._rules.low), (task.action_size,)
         self._at_once = runs_at_once(task.mechanism.n_joints)
+        self._terms = task.applied_terms()
         self._kept_rest: tuple[tuple[Any, bytes], tuple[Array, Array, Array]] | None = None
         self._spare: TrackingEpisodeBuffer | None = None
         readings = np.zeros((capacity, task.columns))
@@ -75,13 +76,16 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             if left == REFUSED:
                 raise InvalidInput("action", action, self._allowed(self._action.shape))
             self._complete(self._at, 0, 1)
+        if self._terms is not None:
+            (seen,) = self._terms.apply(self._seen[None])
+            return seen.copy(), self._row.copy()
         return self._seen.copy(), self._row.copy()
 
     def observe(self) -> Observation:
         """The current observations of all lanes, (B, entries)."""
         observations = self._room(self.capacity)
         self._kernels.observe(observations)
-        return observations
+        return observations if self._terms is None else self._terms.observed(observations)
 
     def tangent(self) -> Tangent:
         """The state of all lanes and how it answers the tendons' commands."""
@@ -89,6 +93,11 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
 
     def _advance(self, count: int) -> Observation:
         """A step of the first lanes; their fresh observations, (count, entries)."""
+        observations = self._stepped(count)
+        return observations if self._terms is None else self._terms.apply(observations)
+
+    def _stepped(self, count: int) -> Observation:
+        """`_advance` without the settings' terms."""
         if count == 1 and self._at_once:
             if self._kernels.step(self._at, 0, 1):
                 self._complete(self._at, 0, 1)
@@ -145,6 +154,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self.solver.laws.low[:count], self.solver.laws.high[:count] = self.task.config.tension_range
         observations = self._advance(count)
         readings[:, REWARDS] = 0.0
+        if self._terms is not None:
+            readings[:, self._terms.rewards] = 0.0
         return draws, observations
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:
@@ -378,6 +389,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     def _bind(self) -> None:
         """Bind the kernels to the arrays."""
         solver, state, results = self.solver, self.state, self.solver.results
+        if self._terms is not None:
+            self._terms.bind(state)
         self.readings, self._action, self._row = state.readings, self._actions[0], state.readings[0]
         self._all_finite = machine_code(all_finite, Annotated[Floats, "B", "m"])
         n_links, noise = self.task.mechanism.n_links, self.course.noise

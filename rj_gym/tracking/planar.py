@@ -21,6 +21,7 @@ from rj_gym.tracking.draws import (
     load_shapes,
     loads_over_time,
     normal,
+    own_series,
     shared_draws,
     symmetric,
 )
@@ -65,10 +66,11 @@ class PlanarTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config, nominal = self.config, self.mechanism
         mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
+        forces = own_series(config, "loads", uniforms, self.length, (2,))
         return PlanarDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
             links=load_links(config.load, nominal.n_links, uniforms["link"]),
-            forces=load_forces(config.load, uniforms),
+            forces=load_forces(config.load, uniforms) if forces is None else forces,
             surface_offsets=offsets,
         )
 
@@ -78,18 +80,18 @@ class PlanarTask(TrackingTask):
         return {"link": (1,)} | loads, {"surface": (self.mechanism.n_links, 2, 3)}
 
     def load_tables(self, episodes: PlanarDraws, step: int) -> Array:
-        """The true loads of E episodes at a step, tables (E, 1, 11)."""
+        """The true loads of E episodes at a step, tables (E, 1, columns)."""
         tables = np.zeros((len(episodes), 1, len(LOAD_COLUMNS)))
         tables[:, 0, _LINK] = episodes.links
         tables[:, 0, _FX : _FX + 2] = episodes.forces[:, min(step, episodes.forces.shape[1] - 1)]
         return tables
 
     def base_load_tables(self, episodes: PlanarDraws) -> Array:
-        """Loads of the unloaded states: none, tables (E, 0, 11)."""
+        """Loads of the unloaded states: none, tables (E, 0, columns)."""
         return np.zeros((len(episodes), 0, len(LOAD_COLUMNS)))
 
     def new_loads(self, lanes: int) -> Array:
-        """Load tables of lanes before they begin, (lanes, 1, 11)."""
+        """Load tables of lanes before they begin, (lanes, 1, columns)."""
         return np.zeros((lanes, 1, len(LOAD_COLUMNS)))
 
     def new_results(self, lanes: int) -> Any:

@@ -36,6 +36,7 @@ from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, target_s
 from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
+from rj_gym.tracking.terms import AppliedTerms
 from rollingjoint.checks import as_floats
 from rollingjoint.compiled import CONSTANT, MU
 from rollingjoint.errors import InvalidInput
@@ -76,15 +77,35 @@ class TrackingTask(Task):
         self._places = self._vectors()
         self._parts = itemgetter(*self._places.values())
         self.has_friction = bool(config.has_friction(self.mechanism))
-        self.target_numbers = self.dimension + (9 if config.orientation else 0)
+        self.target_numbers = config.target_numbers
         self._goal_size = len(self.goal_bounds())
         self.observes_truth = config.privileged == "observation"
         self._truths = len(self.privileged_entries()) if config.privileged != "off" else 0
+        self._own_rewards, self._own_ends = config.terms.columns(self._plain + self._truths)
+        self.own_ends = bool(self._own_ends)
         self._blocks = self._uniform_blocks()
 
     def entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the observation vector; `goal` leaves out target and errors."""
+        return self.own_entries(goal) + self.config.terms.entries
+
+    def own_entries(self, goal: bool = False) -> list[Entry]:
+        """The entries that the task itself has, without those of the settings' terms."""
         return observation.observation_entries(self.config, self.mechanism, goal)
+
+    def applied_terms(self) -> AppliedTerms | None:
+        """The settings' terms at work, None where there are none that take part in a step."""
+        terms = self.config.terms
+        if not (terms.rewards or terms.ends or terms.observations):
+            return None
+        return AppliedTerms(terms, self._plain + self._truths, self.dimension, self.action_size)
+
+    def terminated(self, readings: Array) -> NDArray[np.bool_]:
+        """Which episodes have terminated, by their status or an end of the settings' terms, (B,)."""
+        ended = super().terminated(readings)
+        for _, column in self._own_ends:
+            ended |= readings[:, column] > 0.5
+        return ended
 
     def privileged_entries(self) -> list[Entry]:
         """The entries of the privileged state, whether or not the settings show it."""
@@ -213,7 +234,8 @@ class TrackingTask(Task):
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
-        return {name: readings[:, column] for name, column in _TERMS.items()}
+        own = {name: readings[:, column] for name, column in self._own_rewards}
+        return {name: readings[:, column] for name, column in _TERMS.items()} | own
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
@@ -227,7 +249,7 @@ class TrackingTask(Task):
             "tensions": vectors["tensions"],
             "command": vectors["command"],
         }
-        return base | self.truth_info(readings) | self.friction_info(readings)
+        return base | self.truth_info(readings) | self.friction_info(readings) | self.ends_info(readings)
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
@@ -250,7 +272,15 @@ class TrackingTask(Task):
         if len(numbers) == self._plain:
             return info
         row = readings[None]
+        info["reward_terms"] |= {name: numbers[column] for name, column in self._own_rewards}
+        if self.config.terms.ends:
+            info["ends"] = only_lane(self.ends_info(row)["ends"])
         return info | only_lane(self.truth_info(row) | self.friction_info(row))
+
+    def ends_info(self, readings: Array) -> dict[str, Any]:
+        """What info says of the ends of the settings' terms, arrays (B,): nothing where there are none."""
+        ends = {name: readings[:, column] > 0.5 for name, column in self._own_ends}
+        return {"ends": ends} if ends else {}
 
     @property
     def friction_acts(self) -> bool:
@@ -263,7 +293,7 @@ class TrackingTask(Task):
     @property
     def columns(self) -> int:
         """How many columns readings have."""
-        return self._plain + self._truths + self.friction_columns
+        return self._plain + self._truths + len(self._own_rewards) + len(self._own_ends) + self.friction_columns
 
     @property
     def friction_columns(self) -> int:
@@ -290,7 +320,8 @@ class TrackingTask(Task):
     def rules(self, goal: bool = False) -> Rules:
         """The parameters that all lanes share, as the kernels take them."""
         config, reward = self.config, self.config.reward
-        low, high = self.observation_bounds(goal)
+        entries = self.own_entries(goal)
+        low, high = (np.array([getattr(entry, side) for entry in entries]) for side in ("low", "high"))
         return Rules(
             dimension=self.dimension,
             action_scale=config.action_scale_mm,
@@ -331,7 +362,8 @@ class TrackingTask(Task):
         shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), **mechanisms}
         if config.randomization.sensor_noise:
             shapes["noise"] = (config.episode_steps + 1, *errors, 2)
-        return blocks_of(shapes | friction_shapes(config, m) | hardware_shapes(config, m, errors[-1]))
+        shapes |= friction_shapes(config, m) | hardware_shapes(config, m, errors[-1])
+        return blocks_of(shapes | config.terms.uniforms)
 
 
 def _broadcast(first: Array, second: Array) -> bool:

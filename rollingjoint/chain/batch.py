@@ -20,17 +20,11 @@ from rollingjoint.chain.chain import AnyChain, Kernels
 from rollingjoint.chain.friction_step import FrictionStep, friction_laws
 from rollingjoint.chain.solution import strictly_within
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.shared.friction import (
-    FrictionArrays,
-    FrictionLaw,
-    History,
-    histories_of,
-    new_friction_arrays,
-)
-from rollingjoint.kernels.shared.lanes import PENDING
-from rollingjoint.kernels.shared.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.batch import solve_lanes, stiffness_of
+from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History, histories_of, new_friction_arrays
+from rollingjoint.kernels.lanes import PENDING
+from rollingjoint.kernels.rubbed import begin_histories, rubbed_stiffness_of, step_lanes
 from rollingjoint.threads import run_in_threads
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, CapstanFriction, friction_coefficients
-from rollingjoint.load import Gravity, Load
+from rollingjoint.load import Gravity, Load, checked_springs
 
 Array = NDArray[np.float64]
 S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
@@ -34,7 +34,7 @@ class Spares(dict[int, list[Any]]):
 class Kernels:
     """The compiled code that a class of chains has of its own: what solves its batches in SIMD lanes.
 
-    What the lanes leave goes to the solver for all cases (kernels.shared.batch), which knows the class by its arrays.
+    What the lanes leave goes to the solver for all cases (kernels.batch), which knows the class by its arrays.
 
     Attributes:
         batch_arrays: NamedTuple of equilibria to be solved, and where they go: chain, from `stack`; designs: which of
@@ -70,6 +70,7 @@ class Chain(ABC, Generic[S]):
         tendons: at least one; each has a stiffness and last_link(n_links).
         name: for tables and pictures.
         friction: that of the tendons that have none of their own.
+        springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
 
     Attributes of its class:
         title: what messages call such a mechanism.
@@ -93,6 +94,7 @@ class Chain(ABC, Generic[S]):
     tendons: Any
     name: str
     friction: CapstanFriction | None = None
+    springs: Sequence[Load] = ()
 
     def __repr__(self) -> str:
         kind = type(self).__name__
@@ -213,6 +215,15 @@ class Chain(ABC, Generic[S]):
     def load_table(self, loads: Sequence[Load]) -> Array:
         """Load table of external loads, (rows, columns); InvalidInput for loads that it cannot have."""
 
+    def _checked_springs(self) -> tuple[Load, ...]:
+        """Its springs, with plain numbers in their fields; MechanismError where one of them is not possible."""
+        try:
+            springs = checked_springs(self.springs, self.n_links, self.dimension)
+            self.load_table(springs)
+        except InvalidInput as error:
+            raise MechanismError(error.what, error.value, error.allowed) from None
+        return springs
+
     def start_angles(self, values: Sequence[float]) -> Array:
         """Joint angles [rad] of joints at places given in the unit of `joint_limits`, (n - 1,)."""
         return self.per_joint("start", values)
@@ -270,3 +281,14 @@ def read_only(array: Array) -> Array:
     """The array, write-protected: what a mechanism computes once must not be changed by a caller."""
     array.setflags(write=False)
     return array
+
+
+def with_equal_rows(parts: Sequence[Any]) -> list[Any]:
+    """Arrays of mechanisms whose tables of springs are padded to the same number of rows; rows of zeros do nothing."""
+    rows = max(part.standing.shape[1] for part in parts)
+    return [
+        part._replace(standing=np.pad(part.standing, ((0, 0), (0, rows - part.standing.shape[1]), (0, 0))))
+        if part.standing.shape[1] < rows
+        else part
+        for part in parts
+    ]

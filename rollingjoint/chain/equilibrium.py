@@ -14,7 +14,7 @@ from rollingjoint.chain import se3
 from rollingjoint.chain.solution import Solution, parts
 from rollingjoint.chain.stacks import distinct
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.forward import arc_lengths_of
+from rollingjoint.kernels.rolling import arc_lengths_of
 from rollingjoint.tables import Column
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from rollingjoint.checked_yaml import (
     numbered,
     numbers,
     point,
+    space_point,
     text,
     whole_number,
 )
@@ -70,7 +71,8 @@ class Format(ABC):
         default = mapping(f"{source}: defaults.tendon", defaults.get("tendon", {}), _SHARED_KEYS)
         parts = [self.part(place, item, defaults, source) for place, item in _listed(source, top, self.parts)]
         tendons = [self._tendon(place, item, default) for place, item in _listed(source, top, "tendons")]
-        own = {"name": text(f"{source}: name", top.get("name", name)), **self.more(source, top)}
+        springs = [_spring(place, item, self.kind.dimension) for place, item in _listed(source, top, "springs")]
+        own = {"name": text(f"{source}: name", top.get("name", name)), "springs": springs, **self.more(source, top)}
         with located(source):
             friction = _friction(f"{source}: ", top)
             made: AnyChain = self.kind(**{self.parts: parts}, tendons=tendons, friction=friction, **own)
@@ -83,6 +85,8 @@ class Format(ABC):
             {**self.path_dict(one), "end": one.end, "stiffness": one.stiffness, **friction_to_dict(one.friction)}
             for one in chain.tendons
         ]
+        if chain.springs:
+            content["springs"] = [_spring_dict(spring) for spring in chain.springs]
         content |= self.more_dict(chain) | friction_to_dict(chain.friction)
         return {key: content[key] for key in self.keys if key in content}
 
@@ -102,13 +106,13 @@ class Format(ABC):
     def path_dict(self, tendon: Any) -> dict[str, Any]:
         """The content that makes the same holes."""
 
-    @abstractmethod
     def more(self, source: str, top: Mapping[str, Any]) -> dict[str, Any]:
         """Fields that only chains of the class have."""
+        return {}
 
-    @abstractmethod
     def more_dict(self, chain: Any) -> dict[str, Any]:
         """The content that makes the same fields."""
+        return {}
 
     def _tendon(self, where: str, item: object, default: Mapping[str, Any]) -> Any:
         own = mapping(where, item, self.tendon_keys)
@@ -132,16 +136,19 @@ class RollingFormat(Format):
 
     def part(self, where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
         """A link; what its surfaces leave out is that of the defaults."""
-        item = mapping(where, item, ("parent", "child"))
+        item = mapping(where, item, ("parent", "child", "weight", "centre"))
         surfaces = {}
         for side in ("parent", "child"):
             default = mapping(f"{source}: defaults.{side}", defaults.get(side, {}), _SURFACE_KEYS)
             surfaces[side] = _surface(f"{where}.{side}", item.get(side, {}), default)
-        return Link(**surfaces)
+        weight, centre = item.get("weight", Link.weight), item.get("centre", Link.centre)
+        with located(where):
+            return Link(**surfaces, weight=number(f"{where}.weight", weight), centre=point(f"{where}.centre", centre))
 
     def part_dict(self, part: Link) -> dict[str, Any]:
         """The content that makes the same link."""
-        return {side: _surface_dict(getattr(part, side)) for side in ("parent", "child")}
+        surfaces = {side: _surface_dict(getattr(part, side)) for side in ("parent", "child")}
+        return surfaces | ({"weight": float(part.weight), "centre": list(part.centre)} if part.weight else {})
 
     def holes(self, where: str, tendon: Mapping[str, Any]) -> Sequence[tuple[Hole, Hole]]:
         """The holes of a tendon, all at one place of the surfaces or pair by pair."""
@@ -159,14 +166,6 @@ class RollingFormat(Format):
             return {"on_surface": float(parent.s)}
         return {"holes": [{"parent": _hole_value(p), "child": _hole_value(c)} for p, c in tendon.holes]}
 
-    def more(self, source: str, top: Mapping[str, Any]) -> dict[str, Any]:
-        """Its springs."""
-        return {"springs": [_spring(place, item) for place, item in _listed(source, top, "springs")]}
-
-    def more_dict(self, chain: RollingChain) -> dict[str, Any]:
-        """The content that makes the same springs."""
-        return {"springs": [_spring_dict(spring) for spring in chain.springs]} if chain.springs else {}
-
 
 class HingeFormat(Format):
     """Spatial arms of beads on elastic hinges."""
@@ -174,7 +173,7 @@ class HingeFormat(Format):
     kind = HingeChain
     header = "# An arm of beads on elastic hinges, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
     parts = "beads"
-    keys = ("name", "model", "defaults", parts, "tendons", "friction")
+    keys = ("name", "model", "defaults", parts, "tendons", "springs", "friction")
     defaults = ("bead", "tendon")
     tendon = BeadTendon
     tendon_keys = ("holes", *_SHARED_KEYS)
@@ -282,13 +281,14 @@ def _hole(where: str, hole: object) -> Hole:
     return point(where, hole)
 
 
-def _spring(where: str, item: object) -> Load:
-    """A spring of the kind whose fields without a default are all there."""
+def _spring(where: str, item: object, dimension: int) -> Load:
+    """A spring of the kind whose fields without a default are all there; its points have so many coordinates."""
     keys = mapping(where, item, list(dict.fromkeys(each.name for kind in SPRINGS for each in fields(kind))))
     kind = next((kind for kind in SPRINGS if _needed(kind) <= set(keys)), SPRINGS[0])
     own = mapping(where, item, [each.name for each in fields(kind)], sorted(_needed(kind)))
     readers = {"int": whole_number, "float": number}
-    kinds = {each.name: readers.get(str(each.type), point) for each in fields(kind)}
+    place = point if dimension == 2 else space_point
+    kinds = {each.name: readers.get(str(each.type), place) for each in fields(kind)}
     with located(where):
         return kind(**{key: kinds[key](f"{where}.{key}", value) for key, value in own.items()})
 

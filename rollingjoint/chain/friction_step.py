@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.friction import FrictionArrays, FrictionLaw, History
-from rollingjoint.kernels.shared.rubbed import begin_histories
+from rollingjoint.kernels.friction import FrictionArrays, FrictionLaw, History
+from rollingjoint.kernels.rubbed import begin_histories
 
 Array = NDArray[np.float64]
 

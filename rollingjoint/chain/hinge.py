@@ -12,16 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import se3
-from rollingjoint.chain.chain import Chain, Kernels, members, read_only
+from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
 from rollingjoint.chain.equilibrium import HingeEquilibrium
 from rollingjoint.chain.tendon import BeadTendon
 from rollingjoint.checks import as_floats, as_number, as_positive
-from rollingjoint.errors import MechanismError
+from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS
-from rollingjoint.kernels.spatial.arrays import N_TURNS, BatchArrays, Hinges, PinnedHinges, new_hinge_results
-from rollingjoint.kernels.spatial.lanes import MOST_HINGES, memory_alone, solve_hinges_alone, solve_hinges_pinned
-from rollingjoint.kernels.spatial.rubbed_block import step_hinges_side_by_side
+from rollingjoint.kernels.hinge_lanes import (
+    MOST_HINGES,
+    memory_alone,
+    solve_hinges_alone,
+    solve_hinges_pinned,
+    step_hinges_side_by_side,
+)
+from rollingjoint.kernels.hinges import N_TURNS, HingeBatchArrays, Hinges, PinnedHinges, new_hinge_results
+from rollingjoint.kernels.lanes import MOST_JOINTS
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load, spatial_load_table
 
 Array = NDArray[np.float64]
@@ -29,6 +34,7 @@ _P = TypeVar("_P")
 
 TENDON_MODELS = ("exact", "linear", "end_couple")
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_TORSION, _OTHER = map(SPATIAL_LOAD_COLUMNS.index, ("torsion", "other"))
 _CLOSED = 1e-3  # of the gap between two beads: what is left of it where a hinge ends
 _UNIT = 1e-14  # how far from 1 rounding leaves the length of a unit vector
 
@@ -93,9 +99,11 @@ class HingeChain(Chain[HingeEquilibrium]):
         name: for tables and pictures.
         friction: of the tendons that have none of their own; the model must be "exact". A solve takes it into account
             where it is given a history.
+        springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
     Raises:
-        MechanismError: wrong counts, holes that meet at rest, friction with another model, rolling resistance.
-    Source: flexible-joint paper, sec. II; docs/theory.md, section 8.
+        MechanismError: wrong counts, holes that meet at rest, friction with another model, rolling resistance, springs
+            on links that do not exist.
+    Source: flexible-joint paper, sec. II; docs/theory.md, sections 1 and 8.
     """
 
     title: ClassVar[str] = "an arm of beads"
@@ -104,7 +112,7 @@ class HingeChain(Chain[HingeEquilibrium]):
     load_columns: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
     equilibrium: ClassVar[type[HingeEquilibrium]] = HingeEquilibrium
     kernels: ClassVar[Kernels] = Kernels(
-        batch_arrays=BatchArrays,
+        batch_arrays=HingeBatchArrays,
         new_results=new_hinge_results,
         torques="torques",
         pinned_batch=PinnedHinges,
@@ -121,6 +129,7 @@ class HingeChain(Chain[HingeEquilibrium]):
     model: str = "exact"
     name: str = ""
     friction: CapstanFriction | None = None
+    springs: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beads", members("beads", self.beads, Bead))
@@ -128,6 +137,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         if self.model not in TENDON_MODELS:
             raise MechanismError("tendon model", self.model, f"one of {', '.join(TENDON_MODELS)}")
         self._check_friction()
+        object.__setattr__(self, "springs", self._checked_springs())
         low, high = self.joint_limits.T
         rest = np.array([bead.rest_angle for bead in self.beads])
         if not np.all((low < rest) & (rest < high)):
@@ -196,12 +206,13 @@ class HingeChain(Chain[HingeEquilibrium]):
             np.array([TENDON_MODELS.index(self.model)]),
             np.array(self.last_links),
             self._turns[None],
+            self.load_table(self.springs)[None],
         )
 
     @staticmethod
     def join(parts: Sequence[Hinges]) -> Hinges:
         """The arrays of several arms with the same numbers of beads, tendons and crossed hinges, as one stack."""
-        joined = Hinges(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        joined = Hinges(*(np.concatenate(arrays) for arrays in zip(*with_equal_rows(parts), strict=True)))
         return joined._replace(tendon_joints=parts[0].tendon_joints)
 
     def scaled(self, hinges: Array, tendons: Array, weights: Array) -> HingeChain:
@@ -235,7 +246,15 @@ class HingeChain(Chain[HingeEquilibrium]):
 
     def load_table(self, loads: Sequence[Load]) -> Array:
         """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns)."""
-        return spatial_load_table(loads, self.n_links)
+        table = spatial_load_table(loads, self.n_links)
+        for row in table[table[:, _TORSION] != 0.0]:
+            low, high = sorted((int(row[0]), int(row[_OTHER])))
+            axes = np.array([bead.axis for bead in self.beads[low:high]])
+            if not np.allclose(axes, axes[0], rtol=0.0, atol=_UNIT):
+                raise InvalidInput(
+                    "links of a TorsionSpring", (low, high), "neighbours, or parallel hinges between them"
+                )
+        return table
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses in the base frame, (..., n, 4, 4) [mm]: products of exponentials, one per hinge."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import read_only
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.planar.arrays import BUCKETS, N_COEFFICIENTS
+from rollingjoint.kernels.rolling import BUCKETS, N_COEFFICIENTS
 from rollingjoint.profile import Profile, Surface
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ _PROBE_POWERS = np.vander(_PROBES, N_COEFFICIENTS, increasing=True)
 
 
 class JointTable(NamedTuple):
-    """Cells of one joint in the order of its angle; columns as in kernels.planar.arrays.Chain."""
+    """Cells of one joint in the order of its angle; columns as in kernels.rolling.Chain."""
 
     cells: Array  # (cells, 4)
     coefficients: Array  # (cells, 10, 8)

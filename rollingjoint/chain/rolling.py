@@ -7,24 +7,31 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain import joint_table
-from rollingjoint.chain.chain import Chain, Kernels, members, read_only
+from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
 from rollingjoint.chain.equilibrium import Equilibrium
 from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
+from rollingjoint.checks import as_floats, as_number
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
-from rollingjoint.kernels.planar.arrays import BUCKET_ENDS, BatchArrays, PinnedBatch, aligned, new_results
-from rollingjoint.kernels.planar.arrays import Chain as ChainArrays
-from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
-from rollingjoint.kernels.planar.rubbed_block import step_side_by_side
-from rollingjoint.kernels.planar.side_by_side import memory_alone, solve_alone, solve_pinned
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS
-from rollingjoint.load import LOAD_COLUMNS, Load, checked_springs, load_table
+from rollingjoint.kernels.lanes import MOST_JOINTS
+from rollingjoint.kernels.rolling import (
+    BUCKET_ENDS,
+    BatchArrays,
+    PinnedBatch,
+    aligned,
+    arc_lengths_of,
+    new_results,
+    poses_of,
+)
+from rollingjoint.kernels.rolling import Chain as ChainArrays
+from rollingjoint.kernels.rolling_lanes import memory_alone, solve_alone, solve_pinned, step_side_by_side
+from rollingjoint.load import LOAD_COLUMNS, Gravity, Load, load_table
 from rollingjoint.profile import LIMIT_TOLERANCE, Profile, Surface
 
 Array = NDArray[np.float64]
@@ -32,10 +39,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above."""
+    """A rigid link: the parent surface rolls on the link below, the child surface carries the link above.
+
+    Args:
+        parent, child: its surfaces.
+        weight: [N]; it acts in the solves that are given `RollingChain.gravity`.
+        centre: where the weight acts, in the frame of the link [mm].
+    Raises:
+        MechanismError: a negative weight, a centre that is not two numbers.
+    """
 
     parent: Surface
     child: Surface
+    weight: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        as_number("link weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
+        place = as_floats("link centre", self.centre, "two numbers (x, y) [mm]", MechanismError)
+        if place.shape != (2,) or not np.isfinite(place).all():
+            raise MechanismError("link centre", self.centre, "two numbers (x, y) [mm]")
 
     @property
     def height(self) -> float:
@@ -181,8 +204,7 @@ class RollingChain(Chain[Equilibrium]):
     @staticmethod
     def join(parts: Sequence[ChainArrays]) -> ChainArrays:
         """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
-        rows = max(part.standing.shape[1] for part in parts)
-        parts = [part if part.standing.shape[1] == rows else _with_rows(part, rows) for part in parts]
+        parts = with_equal_rows(parts)
         before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
         joined = ChainArrays(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
         return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
@@ -225,6 +247,14 @@ class RollingChain(Chain[Equilibrium]):
         """Link poses (x, y, angle) in the base frame, (..., n, 3) [mm, rad]."""
         return self._placed(joint_angles)[0]
 
+    def gravity(self, direction: tuple[float, float] = (0.0, -1.0)) -> Gravity:
+        """The weight of every link along a direction of the base frame."""
+        return Gravity([float(link.weight) for link in self.links], direction, [link.centre for link in self.links])
+
+    def own_weight(self, direction: Any) -> Gravity | None:
+        """The weight of every link along a direction of the base frame; None where no link has a weight."""
+        return self.gravity(direction) if any(link.weight > 0.0 for link in self.links) else None
+
     def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
         """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm].
 
@@ -250,12 +280,6 @@ class RollingChain(Chain[Equilibrium]):
             (np.einsum("lab,lhb->lha", rotation[: len(h)], h) + poses[: len(h), None, :2]).reshape(-1, 2)
             for h in self.hole_points
         ]
-
-    def _checked_springs(self) -> tuple[Load, ...]:
-        try:
-            return checked_springs(self.springs, self.n_links)
-        except InvalidInput as error:
-            raise MechanismError(error.what, error.value, error.allowed) from None
 
     def _check_holes(self) -> None:
         """Every hole on its surface, and no tendon whose holes change places across a joint."""
@@ -316,8 +340,3 @@ def tendon_arrays(points: Sequence[Array], n_joints: int) -> tuple[Array, Array,
         units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])
         directions[:, :crossed, j] = np.concatenate([units[:, :-1], units[:, 1:]], axis=-1)
     return holes, channels, directions
-
-
-def _with_rows(part: ChainArrays, count: int) -> ChainArrays:
-    """The arrays with so many standing rows; those of zeros do nothing."""
-    return part._replace(standing=np.pad(part.standing, ((0, 0), (0, count - part.standing.shape[1]), (0, 0))))

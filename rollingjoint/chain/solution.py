@@ -17,9 +17,9 @@ from rollingjoint.chain.stacks import designs_of
 from rollingjoint.chain.status import STATUSES, Status, codes_of
 from rollingjoint.errors import InvalidInput, SolverError
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.batch import stiffness_of
-from rollingjoint.kernels.shared.friction import History
-from rollingjoint.kernels.shared.rubbed import rubbed_stiffness_of
+from rollingjoint.kernels.batch import stiffness_of
+from rollingjoint.kernels.friction import History
+from rollingjoint.kernels.rubbed import rubbed_stiffness_of
 from rollingjoint.load import check_table
 from rollingjoint.tables import Column
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain import joint_table
-from rollingjoint.chain.rolling import Link, RollingChain, tendon_arrays
+from rollingjoint.chain.rolling import RollingChain, tendon_arrays
 from rollingjoint.chain.stacks import Deferred, Variations
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.planar.arrays import BUCKETS, Chain
+from rollingjoint.kernels.rolling import BUCKETS, Chain
 from rollingjoint.load import load_table
 from rollingjoint.profile import Surface
 
@@ -42,7 +42,7 @@ def varied_chain(nominal: RollingChain, offsets: Array, factors: Array) -> Rolli
         )
     while np.any(np.abs(offsets) > 1e-6):
         links = tuple(
-            Link(_displaced(link.parent, parent), _displaced(link.child, child))
+            replace(link, parent=_displaced(link.parent, parent), child=_displaced(link.child, child))
             for link, (parent, child) in zip(nominal.links, offsets, strict=True)
         )
         try:
@@ -213,7 +213,7 @@ def _joints(nominal: RollingChain) -> Sequence[tuple[Surface, Surface]]:
 
 
 def _aligned_room(shape: tuple[int, ...]) -> Array:
-    """Empty memory that begins at a multiple of 64 bytes, as kernels.planar.arrays.aligned."""
+    """Empty memory that begins at a multiple of 64 bytes, as kernels.rolling.aligned."""
     size = 8 * math.prod(shape)
     memory = np.empty(size + 64, np.uint8)
     start = -memory.ctypes.data % 64

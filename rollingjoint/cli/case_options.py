@@ -11,9 +11,9 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.checks import as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.io import report
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import OPTIONS, Gravity, Load, Option
-from rollingjoint.statics.history import Start
+from rollingjoint.statics.inputs import Start
 from rollingjoint.statics.least_squares import LARGEST_TENSION
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
@@ -133,7 +133,7 @@ def _gravity(args: argparse.Namespace, mechanism: AnyChain) -> list[Load]:
     own = mechanism.own_weight(direction)
     if own is not None:
         if weights:
-            raise InvalidInput("--gravity", weights, "no number", "Beads have weights of their own.")
+            raise InvalidInput("--gravity", weights, "no number", "Its links have weights of their own.")
         return [own]
     weights = weights * n_links if len(weights) == 1 else weights
     if len(weights) != n_links:
@@ -147,8 +147,6 @@ def _each(
     """Link and numbers of every load of one option."""
     name, found = _option(option.name), []
     for link, *values in getattr(args, option.name):
-        if not numbers:
-            raise InvalidInput(name, [link, *values], "a planar chain", "Arms take no such load.")
         if not len(numbers) - option.optional <= len(values) <= len(numbers):
             raise InvalidInput(name, [link, *values], f"LINK {_spelled(numbers, option.optional)} for this mechanism")
         if link not in range(-n_links, n_links):

@@ -191,10 +191,10 @@ def _is_number(word: str) -> bool:
 
 def _parser() -> tuple[argparse.ArgumentParser, Collection[str]]:
     """The parser, and the names of the commands that it knows."""
-    text = "Statics of tendon-driven mechanisms. mm, N, N·mm, rad."
+    text = "Statics and control of tendon-driven mechanisms. mm, N, N·mm, rad. rj COMMAND --help lists options."
     parser = _Parser(prog="rj", description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"rj {_version()}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(title="mechanisms", dest="command", required=True, metavar="COMMAND")
     solve = commands.add_parser("solve", help="equilibrium under given tensions or lengths, as a table")
     add_case(solve, required=True)
     solve.add_argument("--friction", type=float, metavar="MU", help=f"of links on links (default {report.FRICTION:g})")

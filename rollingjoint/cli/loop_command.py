@@ -21,7 +21,7 @@ from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import NO_FRICTION, CapstanFriction
 from rollingjoint.io import loop_report, report
 from rollingjoint.io.mechanism_file import load_mechanism
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.statics.loop import MIDDLE_TENSION, MOST_STEPS, Loop, trace_loop
 
 _SWING = (-5.0, 5.0)  # mm: of two tendons unless another is given

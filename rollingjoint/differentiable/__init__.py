@@ -7,16 +7,16 @@ Modules:
     design: a mechanism, or many, as tensors.
     equilibria: what the solvers return.
     friction: friction of the tendons, and what one step leaves to the next.
-    geometry: where surfaces touch, where holes are.
+    geometry: where surfaces touch, how tendons run.
     loads: loads, their energy, moments and stiffness.
     looking: looks of the host at numbers on a device.
-    newton: equilibria of a batch by Newton's method in torch.
+    newton: Newton's method on many rows; the equilibria of a batch of designs.
     side_by_side: equilibria of many chains in a fixed number of passes, without gradients: for simulation on a device.
     slip: friction at one pose: slip of the holes, tensions of the gaps and their slopes.
     solve: the two solvers, and the adjoint.
-    statics: the whole chain at given contacts: residual, stiffness, energy, contact forces.
+    statics: the whole chain at given angles: residual, stiffness, energy, contact forces.
     surface: curvature to tangent angles and points.
-    tabulated: chains as the compiled solver's tables on a device.
+    tabulated: joints as the compiled solver's tables on a device.
     transmission: play, sheath and limits of tension of motors.
 """
 

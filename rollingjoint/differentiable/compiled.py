@@ -15,8 +15,8 @@ from rollingjoint.differentiable.friction import HISTORY
 from rollingjoint.differentiable.statics import Law
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, FrictionState
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionLaw
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.friction import FrictionLaw
 
 
 def solve_compiled(

@@ -19,7 +19,7 @@ from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.surface import MOST_UNSEEN_TURN, Surfaces, turning_bound, turning_coefficients
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import Load
 from rollingjoint.profile import Profile, Surface
 

@@ -27,6 +27,7 @@ class Equilibria:
 
     status: Tensor
     free_joints: Tensor
+    _s: Tensor
     _state: ChainState
 
     def __repr__(self) -> str:
@@ -45,7 +46,7 @@ class Equilibria:
     @property
     def arc_lengths(self) -> Tensor:
         """(..., n - 1) [mm]."""
-        return self._shown(self._state.contact.s)
+        return self._shown(self._s)
 
     @cached_property
     def poses(self) -> Tensor:
@@ -76,7 +77,7 @@ class Equilibria:
     @property
     def gap_tensions(self) -> Tensor:
         """(..., n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]."""
-        return self._shown((self._state.gap_tensions * self._state.geometry.crosses).mT)
+        return self._shown((self._state.gap_tensions * self._state.routes.crosses).mT)
 
     @property
     def friction_states(self) -> Tensor:
@@ -86,7 +87,7 @@ class Equilibria:
     @property
     def sticking(self) -> Tensor:
         """(..., n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
-        return (self.friction_states.abs() < FIRM) & (self._state.geometry.crosses.mT > 0)
+        return (self.friction_states.abs() < FIRM) & (self._state.routes.crosses.mT > 0)
 
     @property
     def slip(self) -> Tensor:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import NO_FRICTION, RANGES, CapstanFriction
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 
 COEFFICIENTS = ("mu", "presliding", "extra_turn", "constant", "compliance")  # order: that of friction_coefficients
 HISTORY = {"states": 2, "slips": 2, "grips": 2, "angles": 1}  # axes after those of the batch

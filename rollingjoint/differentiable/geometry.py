@@ -1,9 +1,11 @@
-"""Geometry of a chain: where surfaces touch, where holes are. The plane is the complex plane: x + iy."""
+"""Geometry of a chain: where surfaces touch, how tendons run. The plane is the complex plane: x + iy."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -11,6 +13,16 @@ from torch import Tensor
 from rollingjoint.differentiable.design import DifferentiableChain
 from rollingjoint.differentiable.looking import seen
 from rollingjoint.differentiable.surface import Place, Surfaces, as_complex
+
+
+class Joints(NamedTuple):
+    """Every joint at its angle phi, in the frame of the link below: complex (..., J) each."""
+
+    turn: Tensor  # exp(i phi)
+    touching: Tensor  # contact point, mm
+    origin: Tensor  # of the link above, mm
+    tangent: Tensor  # unit tangent e at the contact
+    pole: Tensor  # rate of the contact point with the angle, e / kappa, mm/rad
 
 
 @dataclass(frozen=True)
@@ -50,29 +62,51 @@ class Contact:
         """Unit tangents in the frame of the link below, complex (..., J)."""
         return turned(self.tangent_angles[..., 0])
 
+    def joints(self, phi: Tensor) -> Joints:
+        """The joints at angles phi, (..., J) [rad]; whoever differentiates has contacts that depend on them."""
+        turn, (below, above) = turned(phi), self.points.unbind(-1)
+        return Joints(turn, below, below - turn * above, self.tangents, self.tangents / self.kappa)
+
     def moved(self, by: Tensor) -> Contact:
         """The contacts so much further on, (..., J)."""
         return Contact(self.place.moved(by[..., None]))
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """What does not depend on the pose: surfaces of the joints, holes, channels.
+class Routes:
+    """How the tendons run through the links.
 
     Attributes:
-        joints: (..., J, 2) surfaces: child below, parent above.
         below, above: complex, (..., m, J) holes at the two ends of every gap, in the frames of their links [mm].
         crosses: whether tendon j crosses joint i, (m, J), 1 or 0.
         channels: length of every tendon inside the links, (..., m) [mm].
-        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y where there is none.
+        along: unit vectors of the channels, parent to child hole, complex (..., m, n); y where there is none. Only
+            friction asks for them: None where none can act.
     """
 
-    joints: Surfaces
     below: Tensor
     above: Tensor
     crosses: Tensor
     channels: Tensor
-    along: Tensor
+    along: Tensor | None = None
+
+    def each(self, change: Callable[[Tensor, int], Tensor]) -> Routes:
+        """The same with every tensor that has leading axes changed, by a function that also gets its own axes."""
+        along = None if self.along is None else change(self.along, 2)
+        return Routes(change(self.below, 2), change(self.above, 2), self.crosses, change(self.channels, 1), along)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What does not depend on the pose.
+
+    Attributes:
+        joints: (..., J, 2) surfaces: child below, parent above.
+        routes: of the tendons.
+    """
+
+    joints: Surfaces
+    routes: Routes
 
     @classmethod
     def of(cls, design: DifferentiableChain) -> Geometry:
@@ -86,12 +120,12 @@ class Geometry:
         crosses = (links[:-1] < design.crossed[:, None]).to(torch.float64)
         drilled = (passed > 0) & (through.detach().abs() > 0)
         safe = torch.where(drilled, through, 1j)
-        along = safe / safe.abs()
-        return cls(surfaces.joints(), holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels, along)
+        routes = Routes(holes[..., :-1, 1], holes[..., 1:, 0], crosses, channels, safe / safe.abs())
+        return cls(surfaces.joints(), routes)
 
     def detach(self) -> Geometry:
         """The geometry as a constant."""
-        return Geometry(*(getattr(self, field.name).detach() for field in fields(self)))
+        return Geometry(self.joints.detach(), self.routes.each(lambda tensor, _: tensor.detach()))
 
     @cached_property
     def limits(self) -> tuple[Tensor, Tensor]:

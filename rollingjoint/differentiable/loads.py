@@ -12,17 +12,26 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.looking import seen
+from rollingjoint.kernels.arrays import LARGEST_INPUT
 from rollingjoint.load import LOAD_COLUMNS
 
 _COLUMN = {name: i for i, name in enumerate(LOAD_COLUMNS)}
+_BESIDES_DEAD = ("bx", "by"), ("k",), ("torsion",)  # what follows its link, pulls, twists: 0 where nothing does
 
 
 class Loads:
-    """Load tables, (..., rows, columns), by columns; complex where they are points or forces."""
+    """Load tables, (..., rows, columns), by columns; complex where they are points or forces.
 
-    def __init__(self, table: Tensor, n_joints: int) -> None:
+    Args:
+        table: columns load.LOAD_COLUMNS.
+        n_joints: of the chain.
+        only_dead: nothing but dead forces and moments is to act, whatever else the table has.
+    """
+
+    def __init__(self, table: Tensor, n_joints: int, only_dead: bool = False) -> None:
         self.table = table
         self.joints = torch.arange(n_joints, device=table.device)
+        self.later = torch.maximum(self.joints[:, None], self.joints)  # of every two joints
         self.links, self.beyond = self._link("link")
         self.points, self.dead, self.body, self.anchors = map(self._pair, ("p", "f", "b", "a"))
         self.moments, self.springs = map(self._number, ("moment", "k"))
@@ -30,7 +39,7 @@ class Loads:
         self.others, beyond_other = self._link("other")
         self.between = self.beyond - beyond_other  # the turns of which joints a torsion spring sees, and their signs
         self.any = table.shape[-2] > 0
-        self.follow, self.pull, self.twist = self._acts("bx", "by"), self._acts("k"), self._acts("torsion")
+        self.follow, self.pull, self.twist = (not only_dead and self._acts(*names) for names in _BESIDES_DEAD)
 
     def of_links(self, values: Tensor, links: Tensor | None = None) -> Tensor:
         """What the loaded links, or others (..., rows), have, (..., rows), of values (..., n)."""
@@ -48,6 +57,11 @@ class Loads:
     def without_potential(self) -> Tensor:
         """Where a force turns with its link, (...)."""
         return (self.body != 0).any(-1)
+
+    def dead_alone(self) -> Tensor:
+        """Where nothing but dead forces and moments acts, and all numbers are in range, (...)."""
+        others = torch.stack([self._number(name) == 0.0 for names in _BESIDES_DEAD for name in names]).all(0)
+        return (others & (self.table.abs() <= LARGEST_INPUT).all(-1)).all(-1)
 
     def _number(self, name: str) -> Tensor:
         return self.table[..., _COLUMN[name]]
@@ -86,10 +100,13 @@ class LoadsAtPose:
 
     @cached_property
     def _acting(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Of every row of the load table where it acts, its force, the part that turns with the link; (..., rows)."""
+        """Of every row of the load table where it acts, its force, its part that follows, if any does; (..., rows)."""
         loads, turn = self.loads, self.loads.of_links(self.rotations)
-        x, follower = loads.of_links(self.positions) + turn * loads.points, turn * loads.body
-        force = loads.dead + follower if loads.follow else loads.dead.expand_as(x)
+        x = loads.of_links(self.positions) + turn * loads.points
+        force, follower = loads.dead.expand_as(x), x
+        if loads.follow:
+            follower = turn * loads.body
+            force = force + follower
         return x, force + loads.springs * (loads.anchors - x) if loads.pull else force, follower
 
     @cached_property
@@ -116,8 +133,7 @@ class LoadsAtPose:
     def stiffness(self) -> Tensor:
         """What the loads add to H, (..., J, J), the moving contact of each joint itself left out."""
         (x, f, follower), c, loads = self._acting, self.contacts, self.loads
-        later = torch.maximum(loads.joints[:, None], loads.joints)
-        ci, cm = c[..., :, None], c[..., None, :]
+        later, ci, cm = loads.later, c[..., :, None], c[..., None, :]
         H = (loads.sums(dot(x, f)) - dot(c, self.forces))[..., later]
         if loads.follow:
             H = H - loads.sums(dot(x, follower))[..., later] + dot(ci, loads.sums(follower)[..., later])

@@ -1,13 +1,17 @@
-"""Equilibria of a batch by Newton's method in torch, each row with its own design; no tables are built.
+"""Newton's method on many rows in torch: an iteration for every solver, and the equilibria of a batch of designs.
 
-Every row descends its energy; one that gets stuck is left to the compiled solver. Friction has no energy: every Newton
-step is judged by the work of the holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
+`Search.advanced` is the iteration; a `Problem` says what differs: where trials lie, and what to do where the stiffness
+is not definite. None of these reads a number back from a device.
+
+`minimise` solves a batch whose rows have designs of their own; no tables are built. Every row descends its energy; one
+that gets stuck is left to the compiled solver. Friction has no energy: every Newton step is judged by the work of the
+holes with the grips at its beginning. Source: docs/theory.md, sections 7 and 9.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -17,7 +21,7 @@ from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import may_look, seen
 from rollingjoint.differentiable.slip import frozen_work
 from rollingjoint.differentiable.statics import ChainState, Law
-from rollingjoint.kernels.shared.tolerances import (
+from rollingjoint.kernels.arrays import (
     MAX_STEP,
     NEGLIGIBLE,
     RELATIVE_GOAL,
@@ -28,9 +32,108 @@ from rollingjoint.kernels.shared.tolerances import (
 )
 
 _MOST_STEPS = 60
-_SMALLEST_STEP = 1.0 / 256
 _ARMIJO = 1e-4
+_AT_END = 1e-13  # rad
 _WORTH = 64  # rows; half of the batch and this many must have converged before the others go on alone
+
+Origin = tuple[Tensor, ...]
+"""What a problem remembers of the pose where a line search began; joint angles, (..., J) [rad], come first."""
+
+
+class Problem(Protocol):
+    """Chains whose equilibria are sought."""
+
+    @property
+    def limits(self) -> tuple[Tensor, Tensor]:
+        """Smallest and largest angle of every joint, (..., J) each or with fewer rows [rad]."""
+
+    @property
+    def shortest(self) -> float:
+        """Of a step, the smallest part that is tried."""
+
+    @property
+    def helps(self) -> bool:
+        """Whether rows go on where the stiffness is not definite."""
+
+    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """Newton's step of the free joints, (..., J) [rad]; whether the stiffness is definite, (...)."""
+
+    def trial(self, origin: Origin, step: Tensor) -> Tensor:
+        """What is to be evaluated next, (..., J), a step away from there."""
+
+    def work(self, before: Origin, after: Origin) -> Tensor | float:
+        """Work of the step between them against what has no energy, (...) [N·mm]."""
+
+
+class Search(NamedTuple):
+    """Where every row is in its line search, (...); a row that neither runs nor has arrived is left."""
+
+    running: Tensor
+    arrived: Tensor
+    x: Tensor  # to be evaluated next, (..., J): joint angles, or contacts
+    held: Tensor  # joints at an end of their surfaces where the line search began, (..., J)
+    origin: Origin
+    residual: Tensor  # there, (..., J)
+    step: Tensor  # from there, (..., J)
+    energy: Tensor  # there
+    magnitude: Tensor
+    worst: Tensor
+    part: Tensor  # of the step that is tried
+
+    @classmethod
+    def begun(cls, x: Tensor, origin: Origin, running: Tensor) -> Search:
+        """From these points in the rows that run. The first evaluation is always accepted."""
+        none, nothing = torch.zeros_like(running), torch.zeros_like(x)
+        zero, one = torch.zeros_like(x[..., 0]), torch.ones_like(x[..., 0])
+        never = torch.zeros_like(x, dtype=torch.bool)
+        return cls(running, none, x, never, origin, nothing, nothing, one * torch.inf, zero, zero, one)
+
+    def advanced(self, problem: Problem, found: ChainState, here: Origin) -> Search:
+        """The next points of every row, from what was found at these: another step, a shorter one, or the end."""
+        (low, high), r, phi = problem.limits, found.residual, here[0]
+        held = pressed(phi, low, high, r)
+        worst, (energy, magnitude) = largest_free(r, held), found.energy
+        slope = (self.residual * (phi - self.origin[0])).sum(-1)
+        fall, noise = self.energy - energy - problem.work(self.origin, here), ROUNDING * (self.magnitude + magnitude)
+        accepted = improves(fall, slope, noise, worst, self.worst) & self.running
+        whole, definite = problem.step(found, held)
+        at_rest = accepted & (worst <= residual_goal(found.force_scale))
+
+        part = torch.where(accepted, 1.0, 0.5 * self.part)
+        running = self.running & ~at_rest & (part >= problem.shortest)
+        if not problem.helps:
+            running = running & (definite | ~accepted)
+        taken = accepted[..., None]
+        origin = tuple(_where(accepted, *pair) for pair in zip(here, self.origin, strict=True))
+        step = torch.where(taken, whole, self.step)
+        return Search(
+            running,
+            self.arrived | at_rest & definite,
+            torch.where(running[..., None], problem.trial(origin, part[..., None] * step), self.x),
+            torch.where(taken, held, self.held),
+            origin,
+            torch.where(taken, r, self.residual),
+            step,
+            torch.where(accepted, energy, self.energy),
+            torch.where(accepted, magnitude, self.magnitude),
+            torch.where(accepted, worst, self.worst),
+            part,
+        )
+
+    def chosen(self, mask: Tensor) -> Search:
+        """The rows of a mask (...), with one leading axis, (A, ...)."""
+        origin = tuple(values[mask] for values in self.origin)
+        return Search(**{name: getattr(self, name)[mask] for name in _OF_ROWS}, origin=origin)
+
+    def put(self, mask: Tensor, part: Search) -> Search:
+        """These rows, those of a mask (...) replaced by the part."""
+        pairs = zip(self.origin, part.origin, strict=True)
+        origin = tuple(values.index_put((mask,), new) for values, new in pairs)
+        rows = {name: getattr(self, name).index_put((mask,), getattr(part, name)) for name in _OF_ROWS}
+        return Search(**rows, origin=origin)
+
+
+_OF_ROWS = [name for name in Search._fields if name != "origin"]
 
 
 def minimise(
@@ -42,194 +145,118 @@ def minimise(
         contacts (..., J) at the equilibria; whether each joint is held at the end of a surface, (..., J); whether each
         row has converged, (...).
     """
-    problem = _Equations(geometry, law, loads, _Bounds(geometry, s))
-    s = torch.minimum(torch.maximum(s, problem.bounds.first), problem.bounds.last)
-    current = problem.at(s)
-    follow = loads.without_potential().expand(current.energy.shape)  # such forces have no energy
-    begin = problem, current, torch.ones_like(current.energy), follow
-    current, stuck = _descended(*begin, _MOST_STEPS) if steps is None else _stepped(*begin, steps)
-    held = problem.bounds.held(current.phi, current.residual)
-    arrived = (current.worst(held) <= current.goal) & ~stuck
-    return current.s, held, arrived & _definite(current.H, held)
+    problem = _Rolling.of(geometry, law, loads, s)
+    s = within(s, problem.first, problem.last)
+    potential = ~loads.without_potential().expand(s.shape[:-1])  # forces that turn with their links have none
+    search = Search.begun(s, problem.nowhere(s), potential)
+    search = _descended(problem, search, 1 + (_MOST_STEPS if steps is None else steps), steps is None)
+    return search.x, search.held, search.arrived
 
 
-def _descended(
-    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, most: int
-) -> tuple[_Iterate, Tensor]:
-    """The rows after at most `most` steps, and which of them are stuck, (...); alpha (...) scales the first step.
+def _descended(problem: _Rolling, search: Search, most: int, looking: bool) -> Search:
+    """The rows after at most so many evaluations.
 
-    When few rows of many are left, they go on alone, which does not change their results.
+    Looking, it ends when no row is left, and when few of many are, they go on alone, which does not change their
+    results; else every row takes part in every evaluation.
     """
-    for taken in range(most):
-        held = problem.bounds.held(current.phi, current.residual)
-        arrived = current.worst(held) <= current.goal
-        active = ~(arrived | stuck)
-        left = int(active.sum())
+    for taken in range(1, most + 1):
+        search = search.advanced(problem, *problem.at(search.x))
+        running = search.running
+        left = int(running.sum()) if looking else running.numel()
         if left == 0:
             break
-        if 2 * left <= active.numel() - _WORTH:
-            part = _descended(
-                problem.chosen(active), current.chosen(active), alpha[active], stuck[active], most - taken
-            )
-            return current.put(active, part[0]), stuck.index_put((active,), part[1])
-        current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
-    return current, stuck
+        if 2 * left <= running.numel() - _WORTH:
+            rest = _descended(problem.chosen(running), search.chosen(running), most - taken, looking)
+            return search.put(running, rest)
+    return search
 
 
-def _stepped(
-    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, steps: int
-) -> tuple[_Iterate, Tensor]:
-    """`_descended` in which every row takes part in every step, so that nobody has to look which rows are left."""
-    for _ in range(steps):
-        held = problem.bounds.held(current.phi, current.residual)
-        active = ~((current.worst(held) <= current.goal) | stuck)
-        current, alpha, stuck = _tried(problem, current, alpha, stuck, held, active)
-    return current, stuck
+@dataclass(frozen=True)
+class _Rolling:
+    """The problem of a batch of designs; x are contacts s. The angle falls as the contact moves on."""
 
-
-def _tried(
-    problem: _Equations, current: _Iterate, alpha: Tensor, stuck: Tensor, held: Tensor, active: Tensor
-) -> tuple[_Iterate, Tensor, Tensor]:
-    """The active rows after one step, or where they were if it makes nothing better; alpha and stuck after it."""
-    law, bounds = problem.law, problem.bounds
-    step = _step(current, bounds, held, law.history is None)
-    phi = bounds.clip(current.phi + alpha[..., None] * step)
-    trial = problem.at(bounds.contacts(phi, current, alpha[..., None] * step))
-    better = active & trial.improves(current, held, law)
-    current = current.replaced(trial, better)
-    alpha = torch.where(better | ~active, 1.0, 0.5 * alpha)
-    return current, alpha, stuck | (alpha < _SMALLEST_STEP)
-
-
-class _Iterate(NamedTuple):
-    """Every row at its current angles: (...) and (..., J), the stiffness (..., J, J)."""
-
-    s: Tensor
-    phi: Tensor
-    kappa: Tensor
-    residual: Tensor
-    H: Tensor
-    energy: Tensor
-    rounding: Tensor  # of the energy
-    goal: Tensor  # largest residual at rest
-    distal: Tensor  # lengths, states before they are limited, grips: of friction, (..., m, J)
-    reached: Tensor
-    grips: Tensor
-
-    def worst(self, held: Tensor) -> Tensor:
-        """Largest residual of a free joint."""
-        return torch.where(held, 0.0, self.residual.abs()).amax(-1)
-
-    def improves(self, before: _Iterate, held: Tensor, law: Law) -> Tensor:
-        """Whether the energy falls by Armijo's rule; near rest, whether the residual does and the energy stays."""
-        change = self.energy - before.energy
-        if law.friction is not None and law.history is not None:
-            moved = self.distal - before.distal
-            change = change + frozen_work(law.friction.presliding, before.grips, before.reached, moved)
-        slope = (before.residual * (self.phi - before.phi)).sum(-1)
-        level = (change <= before.rounding) & (self.worst(held) < before.worst(held))
-        return torch.isfinite(change) & ((change <= _ARMIJO * slope) & (slope < 0) | level)
-
-    def replaced(self, other: _Iterate, where: Tensor) -> _Iterate:
-        """These rows, those of `other` in the places of a mask, (...)."""
-        if seen(where.all(), False):
-            return other
-        pairs = zip(self, other, strict=True)
-        return _Iterate(*(torch.where(where[(..., *(None,) * (a.ndim - where.ndim))], b, a) for a, b in pairs))
-
-    def chosen(self, mask: Tensor) -> _Iterate:
-        """The rows of a mask (...), with one leading axis, (A, ...)."""
-        return _Iterate(*(values[mask] for values in self))
-
-    def put(self, mask: Tensor, part: _Iterate) -> _Iterate:
-        """These rows, those of a mask (...) replaced by the part."""
-        return _Iterate(*(values.index_put((mask,), new) for values, new in zip(self, part, strict=True)))
-
-
-class _Bounds:
-    """The ends of the surfaces, as contacts and as angles; the angle falls as the contact moves on."""
-
-    def __init__(self, geometry: Geometry, like: Tensor) -> None:
-        self._geometry = geometry
-        self.first, self.last = (side.expand_as(like) for side in geometry.limits)
-        self.largest, self.smallest = (geometry.contact(side).angles for side in (self.first, self.last))
-
-    def held(self, phi: Tensor, moment: Tensor) -> Tensor:
-        """Joints at an end that a moment pushes outwards."""
-        return (phi <= self.smallest) & (moment > 0) | (phi >= self.largest) & (moment < 0)
-
-    def clip(self, phi: Tensor) -> Tensor:
-        """The angles, within the ends."""
-        return torch.minimum(torch.maximum(phi, self.smallest), self.largest)
-
-    def contacts(self, phi: Tensor, current: _Iterate, step: Tensor) -> Tensor:
-        """Contacts near the angles phi: two corrections, which near rest are exact; exactly an end at an end."""
-        s = self._geometry.contacts(phi, current.s + step / current.kappa, 2)
-        return torch.where(phi <= self.smallest, self.last, torch.where(phi >= self.largest, self.first, s))
-
-
-class _Equations(NamedTuple):
-    """What stays the same from step to step."""
-
+    shortest: ClassVar[float] = 1.0 / 256
+    helps: ClassVar[bool] = True
     geometry: Geometry
     law: Law
     loads: Loads
-    bounds: _Bounds
+    first: Tensor  # ends of the surfaces, (..., J) mm
+    last: Tensor
+    limits: tuple[Tensor, Tensor]
 
-    def at(self, s: Tensor) -> _Iterate:
-        """The rows with their contacts at s."""
+    @classmethod
+    def of(cls, geometry: Geometry, law: Law, loads: Loads, like: Tensor) -> _Rolling:
+        """The problem with as many rows as contacts (..., J)."""
+        first, last = (side.expand_as(like) for side in geometry.limits)
+        largest, smallest = (geometry.contact(side).angles for side in (first, last))
+        return cls(geometry, law, loads, first, last, (smallest, largest))
+
+    @property
+    def _rubs(self) -> bool:
+        return self.law.friction is not None and self.law.history is not None
+
+    def nowhere(self, s: Tensor) -> Origin:
+        """An origin before the first evaluation at s, (..., J)."""
+        gaps = s.new_zeros(*s.shape[:-1], *self.geometry.routes.crosses.shape)
+        return torch.zeros_like(s), s, torch.ones_like(s), *([gaps] * 3 if self._rubs else [])
+
+    def at(self, s: Tensor) -> tuple[ChainState, Origin]:
+        """The chains with their contacts at s; joint angles, s, kappa, and what friction's work is made of."""
         contact = self.geometry.contact(s)
         phi = contact.angles
-        state = ChainState(self.geometry, self.law, self.loads, phi, contact)
-        energy, magnitude = state.energy
-        H = state.stiffness.expand(*phi.shape, phi.shape[-1])
-        goal = (RELATIVE_GOAL * state.force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
-        rubbing = state.rubbing
-        none = phi.new_zeros(*phi.shape[:-1], 0, 0)
-        friction = (none, none, none) if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
-        return _Iterate(s, phi, contact.kappa, state.residual, H, energy, ROUNDING * magnitude, goal, *friction)
+        found = ChainState(self.geometry.routes, self.law, self.loads, phi, contact.joints(phi))
+        rubbing = found.rubbing
+        friction = () if rubbing is None else (rubbing.distal, rubbing.reached, rubbing.grips)
+        return found, (phi, s, contact.kappa, *friction)
 
-    def chosen(self, mask: Tensor) -> _Equations:
+    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """See Problem; a joint at an end that its step pushes outwards is held, too."""
+        r = found.residual
+        H = found.stiffness.expand(*r.shape, r.shape[-1])
+        step, definite = _newton(H, r, held, not self._rubs)
+        outwards = held | pressed(found.phi, *self.limits, -step)
+        if seen((outwards != held).any(), True):
+            step, _ = _newton(H, r, outwards, not self._rubs)
+        return shortened(step), definite
+
+    def trial(self, origin: Origin, step: Tensor) -> Tensor:
+        """See Problem: two corrections, which near rest are exact; exactly an end at an end."""
+        (phi, s, kappa), (smallest, largest) = origin[:3], self.limits
+        phi = within(phi + step, smallest, largest)
+        s = self.geometry.contacts(phi, s + step / kappa, 2)
+        return torch.where(phi <= smallest, self.last, torch.where(phi >= largest, self.first, s))
+
+    def work(self, before: Origin, after: Origin) -> Tensor | float:
+        """See Problem: that of friction."""
+        if self.law.friction is None or not self._rubs:
+            return 0.0
+        distal, reached, grips = before[3:]
+        return frozen_work(self.law.friction.presliding, grips, reached, after[3] - distal)
+
+    def chosen(self, mask: Tensor) -> _Rolling:
         """The problem of the rows of a mask (...), which get one leading axis, (A)."""
 
         def rows(values: Tensor, axes: int = 1) -> Tensor:
             return values.expand(*mask.shape, *values.shape[values.ndim - axes :])[mask]
 
-        whole, surfaces = self.geometry, self.geometry.joints
+        surfaces, routes = self.geometry.joints, self.geometry.routes
         joints = replace(
             surfaces,
             limits=rows(surfaces.limits, 3),
             borders=rows(surfaces.borders, 3),
             pieces=rows(surfaces.pieces, 4),
         )
-        geometry = replace(
-            whole,
-            joints=joints,
-            below=rows(whole.below, 2),
-            above=rows(whole.above, 2),
-            channels=rows(whole.channels),
-            along=rows(whole.along, 2),
-        )
-        loads = Loads(rows(self.loads.table, 2), whole.crosses.shape[-1])
-        bounds = _Bounds(geometry, rows(self.bounds.first))
-        return _Equations(geometry, self.law.each(rows), loads, bounds)
+        loads = Loads(rows(self.loads.table, 2), routes.crosses.shape[-1])
+        return _Rolling.of(Geometry(joints, routes.each(rows)), self.law.each(rows), loads, rows(self.first))
 
 
-def _step(current: _Iterate, bounds: _Bounds, held: Tensor, symmetric: bool) -> Tensor:
-    """Newton's step of the free joints, (..., J) [rad]; a joint at an end that it pushes outwards is held, too."""
-    step = _newton(current.H, current.residual, held, symmetric)
-    outwards = held | bounds.held(current.phi, -step)
-    if seen((outwards != held).any(), True):
-        step = _newton(current.H, current.residual, outwards, symmetric)
-    return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
-
-
-def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tensor:
+def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> tuple[Tensor, Tensor]:
     """-H⁻¹ r on the free joints; where H is not definite, with its eigenvalues replaced by their magnitudes.
 
     Where nobody looks which rows these are, theirs is a step down the gradient, no longer than the stiffness admits.
 
-    Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not.
+    Friction and follower forces make H nonsymmetric; it is its symmetric part that is then definite or not. Returns
+    also whether it is, (...).
     """
     free, right = freed(H, held), torch.where(held, 0.0, -residual)
     even = free if symmetric else 0.5 * (free + free.mT)
@@ -239,14 +266,53 @@ def _newton(H: Tensor, residual: Tensor, held: Tensor, symmetric: bool) -> Tenso
     else:
         step = torch.linalg.solve_ex(free, right[..., None])[0][..., 0]
     bad = failed > 0
+    firm = ~bad & definite(H, held, factor.diagonal(dim1=-2, dim2=-1).square()) | held.all(-1)
     if not may_look():
-        return torch.where(bad[..., None], right / even.abs().sum(-1).amax(-1, keepdim=True).clamp(min=1e-300), step)
+        down = right / even.abs().sum(-1).amax(-1, keepdim=True).clamp(min=1e-300)
+        return torch.where(bad[..., None], down, step), firm
     if bool(bad.any()):
         values, vectors = torch.linalg.eigh(torch.nan_to_num(even[bad]))
         values = torch.maximum(values.abs(), 1e-6 * values.abs().amax(-1, keepdim=True).clamp(min=1e-300))
         step = step.clone()
         step[bad] = (vectors @ ((vectors.mT @ right[bad][..., None]) / values[..., None]))[..., 0]
-    return step
+    return step, firm
+
+
+def residual_goal(force_scale: Tensor) -> Tensor:
+    """Largest residual at rest, (...) [N·mm]."""
+    return (RELATIVE_GOAL * force_scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
+
+
+def largest_free(values: Tensor, held: Tensor) -> Tensor:
+    """Largest magnitude of values (..., J) over the free joints, (...)."""
+    return torch.where(held, 0.0, values.abs()).amax(-1)
+
+
+def improves(fall: Tensor, slope: Tensor, noise: Tensor, worst: Tensor, worst_before: Tensor) -> Tensor:
+    """Whether a step is accepted, (...): by Armijo's rule; within the noise of the energy if the residual falls.
+
+    Args:
+        fall: of the energy [N·mm].
+        slope: of the energy where the step began, along the whole step [N·mm].
+        noise: rounding of the energies [N·mm].
+        worst, worst_before: largest residual of a free joint after and before it [N·mm].
+    """
+    return (fall > noise) & (fall >= -_ARMIJO * slope) | (fall >= -noise) & (worst < worst_before)
+
+
+def shortened(step: Tensor) -> Tensor:
+    """The steps (..., J) [rad], at most MAX_STEP in every joint."""
+    return step * (MAX_STEP / step.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
+
+
+def pressed(angles: Tensor, smallest: Tensor, largest: Tensor, moment: Tensor) -> Tensor:
+    """Joints at an end of their surfaces that a moment pushes outwards, (..., J)."""
+    return (angles <= smallest + _AT_END) & (moment > 0.0) | (angles >= largest - _AT_END) & (moment < 0.0)
+
+
+def within(angles: Tensor, smallest: Tensor, largest: Tensor) -> Tensor:
+    """The angles, within the ends of the surfaces."""
+    return torch.minimum(torch.maximum(angles, smallest), largest)
 
 
 def freed(H: Tensor, held: Tensor) -> Tensor:
@@ -255,10 +321,12 @@ def freed(H: Tensor, held: Tensor) -> Tensor:
     return torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
 
 
-def _definite(H: Tensor, held: Tensor) -> Tensor:
-    """Whether H over the free joints is positive definite beyond rounding, (...)."""
-    largest = torch.where(held[..., :, None] | held[..., None, :], 0.0, H.abs()).flatten(-2).amax(-1)
-    factor, failed = torch.linalg.cholesky_ex(freed(0.5 * (H + H.mT), held))
-    pivots = factor.diagonal(dim1=-2, dim2=-1).square()
-    firm = torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * largest
-    return (failed == 0) & firm & (largest >= NEGLIGIBLE) | held.all(-1)
+def definite(H: Tensor, held: Tensor, pivots: Tensor) -> Tensor:
+    """Whether H over the free joints, of these pivots (..., J), is positive definite beyond rounding, (...)."""
+    size = largest_free(H.diagonal(dim1=-2, dim2=-1), held)
+    return (torch.where(held, torch.inf, pivots).amin(-1) > SMALLEST_PIVOT * size) & (size >= NEGLIGIBLE)
+
+
+def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:
+    """New values (..., any) in the rows of a mask (...)."""
+    return torch.where(mask[(..., *(None,) * (new.ndim - mask.ndim))], new, old)

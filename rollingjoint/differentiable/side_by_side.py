@@ -1,13 +1,14 @@
 """Equilibria of many tabulated chains side by side on a device, in a fixed number of passes, without gradients.
 
-The method is that of kernels/shared/lanes.py, pass by pass: Newton's method on the energy where it meets no
-difficulty. A row that leaves this path has not `arrived`; the compiled solver takes it from its start.
-Between the passes nothing is read back from the device, so that a CUDA graph can hold the whole solve.
+The method is that of kernels/lanes.py, pass by pass: Newton's method on the energy where it meets no
+difficulty, by the iteration that `newton` has for all solvers. A row that leaves this path has not `arrived`; the
+compiled solver takes it from its start. Between the passes nothing is read back from the device, so that a CUDA graph
+can hold the whole solve.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -15,26 +16,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.looking import seen
-from rollingjoint.differentiable.tabulated import ChainAtAngles, DeadLoads, ElasticLaw, TabulatedChain
+from rollingjoint.differentiable.newton import Origin, Search, definite, freed, shortened, within
+from rollingjoint.differentiable.statics import ChainState, Law
+from rollingjoint.differentiable.tabulated import TabulatedChain
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.arrays import Chain
-from rollingjoint.kernels.shared.lanes import MOST_JOINTS, SHORTEST
-from rollingjoint.kernels.shared.tolerances import (
-    LARGEST_INPUT,
-    MAX_STEP,
-    NEGLIGIBLE,
-    RELATIVE_GOAL,
-    RESIDUAL_FLOOR,
-    RESIDUAL_GOAL,
-    ROUNDING,
-    SMALLEST_PIVOT,
-)
+from rollingjoint.kernels.arrays import LARGEST_INPUT
+from rollingjoint.kernels.lanes import MOST_JOINTS, SHORTEST
+from rollingjoint.kernels.rolling import Chain
 
 PASSES = 8
 """Evaluations of all rows in a solve; a warm start takes about five."""
 
-_AT_END = 1e-13  # rad
 _FEW = 64  # on the CPU a solve ends when one row in so many is still running: alone they are solved faster elsewhere
 
 
@@ -97,20 +91,27 @@ class SideBySide:
             loads: load tables, (B, rows, columns), columns load.LOAD_COLUMNS.
             starts: joint angles to start from, (B, J) [rad].
         """
-        law = ElasticLaw(commands, stiffnesses, *tension_limits)
-        dead = DeadLoads.of(loads, starts.shape[-1])
-        search = _Search.begun(self.tables, starts, dead.usual & _resolvable(commands) & _resolvable(starts))
+        law = Law(commands, stiffnesses, *tension_limits)
+        acting, problem = Loads(loads, starts.shape[-1], only_dead=True), _Tabulated(self.tables)
+        angles = within(starts.nan_to_num(), *problem.limits)
+        search = Search.begun(angles, (angles,), acting.dead_alone() & _resolvable(commands) & _resolvable(starts))
         for _ in range(self.passes):
-            found = self.tables.at(search.angles, law, dead)
-            search, factor, free = search.advanced(found, self.tables.limits)
+            found = self.tables.at(search.x, law, acting)
+            search = search.advanced(problem, found, (search.x,))
             if seen(_FEW * search.running.sum() <= len(starts), False):
                 break
-        responses = factor.solve(found.elastic[:, None, :] * found.rates * free[..., None])
-        angles = search.angles
-        xy = torch.view_as_real(found.positions)
-        poses = torch.cat([xy, found.link_angles[..., None]], -1)
-        contacts = torch.view_as_real(found.contacts)
-        return Settled(search.arrived, search.held, angles, poses, found.tensions, found.lengths, responses, contacts)
+        responses = problem.factor.solve((found.elastic[..., None] * found.rates).mT * ~search.held[..., None])
+        poses = torch.cat([torch.view_as_real(found.positions), found.link_angles[..., None]], -1)
+        return Settled(
+            search.arrived,
+            search.held.any(-1),
+            search.x,
+            poses,
+            found.tensions,
+            found.lengths,
+            responses,
+            torch.view_as_real(found.contacts),
+        )
 
 
 def _resolvable(values: Tensor) -> Tensor:
@@ -118,99 +119,56 @@ def _resolvable(values: Tensor) -> Tensor:
     return (values.abs() <= LARGEST_INPUT).all(-1)
 
 
-@dataclass(frozen=True)
-class _Search:
-    """Where every row is in its line search: (B,) and (B, J); a row that neither runs nor has arrived is left."""
+@dataclass
+class _Tabulated:
+    """The problem of tabulated chains; x are joint angles. Where a stiffness is not definite, its row is left.
 
-    running: Tensor
-    arrived: Tensor
-    held: Tensor
-    angles: Tensor  # to be evaluated next
-    origin: Tensor  # angles and residual where the line search began, and its step
-    residual: Tensor
-    step: Tensor
-    energy: Tensor
-    magnitude: Tensor
-    worst: Tensor
-    part: Tensor  # of the step that is tried
+    Attributes:
+        factor: of the stiffness from which the latest step was taken.
+    """
 
-    @classmethod
-    def begun(cls, tables: TabulatedChain, starts: Tensor, usual: Tensor) -> _Search:
-        """From these starts; rows that are not usual are left at once. The first evaluation is always accepted."""
-        low, high = tables.limits
-        angles = torch.minimum(torch.maximum(starts.nan_to_num(), low), high)
-        none, nothing = torch.zeros_like(usual), torch.zeros_like(angles)
-        zero, one = torch.zeros_like(angles[:, 0]), torch.ones_like(angles[:, 0])
-        return cls(usual, none, none, angles, angles, nothing, nothing, one * torch.inf, zero, zero, one)
+    shortest: ClassVar[float] = SHORTEST
+    helps: ClassVar[bool] = False
+    tables: TabulatedChain
+    factor: _Factor = field(init=False)
 
-    def advanced(self, found: ChainAtAngles, limits: tuple[Tensor, Tensor]) -> tuple[_Search, _Factor, Tensor]:
-        """The next angles of every row, from what was found at these: another step, a shorter one, or the end.
+    @property
+    def limits(self) -> tuple[Tensor, Tensor]:
+        """Smallest and largest angle of every joint, (B or 1, J) each [rad]."""
+        return self.tables.limits
 
-        Returns also the factor of the stiffness there, and which joints are free, (B, J) of 1 and 0.
-        """
-        low, high = limits
-        r, angles = found.residual, self.angles
-        at_end = (angles <= low + _AT_END) & (r > 0.0) | (angles >= high - _AT_END) & (r < 0.0)
-        worst = torch.where(at_end, 0.0, r.abs()).amax(-1)
-        slope = (self.residual * (angles - self.origin)).sum(-1)
-        noise, fall = ROUNDING * (self.magnitude + found.magnitude), self.energy - found.energy
-        accepted = (fall > noise) & (fall >= -1e-4 * slope) | (fall >= -noise) & (worst < self.worst)
-        accepted = accepted & self.running
-        factor = _Factor.of(found.stiffness, at_end)
-        stable = factor.stable(at_end)
-        goal = (RELATIVE_GOAL * found.scale).clamp(RESIDUAL_FLOOR, RESIDUAL_GOAL)
-        at_rest = accepted & (worst <= goal)
-        free = (~at_end).to(r.dtype)
+    def step(self, found: ChainState, held: Tensor) -> tuple[Tensor, Tensor]:
+        """See newton.Problem."""
+        self.factor = _Factor.of(freed(found.stiffness, held))
+        step = self.factor.solve(torch.where(held, 0.0, -found.residual)[..., None])[..., 0]
+        return shortened(step), definite(found.stiffness, held, torch.stack(self.factor.pivots, -1))
 
-        part = torch.where(accepted, 1.0, 0.5 * self.part)
-        running = self.running & ~at_rest & (stable | ~accepted) & (part >= SHORTEST)
-        whole = factor.solve((-r * free)[..., None])[..., 0]
-        whole = whole * (MAX_STEP / whole.abs().amax(-1, keepdim=True).clamp(min=MAX_STEP))
-        taken = accepted[:, None]
-        step, origin = torch.where(taken, whole, self.step), torch.where(taken, angles, self.origin)
-        trial = torch.minimum(torch.maximum(origin + part[:, None] * step, low), high)
-        search = _Search(
-            running,
-            self.arrived | at_rest & stable,
-            torch.where(accepted, at_end.any(-1), self.held),
-            torch.where(running[:, None], trial, angles),
-            origin,
-            torch.where(taken, r, self.residual),
-            step,
-            torch.where(accepted, found.energy, self.energy),
-            torch.where(accepted, found.magnitude, self.magnitude),
-            torch.where(accepted, worst, self.worst),
-            part,
-        )
-        return search, factor, free
+    def trial(self, origin: Origin, step: Tensor) -> Tensor:
+        """See newton.Problem."""
+        return within(origin[0] + step, *self.limits)
+
+    def work(self, before: Origin, after: Origin) -> float:
+        """See newton.Problem: there is no friction."""
+        return 0.0
 
 
 class _Factor(NamedTuple):
-    """L D Lᵀ of a stiffness in which rows and columns of held joints are those of the identity."""
+    """L D Lᵀ of a symmetric matrix (B, J, J)."""
 
     columns: list[Tensor]  # below the diagonal of L, (B, J - 1 - k) each
     pivots: list[Tensor]  # D, (B,) each
-    largest: Tensor  # of the diagonal over the free joints, (B,)
 
     @classmethod
-    def of(cls, H: Tensor, held: Tensor) -> _Factor:
+    def of(cls, matrix: Tensor) -> _Factor:
         """The factor, column by column: no library call that would have to report an error to the host."""
-        either = held[:, :, None] | held[:, None, :]
-        rest = torch.where(either, 0.0, H) + torch.diag_embed(held.to(H.dtype))
-        largest = torch.where(held, 0.0, H.diagonal(dim1=-2, dim2=-1).abs()).amax(-1)
-        columns, pivots = [], []
-        for _ in range(H.shape[-1]):
+        columns, pivots, rest = [], [], matrix
+        for _ in range(matrix.shape[-1]):
             pivot, below = rest[:, 0, 0], rest[:, 1:, 0]
             column = below / pivot[:, None]
             rest = rest[:, 1:, 1:] - column[:, :, None] * below[:, None, :]
             columns.append(column)
             pivots.append(pivot)
-        return cls(columns, pivots, largest)
-
-    def stable(self, held: Tensor) -> Tensor:
-        """Whether the stiffness of the free joints is positive definite beyond rounding, (B,)."""
-        smallest = torch.where(held, torch.inf, torch.stack(self.pivots, -1)).amin(-1)
-        return (smallest > SMALLEST_PIVOT * self.largest) & (self.largest >= NEGLIGIBLE)
+        return cls(columns, pivots)
 
     def solve(self, right: Tensor) -> Tensor:
         """The solutions for right sides (B, J, k)."""

@@ -1,6 +1,6 @@
 """Friction at one pose: how far the holes have slipped, the tension in every gap and its slopes.
 
-The axes are (..., m, J), as of all gaps. Symbols: z friction state, s slip coordinate, theta turn at the holes of a
+The axes are (..., m, J), as of all gaps. Symbols: z friction state, sigma slip coordinate, gamma turn at the holes of a
 link, T0 tension at the motor, T in a gap, g gap, C compliance.
 """
 
@@ -24,8 +24,8 @@ class GapsAtPose:
 
     Args:
         lengths, rates: g [mm] and g' [mm/rad], 0 where a tendon does not cross.
-        turns_below, turns_above: signed turns a and b at the holes below and above a gap [rad].
-        rates_below, rates_above: a' and b'.
+        turns_below, turns_above: signed turns alpha and beta at the holes below and above a gap [rad].
+        rates_below, rates_above: alpha' and beta'.
         crosses: (m, J), 1 or 0.
         tensions, elastic: T0 [N] and d T0 / d length [N/mm], (..., m).
     """
@@ -68,12 +68,12 @@ class FrictionAtPose:
 
     @cached_property
     def slips(self) -> Tensor:
-        """s [mm]; grows where the tendon runs towards the tip."""
+        """sigma [mm]; grows where the tendon runs towards the tip."""
         return self.distal - self._compliance * self.gaps.tensions[..., None]
 
     @cached_property
     def slipped(self) -> Tensor:
-        """By how much s has grown in this step [mm]."""
+        """By how much sigma has grown in this step [mm]."""
         return torch.zeros_like(self.slips) if self.history is None else self.slips - self.history.slips.mT
 
     @cached_property
@@ -95,13 +95,13 @@ class FrictionAtPose:
 
     @cached_property
     def turns(self) -> Tensor:
-        """theta of every link, at the hole where the tendon leaves it and that where it has entered [rad]."""
+        """gamma of every link, at the hole where the tendon leaves it and that where it has entered [rad]."""
         left, entered = (_sign(turn) * turn for turn in (self.gaps.turns_below, self.gaps.turns_above))
         return (self.friction.extra_turn[..., None] + left + _later(entered)) * self.gaps.crosses
 
     @cached_property
     def _decay(self) -> Tensor:
-        """E = exp(-mu Σ z theta)."""
+        """exp(-mu Σ z gamma)."""
         return torch.exp(-self.friction.mu[..., None] * torch.cumsum(self.states * self.turns, -1))
 
     @cached_property

@@ -29,8 +29,8 @@ from rollingjoint.differentiable.newton import freed, minimise
 from rollingjoint.differentiable.statics import ChainState, Law
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import CapstanFriction, FrictionState
-from rollingjoint.kernels.planar.loads import LINK_COLUMNS, STIFFNESSES
-from rollingjoint.kernels.shared.tolerances import LARGEST_INPUT
+from rollingjoint.kernels.arrays import LARGEST_INPUT
+from rollingjoint.kernels.planar_loads import LINK_COLUMNS, STIFFNESSES
 from rollingjoint.load import LOAD_COLUMNS, Load, load_table, with_all_columns, wrong_links
 
 History = Equilibria | FrictionStates | FrictionState | None
@@ -179,7 +179,8 @@ def _search(
         s, held, arrived = minimise(geometry, law, acting, begin, steps)
         s = torch.where(arrived[..., None], s, begin)
         contact = geometry.contact(s)
-        crossed = ChainState(geometry, law, acting, contact.angles, contact).crossing < _CROSSED
+        state = ChainState(geometry.routes, law, acting, contact.angles, contact.joints(contact.angles))
+        crossed = state.crossing < _CROSSED
         found = torch.where(held.any(-1), int(Status.AT_LIMIT), int(Status.CONVERGED))
         status = torch.where(good & arrived & ~crossed, found, status)
         left = good & ~arrived
@@ -207,13 +208,15 @@ def _tied(geometry: Geometry, law: Law, acting: Loads, s: Tensor, held: Tensor, 
     contact = geometry.contact(s)
     angle, kappa = contact.angles, contact.kappa.detach()
     near = torch.where(held, angle, angle.detach())
-    before = ChainState(geometry, law, acting, near, contact.moved((near - angle) / kappa))
+    joints = contact.moved((near - angle) / kappa).joints(near)
+    before = ChainState(geometry.routes, law, acting, near, joints)
     residual = before.residual
     with torch.no_grad():
         H = before.stiffness.expand(*residual.shape, residual.shape[-1])
     fixed = held | (status > Status.AT_LIMIT)[..., None]
     phi = _NewtonStep.apply(near, residual, H, fixed)
-    return Equilibria(status, ~held, ChainState(geometry, law, acting, phi, contact.moved((phi - angle) / kappa)))
+    there = contact.moved((phi - angle) / kappa)
+    return Equilibria(status, ~held, there.s, ChainState(geometry.routes, law, acting, phi, there.joints(phi)))
 
 
 class _NewtonStep(torch.autograd.Function):

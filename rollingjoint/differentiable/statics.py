@@ -1,7 +1,8 @@
-"""The whole chain at given contacts: poses, tendons, residual, stiffness, energy, contact forces.
+"""The whole chain at given joint angles: poses, tendons, residual, stiffness, energy, contact forces.
 
 The plane is the complex plane: x + iy. Symbols as in docs/theory.md, sections 2 to 5: c contact point, e tangent,
-F force, r residual, H stiffness. Everything has leading axes and is differentiable by everything.
+F force, r residual, H stiffness. Everything has leading axes and is differentiable by everything; nothing is read back
+from a device.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ import torch
 from torch import Tensor
 
 from rollingjoint.differentiable.friction import DifferentiableFriction, FrictionStates
-from rollingjoint.differentiable.geometry import Contact, Geometry, turned
+from rollingjoint.differentiable.geometry import Joints, Routes, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
-from rollingjoint.differentiable.transmission import limited_tension
-
-_CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal
+from rollingjoint.differentiable.transmission import at_limit, limited_tension
+from rollingjoint.kernels.rolling import CLOSED_GAP
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Law:
             return self.low, torch.zeros_like(lengths)
         pull = self.stiffness * (lengths - self.command)
         tensions = limited_tension(pull, self.low, self.high)
-        return tensions, torch.where((pull > self.low) & (pull < self.high), self.stiffness, 0.0)
+        return tensions, torch.where(at_limit(pull, self.low, self.high), 0.0, self.stiffness)
 
 
 @dataclass(frozen=True)
@@ -82,28 +82,18 @@ class ChainState:
     """The chain at joint angles phi, (..., J) [rad].
 
     Args:
-        geometry: of the mechanisms.
-        law: of their tendons.
+        routes: of the tendons.
+        law: of the tendons.
         loads: that act.
         phi: joint angles.
-        contact: where the surfaces touch at these angles; whoever differentiates passes one that depends on them.
+        joints: at these angles, from surfaces (`Contact.joints`) or from tables (`TabulatedChain.at`).
     """
 
-    geometry: Geometry
+    routes: Routes
     law: Law
     loads: Loads
     phi: Tensor
-    contact: Contact
-
-    @cached_property
-    def _turns(self) -> Tensor:
-        return turned(self.phi)
-
-    @cached_property
-    def _origins(self) -> Tensor:
-        """Origin of the link above every joint in the frame of the link below, complex (..., J)."""
-        points = self.contact.points
-        return points[..., 0] - self._turns * points[..., 1]
+    joints: Joints
 
     @cached_property
     def link_angles(self) -> Tensor:
@@ -116,55 +106,60 @@ class ChainState:
         return turned(self.link_angles)
 
     @cached_property
+    def _below(self) -> Tensor:
+        """Rotations of the links below the joints, complex (..., J)."""
+        return self.rotations[..., :-1]
+
+    @cached_property
     def positions(self) -> Tensor:
         """Origin of every link, complex (..., n) [mm]."""
-        steps = torch.cumsum(self.rotations[..., :-1] * self._origins, -1)
-        return torch.cat([torch.zeros_like(steps[..., :1]), steps], -1)
+        return torch.nn.functional.pad(torch.cumsum(self._below * self.joints.origin, -1), (1, 0))
 
     @cached_property
     def contacts(self) -> Tensor:
         """Contact points, complex (..., J) [mm]."""
-        return self.positions[..., :-1] + self.rotations[..., :-1] * self.contact.points[..., 0]
+        return self.positions[..., :-1] + self._below * self.joints.touching
 
     @cached_property
     def tangents(self) -> Tensor:
         """Unit tangents of the contacts, complex (..., J)."""
-        return self.rotations[..., :-1] * self.contact.tangents
+        return self._below * self.joints.tangent
 
     @cached_property
     def _gaps(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Of every gap its length; direction and J r in the frame of the link below; is it open; (..., m, J)."""
-        below, above = self.geometry.below, self.geometry.above
-        v = self._origins[..., None, :] + self._turns[..., None, :] * above - below
-        is_open = v.detach().abs() > _CLOSED_GAP
-        normal = (1j * self.contact.tangents)[..., None, :]
-        safe = torch.where(is_open, v, normal)
-        length = safe.abs()
-        direction = safe / length
-        return (
-            torch.where(is_open, length, 0.0),
-            direction,
-            1j * (below + v - self.contact.points[..., None, :, 0]),
-            is_open,
-        )
+        """Of every gap length, direction, upper end seen from the contact, 1 / length: 0 where closed; (..., m, J)."""
+        joints, routes = self.joints, self.routes
+        end = joints.origin[..., None, :] + joints.turn[..., None, :] * routes.above
+        span = end - routes.below
+        length = span.abs()
+        closed = length.detach() <= CLOSED_GAP
+        per_length = torch.where(closed, 0.0, 1.0 / torch.where(closed, 1.0, length))
+        direction = torch.where(closed, (1j * joints.tangent)[..., None, :], span * per_length)
+        return torch.where(closed, 0.0, length), direction, end - joints.touching[..., None, :], per_length
+
+    @cached_property
+    def _levers(self) -> tuple[Tensor, Tensor]:
+        """Parts of the lever r, from the contact to a gap's upper end, along and across the gap, (..., m, J) [mm]."""
+        _, direction, lever, _ = self._gaps
+        parts = direction.conj() * lever
+        return parts.real, parts.imag
 
     @cached_property
     def crossing(self) -> Tensor:
         """Lowest height of a gap over the contact's tangent, (...) [mm]: negative where holes have changed places."""
         length, direction, _, _ = self._gaps
-        height = length * dot((1j * self.contact.tangents)[..., None, :], direction)
-        return torch.where(self.geometry.crosses > 0, height, 0.0).flatten(-2).amin(-1)
+        height = length * dot((1j * self.joints.tangent)[..., None, :], direction)
+        return torch.where(self.routes.crosses > 0, height, 0.0).flatten(-2).amin(-1)
 
     @cached_property
     def lengths(self) -> Tensor:
         """Tendon lengths, (..., m) [mm]."""
-        return self.geometry.channels + (self._gaps[0] * self.geometry.crosses).sum(-1)
+        return self.routes.channels + (self._gaps[0] * self.routes.crosses).sum(-1)
 
     @cached_property
     def rates(self) -> Tensor:
-        """d length / d joint angle, (..., m, J) [mm/rad]."""
-        _, direction, moves, _ = self._gaps
-        return dot(direction, moves) * self.geometry.crosses
+        """g', d length / d joint angle, (..., m, J) [mm/rad]."""
+        return -self._levers[1] * self.routes.crosses
 
     @cached_property
     def _law(self) -> tuple[Tensor, Tensor]:
@@ -189,11 +184,12 @@ class ChainState:
 
     def rubbing_under(self, friction: DifferentiableFriction) -> FrictionAtPose:
         """What this friction is at this pose."""
-        length, direction, moves, is_open = self._gaps
-        along, up = self.geometry.along[..., :-1], self._turns[..., None, :] * self.geometry.along[..., 1:]
-        rate = torch.where(is_open, cross(direction, moves) / torch.where(is_open, length, 1.0), 0.0)
+        length, direction, _, per_length = self._gaps
+        crosses, channels = self.routes.crosses, self.routes.along
+        assert channels is not None
+        along, up = channels[..., :-1], self.joints.turn[..., None, :] * channels[..., 1:]
+        rate = self._levers[0] * per_length
         below, above = (torch.atan2(cross(a, b), dot(a, b)) for a, b in ((along, direction), (direction, up)))
-        crosses = self.geometry.crosses
         turns = (below, above, rate, 1.0 - rate)
         gaps = GapsAtPose(length * crosses, self.rates, *turns, crosses, self.tensions, self.elastic)
         return FrictionAtPose(friction, self.law.history, gaps)
@@ -213,36 +209,46 @@ class ChainState:
         return self._acting.moments
 
     @cached_property
+    def _torques(self) -> Tensor:
+        return self.gap_tensions * self.rates
+
+    @cached_property
+    def _pulls(self) -> Tensor:
+        """Tensions of the gaps, 0 where a tendon does not cross a joint, (..., m, J) [N]."""
+        return self.gap_tensions * self.routes.crosses
+
+    @cached_property
     def residual(self) -> Tensor:
         """r, (..., J) [N·mm]."""
-        return (self.gap_tensions * self.rates).sum(-2) - self.moments
+        return self._torques.sum(-2) - self.moments
 
     @cached_property
     def stiffness(self) -> Tensor:
         """H = dr/dphi, (..., J, J) [N·mm/rad]: symmetric unless follower forces or friction act."""
         H = torch.diag_embed(self._own_stiffness)
-        if self.rubbing is not None:
-            H = H + (self.rates[..., None] * self.rubbing.slopes).sum(-3)
-        elif not self.law.prescribed:
-            H = H + (self.rates.mT * self.elastic[..., None, :]) @ self.rates
+        if self.rubbing is not None or not self.law.prescribed:
+            H = H + (self.rates[..., None] * self._slopes).sum(-3)
         return H + self._acting.stiffness() if self.loads.any else H
+
+    @property
+    def _slopes(self) -> Tensor:
+        """d tension of every gap / d joint angle, (..., m, J or 1, J) [N/rad]."""
+        if self.rubbing is not None:
+            return self.rubbing.slopes
+        return (self.elastic[..., None] * self.rates)[..., None, :]
 
     @cached_property
     def _own_stiffness(self) -> Tensor:
         """What gaps and the moving pole add at every joint, (..., J)."""
-        length, direction, moves, is_open = self._gaps
-        along = dot(direction, moves)
-        turn = (moves.abs().square() - along.square()) / torch.where(is_open, length, 1.0)
-        rate = (self.contact.tangents / self.contact.kappa)[..., None, :]  # e / kappa
-        second = torch.where(is_open, turn, 0.0) + dot(direction, 1j * (moves - rate))
-        gaps = (self.gap_tensions * self.geometry.crosses * second).sum(-2)
-        return gaps + cross(self.tangents, self._acting.forces) / self.contact.kappa
+        _, direction, _, per_length = self._gaps
+        along, pole = self._levers[0], self.joints.pole  # |Jr|² - g'² is the square of r · v, r the lever
+        second = along * (along * per_length - 1.0) + cross(direction, pole[..., None, :])
+        return (self._pulls * second).sum(-2) + cross(self._below * pole, self._acting.forces)
 
     @cached_property
     def contact_forces(self) -> Tensor:
         """On the distal link, along the child surface's tangent and normal, (..., J, 2) [N]."""
-        pull = (self.gap_tensions * self.geometry.crosses * self._gaps[1]).sum(-2)
-        force = self.rotations[..., :-1] * pull - self._acting.forces
+        force = self._below * (self._pulls * self._gaps[1]).sum(-2) - self._acting.forces
         return torch.stack([dot(self.tangents, force), cross(self.tangents, force)], -1)
 
     @cached_property
@@ -260,5 +266,5 @@ class ChainState:
     @cached_property
     def force_scale(self) -> Tensor:
         """Largest sum of the magnitudes of a joint's moments, every tension with a lever of at least 1 mm, (...)."""
-        levers = self.rates.abs().clamp(min=1.0) * self.geometry.crosses
-        return ((self.gap_tensions.abs() * levers).sum(-2) + self.moments.abs()).amax(-1)
+        sizes = torch.maximum(self._torques.abs(), self._pulls)  # nothing pushes
+        return (sizes.sum(-2) + self.moments.abs()).amax(-1)

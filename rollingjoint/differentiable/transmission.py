@@ -14,7 +14,7 @@ def play_step(tendon: Tensor, motor: Tensor, half_width: Tensor) -> Tensor:
 
 
 def sheath_direction(tendon: Tensor, motor: Tensor, half_width: Tensor) -> Tensor:
-    """u, along which friction acts on a tendon in its sheath, within [-1, 1]; 0 without play."""
+    """zeta, along which friction acts on a tendon in its sheath, within [-1, 1]; 0 without play."""
     return torch.where(half_width > 0.0, (tendon - motor) / half_width, 0.0).clamp(-1.0, 1.0)
 
 

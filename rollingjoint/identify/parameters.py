@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.rolling import Link, RollingChain, planar
+from rollingjoint.chain.rolling import RollingChain, planar
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING, CapstanFriction
@@ -179,7 +179,8 @@ def varied(mechanism: AnyChain, values: Mapping[str, Any]) -> AnyChain:
     move = values["surface_shift"] / 2, values["surface_height"] / 2, values["surface_turn"] / 2
     if any(move):
         changes["links"] = [
-            Link(_moved(link.parent, move, -1), _moved(link.child, move, 1)) for link in planar(mechanism).links
+            dataclasses.replace(link, parent=_moved(link.parent, move, -1), child=_moved(link.child, move, 1))
+            for link in planar(mechanism).links
         ]
     return mechanism.replace(**changes) if changes else mechanism
 

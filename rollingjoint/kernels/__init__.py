@@ -1,7 +1,39 @@
 """Compiled kernels: arrays in, arrays and an integer status out. Nothing here raises.
 
+Importing the package registers the formulas of both classes of chains (formulas.py).
+
 Modules:
-    shared: Newton's method, linear algebra, the tendon law: what both families use. It knows neither.
-    planar: the formulas of rolling chains, and their solvers.
-    spatial: the formulas of hinge chains, and their solver.
+    arrays: status codes, the tendon law, tolerances.
+    batch: the solver for all cases and the stiffness of its solutions, row by row.
+    bounds: joint angles between the limits of their joints.
+    chain: energy, stiffness and its generators of a chain at one configuration.
+    descent: the slow, sure way to an equilibrium, where Newton's method ends without one.
+    elementary: elementary functions of numbers and SIMD lanes alike.
+    formulas: the names of the formulas that a class of chains brings.
+    friction: capstan friction with memory: tensions, slip and their rates.
+    hinge_lanes: arms in lanes, without and with friction.
+    hinge_solve: one equilibrium of an arm, one step with friction, and the place of results.
+    hinges: arms: arrays, poses, gaps, tendon lengths.
+    lanes: Newton's method in eight SIMD lanes side by side, or in a single one.
+    linear: small dense linear algebra on the free joints.
+    long_chain: Newton steps in O(n).
+    long_lu: Newton steps in O(n) with friction.
+    newton: Newton's method with a line search.
+    planar_loads: loads in the plane: energy, sums, stiffness.
+    rolling: planar rolling chains: arrays, joint tables, gaps, poses, residual, contact forces.
+    rolling_lanes: planar chains in lanes, without and with friction.
+    rolling_solve: one equilibrium of a planar chain, one step with friction, and the place of results.
+    rubbed: steps with friction for all cases, histories and stiffness, row by row.
+    rubbed_block: steps with friction in lanes.
+    rubbed_chain: a chain with friction, and its steps.
+    settle: one equilibrium from one start, with fallbacks.
+    spatial_loads: loads in space: energy, sums, stiffness, and the residual.
+    tendons: tensions and their energy from the lengths, and the balance at a joint.
+    torsion_springs: springs between two links, in the plane and in space.
+    turns: turns of tendons at their holes, and the forces that press links together.
+    vectors: vectors of the plane and of space.
 """
+
+from rollingjoint.kernels import hinge_solve as hinge_solve
+from rollingjoint.kernels import rolling_solve as rolling_solve
+from rollingjoint.kernels import turns as turns

@@ -6,9 +6,7 @@ triples (x, y, z) throughout. Mechanism files use the names of the fields.
 
 Modules:
     columns: columns of load tables, and checks of tables that are given whole.
-    kinds: the kinds of loads, and how `rj` takes them.
-    rows: checked numbers of loads, and the rows that are made of them.
-    springs: the springs that belong to a planar mechanism.
+    kinds: the kinds of loads, their rows of load tables, the springs of mechanisms, and the options of `rj`.
     table: the rows of all loads on a mechanism.
 """
 
@@ -32,9 +30,9 @@ from rollingjoint.load.kinds import (
     Spring,
     TorsionSpring,
     WorldForce,
+    checked_springs,
+    link_index,
 )
-from rollingjoint.load.rows import link_index
-from rollingjoint.load.springs import checked_springs
 from rollingjoint.load.table import load_table, spatial_load_table
 
 __all__ = [

@@ -3,7 +3,7 @@
 LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm], torsion
 spring [N·mm/rad], its angle at rest [rad] and its other link.
 SPATIAL_LOAD_COLUMNS: link, body point [mm], world force, world moment, body force, body moment [N, N·mm], spring
-[N/mm], anchor [mm].
+[N/mm], anchor [mm], torsion spring, its angle at rest and its other link.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.planar.loads import ACTING, LINK_COLUMNS, LOAD_COLUMNS
-from rollingjoint.kernels.spatial.arrays import SPATIAL_LOAD_COLUMNS
+from rollingjoint.kernels.hinges import SPATIAL_LOAD_COLUMNS
+from rollingjoint.kernels.planar_loads import ACTING, LINK_COLUMNS, LOAD_COLUMNS
 
 __all__ = [
     "LOAD_COLUMNS",
@@ -28,7 +28,7 @@ __all__ = [
     "wrong_links",
 ]
 
-_FIRST_COLUMNS = LOAD_COLUMNS.index("ay") + 1  # a table may end after these; the columns that it omits are zero
+_OPTIONAL_COLUMNS = 3  # a table may end before the columns of torsion springs, which are zero then
 
 
 def pair_columns(*letters: str) -> list[slice]:
@@ -43,14 +43,14 @@ def acts(table: NDArray[np.float64]) -> bool:
 
 
 def with_all_columns(tables: Any, columns: Sequence[str], pad: Callable[[Any, int], Any]) -> Any:
-    """Load tables (..., rows, columns) with the trailing columns that planar ones may omit; None for a wrong width.
+    """Load tables (..., rows, columns) with the trailing columns that they may omit; None for a wrong width.
 
     `pad` appends a number of columns of zeros.
     """
     missing = len(columns) - tables.shape[-1]
     if missing == 0:
         return tables
-    return pad(tables, missing) if columns is LOAD_COLUMNS and 0 < missing <= len(columns) - _FIRST_COLUMNS else None
+    return pad(tables, missing) if 0 < missing <= _OPTIONAL_COLUMNS else None
 
 
 def wrong_links(tables: Any, columns: Sequence[str], n_links: int) -> Any:

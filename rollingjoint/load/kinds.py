@@ -5,32 +5,22 @@ Each is one dataclass: its fields, and its rows of planar and spatial tables; OP
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.checks import as_floats
+from rollingjoint.checks import as_floats, as_integer, as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load.columns import SPATIAL_LOAD_COLUMNS
-from rollingjoint.load.rows import (
-    Pair,
-    Row,
-    Triple,
-    along,
-    at_planar,
-    at_spatial,
-    body_point,
-    link_index,
-    number,
-    pair,
-    triple,
-    wrench,
-)
 
 _POINT, _FORCE = (slice(first, first + 3) for first in map(SPATIAL_LOAD_COLUMNS.index, ("px", "fx")))
+
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+Row = dict[str, float]
 
 
 class Option(NamedTuple):
@@ -40,7 +30,7 @@ class Option(NamedTuple):
     metavar: str
     help: str
     numbers: tuple[str, ...]  # on a planar chain
-    spatial: tuple[str, ...]  # on an arm; empty: arms take no such load
+    spatial: tuple[str, ...]  # on an arm
     make: Callable[[int, Any], Load]
     optional: int = 0  # how many of the last numbers may be left out
 
@@ -58,7 +48,7 @@ class Load:
 
     def spatial_rows(self, n_links: int) -> list[Row] | NDArray[np.float64]:
         """Rows of a spatial table, or such a table."""
-        raise InvalidInput("load", self, f"a load that acts on arms: {in_words(*_SPATIAL_LOADS)}")
+        raise InvalidInput("load", self, f"a load that acts on arms: {in_words(*LOADS)}")
 
 
 @dataclass(frozen=True)
@@ -121,10 +111,11 @@ class Spring(Load):
 
 @dataclass(frozen=True)
 class TorsionSpring(Load):
-    """A linear torsion spring between two links of a planar chain; between neighbours it acts about their joint.
+    """A linear torsion spring between two links; between neighbours it acts about their joint.
 
     Its energy is 1/2 stiffness (angle of link - angle of other - rest_angle)², its stiffness in N·mm/rad, angles in rad
-    in the base frame. The other link is the base unless it is given; -1 is the tip.
+    in the base frame. The other link is the base unless it is given; -1 is the tip. On an arm the hinges between the
+    two links must be parallel, and their angles add up to the angle between the links.
     """
 
     link: int
@@ -139,6 +130,10 @@ class TorsionSpring(Load):
             raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
         k, rest = number("torsion spring stiffness", self.stiffness), number("rest angle", self.rest_angle)
         return [{"link": link, "torsion": k, "rest": rest, "other": other}]
+
+    def spatial_rows(self, n_links: int) -> list[Row]:
+        """Rows of a spatial table."""
+        return self.rows(n_links)
 
 
 @dataclass(frozen=True)
@@ -185,9 +180,8 @@ class Gravity(Load):
 
 
 LOADS: tuple[type[Load], ...] = (WorldForce, BodyWrench, Spring, TorsionSpring, Gravity)
-_SPATIAL_LOADS = (WorldForce, BodyWrench, Spring, Gravity)
 SPRINGS: tuple[type[Any], ...] = (Spring, TorsionSpring)
-"""The kinds of loads that can belong to a planar mechanism."""
+"""The kinds of loads that can belong to a mechanism."""
 
 _NO_FORCE: dict[int, Any] = {1: (0.0, 0.0), 3: (0.0, 0.0, 0.0)}  # by the numbers of a moment
 
@@ -213,7 +207,7 @@ OPTIONS = (
         metavar="K",
         help="torsion spring K [N·mm/rad], then angle at rest [rad] (default 0), other link (default 0, the base)",
         numbers=("K", "REST", "OTHER"),
-        spatial=(),
+        spatial=("K", "REST", "OTHER"),
         make=lambda link, numbers: TorsionSpring(link, *numbers),
         optional=2,
     ),
@@ -241,3 +235,110 @@ def in_words(*kinds: type) -> str:
     """The names of the kinds in words."""
     *first, last = (kind.__name__ for kind in kinds)
     return f"{', '.join(first)} or {last}" if first else last
+
+
+def checked_springs(springs: object, n_links: int, dimension: int) -> tuple[Load, ...]:
+    """The springs that belong to a mechanism in 2 or 3 dimensions, with plain numbers in their fields.
+
+    Raises:
+        InvalidInput: another kind of load, a link that does not exist, a number that is negative or not finite.
+    """
+    kinds = in_words(*SPRINGS)
+    if not isinstance(springs, Iterable):
+        raise InvalidInput("springs", springs, f"a list of {kinds}")
+    checked = []
+    for i, spring in enumerate(springs):
+        if not isinstance(spring, SPRINGS):
+            raise InvalidInput(f"springs[{i}]", spring, kinds)
+        as_number(f"springs[{i}] stiffness", spring.stiffness, 0.0)
+        for row in spring.rows(n_links) if dimension == 2 else spring.spatial_rows(n_links):
+            for column, value in row.items():
+                as_number(f"springs[{i}] {column}", value)
+        checked.append(
+            replace(
+                spring,
+                **{each.name: _plain(each.type, getattr(spring, each.name), dimension) for each in fields(spring)},
+            )
+        )
+    return tuple(checked)
+
+
+def _plain(kind: object, value: Any, dimension: int) -> Any:
+    """The value of a field of this annotation, in plain numbers."""
+    if kind == "int":
+        return int(value)
+    if kind == "float":
+        return float(value)
+    point = tuple(float(each) for each in value)
+    return point + (0.0,) * (dimension - len(point))  # the origin of a link is (0, 0) by default
+
+
+def link_index(link: int, n_links: int) -> int:
+    """The link counted from 0; -1 is the tip.
+
+    Raises:
+        InvalidInput: a link that does not exist.
+    """
+    if type(link) is int and -n_links <= link < n_links:
+        return link % n_links
+    allowed = f"0 (the base) to {n_links - 1}, or -1 (the tip) to {-n_links}"
+    index = as_integer("link", link, allowed=allowed)
+    if not -n_links <= index < n_links:
+        raise InvalidInput("link", link, allowed)
+    return index % n_links
+
+
+def number(what: str, value: float | Triple) -> float:
+    """One number; the errors of these functions are InvalidInput."""
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(what, value, "a number") from None
+
+
+def pair(what: str, values: Pair | Triple) -> Pair:
+    """Two numbers."""
+    try:
+        x, y = values  # type: ignore[misc]
+        return float(x), float(y)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(what, values, "two numbers (x, y)") from None
+
+
+def triple(what: str, values: object, unset: object = None) -> Triple:
+    """Three numbers; zeros for the default of a planar load."""
+    if type(values) is type(unset) and values == unset:
+        return 0.0, 0.0, 0.0
+    array = as_floats(what, values, "three numbers (x, y, z)")
+    if array.shape != (3,):
+        raise InvalidInput(what, values, "three numbers (x, y, z)")
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def body_point(point: Any) -> Pair:
+    """Where on its link a load acts [mm]."""
+    return pair("load point", point)
+
+
+def at_planar(load: Any, n_links: int) -> Row:
+    """Where a load acts on a planar chain."""
+    px, py = body_point(load.point)
+    return {"link": link_index(load.link, n_links), "px": px, "py": py}
+
+
+def at_spatial(load: Any, n_links: int) -> Row:
+    """Where a load acts on an arm."""
+    point = triple("load point", load.point, unset=(0.0, 0.0))
+    return {"link": link_index(load.link, n_links)} | along("p", point)
+
+
+def wrench(force: str, moment: str, load: Any) -> Row:
+    """Force and moment of a load on an arm, in columns of these letters."""
+    forces, moments = triple("load force", load.force), triple("load moment", load.moment, unset=0.0)
+    return along(force, forces) | along(moment, moments)
+
+
+def along(letter: str, values: Iterable[float]) -> Row:
+    """Three values in the columns of x, y and z."""
+    return dict(zip((letter + axis for axis in "xyz"), values, strict=True))

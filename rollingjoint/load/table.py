@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load.columns import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS
-from rollingjoint.load.kinds import LOADS, Load, in_words
-from rollingjoint.load.rows import Row
+from rollingjoint.load.kinds import LOADS, Load, Row, in_words
 
 _PLACES, _SPATIAL_PLACES = (
     {name: place for place, name in enumerate(columns)} for columns in (LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS)
@@ -31,7 +30,7 @@ def spatial_load_table(loads: Sequence[Load], n_links: int) -> NDArray[np.float6
     """Rows of SPATIAL_LOAD_COLUMNS for the loads on a spatial chain, (rows, columns).
 
     Raises:
-        InvalidInput: as load_table, and a load that acts on planar chains only.
+        InvalidInput: as load_table.
     """
     return _table(loads, _SPATIAL_PLACES, lambda load: load.spatial_rows(n_links))
 

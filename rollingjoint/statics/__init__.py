@@ -2,9 +2,8 @@
 
 Modules:
     batch: checked inputs of many solves, and their solution.
-    history: histories of steps with friction.
+    inputs: checked inputs: starts and histories, limits of tensions.
     least_squares: tendon lengths in the least-squares sense.
-    limits: limits of tensions, checked.
     loop: paths back and forth, and the hysteresis in them.
     problem: prepared problems, checked once.
     sensitivity: derivatives of equilibria.

@@ -17,9 +17,9 @@ from rollingjoint.chain.stacks import Variations, designs_of, distinct
 from rollingjoint.checks import as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import FrictionState
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load, with_all_columns, wrong_links
-from rollingjoint.statics.history import History, Start, checked_history, start_of
+from rollingjoint.statics.inputs import History, Start, checked_history, start_of
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rollingjoint.chain.batch import solve_one
 from rollingjoint.chain.solution import Solution
 from rollingjoint.chain.status import Status
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import acts
 from rollingjoint.statics.batch import prescribed
 from rollingjoint.statics.sensitivity import joint_response

@@ -13,8 +13,7 @@ from rollingjoint.chain.chain import Chain, check_chain, read_only
 from rollingjoint.checks import as_choice, seen_as_vector
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.statics.history import History, Start, angles_of, checked_history
-from rollingjoint.statics.limits import tension_limits_of
+from rollingjoint.statics.inputs import History, Start, angles_of, checked_history, tension_limits_of
 from rollingjoint.statics.slot import Law, Slot, full_law
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rollingjoint.chain.batch import PinnedRange
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.threads import run_in_threads, runs_at_once
 
 Array = NDArray[np.float64]

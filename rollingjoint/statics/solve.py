@@ -12,12 +12,11 @@ from rollingjoint.chain.batch import solve_one
 from rollingjoint.chain.chain import AnyChain, Chain, check_chain, read_only
 from rollingjoint.checks import seen_as_vector
 from rollingjoint.errors import InvalidInput
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import Load
 from rollingjoint.statics.batch import Batch, prescribed
-from rollingjoint.statics.history import History, Start, angles_of, checked_history
+from rollingjoint.statics.inputs import History, Start, angles_of, broadcast_limits, checked_history, tension_limits_of
 from rollingjoint.statics.least_squares import solve_least_squares
-from rollingjoint.statics.limits import broadcast_limits, tension_limits_of
 from rollingjoint.statics.slot import Law, full_law, spare_slot
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from rollingjoint.chain.status import Status
 from rollingjoint.checks import as_choice, as_floats
 from rollingjoint.errors import InvalidInput
 from rollingjoint.load import Load
-from rollingjoint.statics.history import History
+from rollingjoint.statics.inputs import History
 from rollingjoint.statics.solve import solve_lengths, solve_tensions
 
 S = TypeVar("S")

@@ -2,12 +2,12 @@
 
     p ← clip(p, q - h, q + h)                           play (backlash) of half width h
     T = clip(k (l - p), low, high),  then p ← l - T / k     the motor holds at `low` and gives way at `high`
-    T_motor = T exp(φ u),  u = (p - q) / h                  friction of the bent sheath, by the capstan's law
+    T_motor = T exp(ν ζ),  ζ = (p - q) / h                  friction of the bent sheath, by the capstan's law
 
 A motor at q [mm] moves its tendon through play: p is the unstretched length that the tendon is left with [mm]. A tendon
 of length l [mm] and stiffness k [N/mm] then has the tension T [N] where the sheath ends, and its motor measures
-T_motor [N]. u is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
-play is crossed; φ is the coefficient of friction times the turn of the sheath.
+T_motor [N]. ζ is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
+play is crossed; ν is the coefficient of friction times the turn of the sheath.
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 __all__ = [
     "at_limit",
+    "elastic_tension",
     "limited_tension",
     "play_contact",
     "play_inverse",
@@ -39,6 +40,7 @@ __all__ = [
     "play_step",
     "sheath_direction",
     "sheath_ratio",
+    "unstretched_length",
 ]
 
 
@@ -84,7 +86,7 @@ def play_inverse(tendon: ArrayLike, move: ArrayLike, half_width: ArrayLike) -> A
 
 
 def sheath_direction(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Array:
-    """u, within [-1, 1]: where in the play a tendon is; 0 without play, where no friction is modelled.
+    """ζ, within [-1, 1]: where in the play a tendon is; 0 without play, where no friction is modelled.
 
     Args:
         tendon: p [mm]. motor: q [mm]. half_width: h, 0 or more [mm].
@@ -93,10 +95,10 @@ def sheath_direction(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike)
 
 
 def sheath_ratio(friction: ArrayLike, direction: ArrayLike) -> Array:
-    """Tension that the motor measures over the one that arrives behind the sheath: exp(φ u).
+    """Tension that the motor measures over the one that arrives behind the sheath: exp(ν ζ).
 
     Args:
-        friction: φ, 0 or more. direction: u.
+        friction: ν, 0 or more. direction: ζ.
     """
     return _filled(kernels.sheath_ratios, friction, direction)
 
@@ -110,6 +112,27 @@ def at_limit(tension: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.
 def limited_tension(pull: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
     """T of an elastic tendon: its pull k (l - p) within the limits of its motor [N]."""
     return _filled(kernels.limited_tensions, pull, low, high)
+
+
+def elastic_tension(
+    length: ArrayLike, unstretched: ArrayLike, stiffness: ArrayLike, low: ArrayLike, high: ArrayLike
+) -> Array:
+    """T of an elastic tendon, clip(k (l - p), low, high).
+
+    Args:
+        length: l [mm]. unstretched: p, the length that its motor commands [mm]. stiffness: k [N/mm].
+        low, high: limits of its motor [N].
+    """
+    return _filled(kernels.elastic_tensions, length, unstretched, stiffness, low, high)
+
+
+def unstretched_length(length: ArrayLike, tension: ArrayLike, stiffness: ArrayLike) -> Array:
+    """p of an elastic tendon, l - T / k: the command that holds it.
+
+    Args:
+        length: l [mm]. tension: T [N]. stiffness: k [N/mm].
+    """
+    return _filled(kernels.unstretched_lengths, length, tension, stiffness)
 
 
 def _filled(fill: Callable[..., None], *values: ArrayLike) -> Any:

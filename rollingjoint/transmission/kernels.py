@@ -64,6 +64,12 @@ def limited_tension(pull, low, high):
 
 
 @part(inline=True)
+def elastic_tension(length, unstretched, stiffness, low, high):
+    """T of a tendon of length l and stiffness k whose motor is at p: clip(k (l - p), low, high)."""
+    return limited_tension(stiffness * (length - unstretched), low, high)
+
+
+@part(inline=True)
 def unstretched_length(length, tension, stiffness):
     """p of a tendon with this length and tension: l - T / k, at a limit what its motor has left of it."""
     return length - tension / stiffness
@@ -130,3 +136,17 @@ def limited_tensions(pull, low, high, tensions):
     """Fill tensions (N,)."""
     for i in range(len(tensions)):
         tensions[i] = limited_tension(pull[i], low[i], high[i])
+
+
+@kernel(title="motors and sheaths")
+def elastic_tensions(length, unstretched, stiffness, low, high, tensions):
+    """Fill tensions (N,)."""
+    for i in range(len(tensions)):
+        tensions[i] = elastic_tension(length[i], unstretched[i], stiffness[i], low[i], high[i])
+
+
+@kernel(title="motors and sheaths")
+def unstretched_lengths(length, tension, stiffness, lengths):
+    """Fill lengths (N,)."""
+    for i in range(len(lengths)):
+        lengths[i] = unstretched_length(length[i], tension[i], stiffness[i])

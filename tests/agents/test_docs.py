@@ -30,11 +30,11 @@ def blocks(language: str) -> list[str]:
 
 def run(command: str) -> int:
     """Exit code of one command, shortened."""
-    python, _, module, *arguments = shlex.split(command)
-    assert python == "python"
-    if module == "agents.evaluate":
+    rj, name, *arguments = shlex.split(command)
+    assert rj == "rj"
+    if name == "evaluate":
         return evaluate.main([*arguments, "--episodes", "2"])
-    assert module == "agents.train"
+    assert name == "train"
     config = Path(arguments[arguments.index("--config") + 1]).stem
     few = [*FEW_STEPS[config].split(), "env.settings.episode_steps=10", "evaluation.episodes=1"]
     return train.main([*arguments, *(word for override in few for word in ("--set", override))])

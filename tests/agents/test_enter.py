@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from agents import enter
-from agents.baselines import OpenLoop, baselines
+from agents.controllers import FunctionController, OpenLoop, untuned_controllers
+from agents.controllers.controller import load_controller
 from agents.evaluation.rollout import run_episodes
 from agents.results import __main__ as results
 from agents.results import read_results
-from agents.results.entry import Function, load_entrant
 from agents.results.file import FILE, write_results
 from agents.runs.environment import EnvConfig
 from agents.shipped import list_policies, load_policy
@@ -42,9 +42,9 @@ def test_it_compares_with_the_file_that_agents_results_writes():
 
 def test_every_command_and_program_of_the_page_runs(workshop, capsys):
     for command in "".join(blocks("bash")).splitlines():
-        python, option, module, *arguments = shlex.split(command)
-        assert (python, option) == ("python", "-m")
-        assert {"agents.enter": enter, "agents.results": results}[module].main(arguments) == 0
+        rj, name, *arguments = shlex.split(command)
+        assert rj == "rj"
+        assert {"enter": enter, "results": results}[name].main(arguments) == 0
     printed = capsys.readouterr().out
     assert "3000000 to 3000007" in printed and "9000000 to 9000011" in printed
     page = (workshop / "my_page/results.md").read_text()
@@ -58,11 +58,11 @@ def test_every_command_and_program_of_the_page_runs(workshop, capsys):
 def test_a_row_stands_beside_the_shipped_policy_and_the_opponents_in_the_same_episodes(workshop, capsys):
     assert enter.main(["my_controller.py:Careful", "--seeds", "test", "--out", "mine.json"]) == 0
     _, head, _, *rows, entered = capsys.readouterr().out.splitlines()
-    assert {re.split(r"  +", row)[0] for row in rows} == {"Careful <--", "fixed_target", *baselines()}
+    assert {re.split(r"  +", row)[0] for row in rows} == {"Careful <--", "fixed_target", *untuned_controllers()}
     assert "Careful minus it [mm]" in head and entered == "Entered in mine.json"
     (record,) = read_results("mine.json").benchmarks
     assert record.names() == ["Careful"] and record.env_id == "rj_gym/RollingJoint-v0"
-    own = load_entrant("my_controller.py:Careful")
+    own = load_controller("my_controller.py:Careful")
     expected = run_episodes(EnvConfig(), own, FEW["test"]).last_errors.mean(axis=1)
     np.testing.assert_allclose(record.controllers[0].errors("test")[0], expected, rtol=6e-4)
     (row,) = [row for row in rows if row.startswith("open loop")]
@@ -115,17 +115,17 @@ def test_other_settings_are_another_benchmark_with_a_title_of_its_own(workshop, 
 def test_functions_and_controllers_and_what_makes_them_can_be_entered(tmp_path):
     path = tmp_path / "some.py"
     path.write_text(
-        "import numpy as np\nfrom agents.baselines import DoNothing\nfrom beside import SIZE\n"
+        "import numpy as np\nfrom agents.controllers import DoNothing\nfrom beside import SIZE\n"
         "ready = DoNothing()\n"
         "def zeros(): return lambda observation: np.zeros((len(observation), SIZE))\n"
         "def seven(): return 7\n"
         "broken = 1 / len([]) if SIZE < 0 else None\n"
     )
     (tmp_path / "beside.py").write_text("SIZE = 2\n")
-    expected = run_episodes(EnvConfig(), load_entrant("agents.baselines:DoNothing"), range(3)).errors
+    expected = run_episodes(EnvConfig(), load_controller("agents.controllers:DoNothing"), range(3)).errors
     for name in ("ready", "zeros", "DoNothing"):
-        found = load_entrant(f"{path}:{name}")
-        assert isinstance(found, Function) == (name == "zeros")
+        found = load_controller(f"{path}:{name}")
+        assert isinstance(found, FunctionController) == (name == "zeros")
         np.testing.assert_array_equal(run_episodes(EnvConfig(), found, range(3)).errors, expected)
     for wrong in (
         f"{path}:nothing",
@@ -138,7 +138,7 @@ def test_functions_and_controllers_and_what_makes_them_can_be_entered(tmp_path):
         f"{path}:",
     ):
         with pytest.raises(ConfigError, match=r"FILE\.py:NAME or MODULE:NAME"):
-            load_entrant(wrong)
+            load_controller(wrong)
 
 
 def test_a_function_with_a_memory_is_reset_when_episodes_begin():
@@ -154,7 +154,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
             return np.zeros((len(observation), 2))
 
     memory = Memory()
-    run_episodes(EnvConfig(settings={"episode_steps": 2}), Function(memory), range(4), batch=2)
+    run_episodes(EnvConfig(settings={"episode_steps": 2}), FunctionController(memory), range(4), batch=2)
     assert memory.resets == 2
 
 
@@ -165,7 +165,7 @@ def test_a_function_with_a_memory_is_reset_when_episodes_begin():
         (["my_controller.py:Careful", "--env", "rj_gym/CurvatureDesign-v0"], "a tracking environment of rj_gym"),
         (["my_controller.py:Careful", "--set", "load.magnitud=3"], "magnitud"),
         (["my_controller.py:Careful", "--training-seed", "-1"], "--training-seed"),
-        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that agents.results wrote"),
+        (["my_controller.py:Careful", "--beside", "nowhere.json"], "a file that rj results wrote"),
         (["nowhere.py:Careful"], "FILE.py:NAME"),
     ],
 )

@@ -16,8 +16,8 @@ from rollingjoint import cli
 
 PAGE = Path("docs/interchange.md").read_text("utf-8")
 MAINS = {
-    ("python", "-m", "agents.export"): export.main,
-    ("python", "-m", "agents.dataset"): dataset.main,
+    ("rj", "export-policy"): export.main,
+    ("rj", "dataset"): dataset.main,
     ("rj",): cli.main,
 }
 

@@ -102,9 +102,18 @@ class ArmGeometry:
         loads = about - np.cross(hinge, beyond)
         levers = np.cross(cuts.above - hinge[:, :, None], tensions[..., None] * cuts.pulls)
         bending = [bead.stiffness for bead in self.chain.beads] * (cuts.angles - self.chain.neutral_angles)
+        bending = bending + self.twists(cuts.angles, table)
         along = np.einsum("bia,bia->bi", loads + levers.sum(axis=2), cuts.axes)
         size = np.linalg.norm(about, axis=-1) + np.linalg.norm(levers, axis=-1).sum(axis=2) + np.abs(bending)
         return along - bending, size, None
+
+    def twists(self, angles, table):
+        """Moment that torsion springs between neighbours take up about the hinge between them, (B, J)."""
+        moment, rows = np.zeros(angles.shape), np.arange(len(table))
+        for row in np.moveaxis(table, 1, 0):
+            hinge = row[:, 0].astype(int) - 1
+            moment[rows, hinge] += row[:, 20] * (angles[rows, hinge] - row[:, 21])
+        return moment
 
     def energy(self, angles, table, tendon_energy):
         """Potential energy at hinge angles, (B,); for dead forces and springs."""
@@ -117,6 +126,7 @@ class ArmGeometry:
             at = cuts.origins[rows, link] + _times(cuts.R[rows, link], row[:, 1:4])
             energy = energy - np.einsum("ba,ba->b", row[:, 4:7], at)
             energy = energy + 0.5 * row[:, 16] * ((row[:, 17:20] - at) ** 2).sum(axis=1)
+            energy = energy + 0.5 * row[:, 20] * (angles[rows, link - 1] - row[:, 21]) ** 2
         return energy
 
 

@@ -110,16 +110,19 @@ def draw_planar_loads(rng, chain, rows, dead):
 def draw_arm_loads(rng, arm, rows, dead):
     """A load table (B, rows of the table, columns)."""
     count = int(rng.integers(0, 4))
-    table = np.zeros((rows, count, 20))
+    table = np.zeros((rows, count, 23))
     for load in np.moveaxis(table, 1, 0):
         load[:, 0] = rng.integers(1, arm.n_links, rows)
         load[:, 1:4] = rng.normal(0.0, 3.0, (rows, 3))
-        match rng.choice(["force", "spring", "moment", "follower"], p=[0.7, 0.15, 0.1, 0.05]):
+        match rng.choice(["force", "spring", "torsion", "moment", "follower"], p=[0.6, 0.15, 0.1, 0.1, 0.05]):
             case "force":
                 load[:, 4:7] = rng.normal(0.0, 0.4, (rows, 3))
             case "spring":
                 load[:, 16] = rng.uniform(0.0, 0.03, rows)
                 load[:, 17:20] = rng.uniform(-100.0, 200.0, (rows, 3))
+            case "torsion":  # about one hinge: those beside it have other axes
+                load[:, 20:22] = np.column_stack([rng.uniform(0.0, 300.0, rows), rng.normal(0.0, 0.3, rows)])
+                load[:, 22] = load[:, 0] - 1
             case "moment" if not dead:
                 load[:, 7:10] = rng.normal(0.0, 10.0, (rows, 3))
             case "follower" if not dead:

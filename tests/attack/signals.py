@@ -81,12 +81,12 @@ COMMANDS = {
     ),
     "export": Command("agents.export MADE/out/near/seed_1 --name made --out FOLDER --episodes 400"),
     "dataset": Command("agents.dataset fixed_target --steps 200000 --out FOLDER/data"),
-    "enter": Command("agents.enter agents.baselines.do_nothing:DoNothing --out FOLDER/mine.json"),
+    "enter": Command("agents.enter agents.controllers.controller:DoNothing --out FOLDER/mine.json"),
     "robots": Command("agents.robots --robots 10 --controller 'probing bank'", 10.0),
     "adapt": Command("agents.adapt --controller 'probing bank' --robots 2", 12.0),
     "view": Command("agents.view five_link --port 0", 8.0),
     "view, a page": Command("agents.view five_link --record FOLDER/a.html", 5.0),
-    "opponents": Command("agents.baselines.tune --world rj_gym/Instrument-v0 --output FOLDER/tuned.yaml", 10.0),
+    "opponents": Command("agents.tuning.controllers --world rj_gym/Instrument-v0 --output FOLDER/tuned.yaml", 10.0),
 }
 KILLED = [name for name, command in COMMANDS.items() if command.workers]
 ROUND = [*COMMANDS, *(f"{name}, killed" for name in KILLED)]

@@ -54,7 +54,8 @@ def test_their_classes_are_those_of_today(old):
 def test_mechanisms_in_them_solve_as_new_ones(old):
     for given, change, new in ((old["chain"], CHAIN, uniform(3)), (old["arm"], ARM, small_arm(2))):
         found, expected = (solve_lengths(each, new.neutral_lengths - change) for each in (given, new))
-        assert np.array_equal(found.poses, expected.poses) and found.status == Status.CONVERGED
+        assert found.poses == pytest.approx(expected.poses, abs=1e-9)  # its tables are of another processor
+        assert found.status == Status.CONVERGED
     assert old["problem"].solve(uniform(3).neutral_lengths - CHAIN).ok
 
 

@@ -8,16 +8,16 @@ import pytest
 from rollingjoint import TorsionSpring, five_link, solve_lengths, uniform
 from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.random_chain import random_chain, random_loads
-from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar.arrays import CX, CY, PX, PY
-from rollingjoint.kernels.shared import chain as chain_kernels
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels import chain as chain_kernels
+from rollingjoint.kernels import rolling
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.rolling import CX, CY, PX, PY
 from rollingjoint.load import load_table
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # J of the page
 STEP = 1e-6
 
-new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
+new_state, one_design = standalone(rolling.new_state), standalone(rolling.design)
 evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
 
 

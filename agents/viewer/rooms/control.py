@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
-from agents.viewer.entrants import entrants, worlds
+from agents.viewer.controllers import offered_controllers, worlds
 from agents.viewer.play import WAYS, Match, Seat, hidden_load
 from agents.viewer.recorded import file_of
 from agents.viewer.rooms.messages import Messages
@@ -203,7 +203,7 @@ class Control:
         with self._lock, self.messages.told(), self.beside:
             for choice in self._choices.values():
                 choice.remove()
-            names = list(entrants(worlds()[self.world.value]))
+            names = list(offered_controllers(worlds()[self.world.value]))
             self._choices = {name: self.gui.add_checkbox(name, place == 0) for place, name in enumerate(names)}
             for choice in self._choices.values():
                 choice.on_update(lambda _: self.begin())

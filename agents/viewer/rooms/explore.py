@@ -17,7 +17,7 @@ from agents.viewer.solids import Array, front, in_space, strands
 from agents.viewer.stage import FAINT, add_grid
 from rj_gym.rendering import FAINT as GREY
 from rj_gym.rendering import LINK, LOAD, Color
-from rollingjoint.chain.presets import PRESETS
+from rollingjoint import PRESETS
 from rollingjoint.checks import as_choice
 from rollingjoint.io.mechanism_file import load_mechanism
 

@@ -11,21 +11,20 @@ import torch
 from agents import adapt
 from agents.adaptation import bench, trial, tuning
 from agents.adaptation.bench import FIRST_STEPS, Bench, record, sweeps
+from agents.adaptation.contenders import Contender
+from agents.adaptation.driving import WORLD, seeds_of
 from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
-from agents.adaptation.identify import Identified, _Misfit, identify
+from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
 from agents.adaptation.informed import Informed
+from agents.adaptation.robot import robot
 from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
-from agents.adaptation.twin import BELIEFS, Space
 from agents.adaptation.world import LikelyRobots, likely
-from agents.baselines.opponents import opponents
-from agents.evaluation.controller import Seen
+from agents.controllers.controller import Controller, Reading
+from agents.controllers.tuned import tuned_controllers
 from agents.learners.episodes import Played
 from agents.learners.recurrent import RecurrentActor
 from agents.policies.conversion import actor_of, recurrent_network
 from agents.policies.shipped import ShippedPolicy, entry_names, standalone
-from agents.robots.contenders import Contender
-from agents.robots.driving import WORLD, seeds_of
-from agents.robots.robot import robot
 from agents.runs.environment import EnvConfig, make_vector_env
 from agents.runs.seeds import BENCH
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -116,15 +115,12 @@ def test_identification_without_a_camera_finds_play_friction_and_stiffness_and_l
     assert 0 < np.std([each.play_mm for each in drawn], axis=0).max() < 0.4 and drawn[0].number == NUMBER
 
 
-class Listens:
-    """Keeps what it is told and what it sees."""
+class Listens(Controller):
+    """Keeps its task and its readings."""
 
-    def begin(self, task, episodes):
-        self.task, self.episodes = task, episodes
-
-    def act(self, seen):
-        self.seen = seen
-        return np.zeros((self.episodes, 2))
+    def act(self, observations):
+        self.seen = self.read(observations)
+        return np.zeros((len(observations), 2))
 
 
 def test_informed_controllers_see_the_same_target_and_lengths_with_the_offsets_of_the_motors(known):
@@ -132,8 +128,8 @@ def test_informed_controllers_see_the_same_target_and_lengths_with_the_offsets_o
     observation, _ = envs.reset(seed=[1, 2])
     told = Informed(Listens(), known)
     told.begin(envs.task, 2)
-    told.act(Seen(observation, envs.task))
-    plain, seen = Seen(observation, envs.task), told.controller.seen
+    told.act(observation)
+    plain, seen = Reading(observation, envs.task), told.controller.seen
     np.testing.assert_array_equal(seen.target, plain.target)
     np.testing.assert_allclose(seen.commands, plain.commands + robot(NUMBER).motor_offsets)
     np.testing.assert_allclose(seen.task.mechanism.stiffnesses, robot(NUMBER).chain.stiffnesses)
@@ -142,7 +138,7 @@ def test_informed_controllers_see_the_same_target_and_lengths_with_the_offsets_o
 
 
 def test_filters_assume_what_was_identified(known):
-    shipped = opponents(WORLD)["probing bank"]
+    shipped = tuned_controllers(WORLD)["probing bank"]
     found = Informed(shipped, known).controller.settings
     low, high = found.filter.play_mm
     assert low < robot(NUMBER).play_mm.min() and robot(NUMBER).play_mm.max() < high < low + 1.5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import dataset
-from agents.baselines import DoNothing, JacobianFeedback
+from agents.controllers import DoNothing, JacobianFeedback
 from agents.evaluation import minari_dataset, recording
 from agents.evaluation.minari_dataset import read_dataset, write_dataset
 from agents.evaluation.recording import record_episodes
@@ -164,7 +164,7 @@ CONTROLLERS = {
     "late_pose": "rj_gym/LatePose-v0",  # with memory, and in its own environment
     "agents/policies/noisy.safetensors": "rj_gym/RollingJoint-v0",
     "load estimate": "rj_gym/RollingJoint-v0",
-    "agents.baselines.privileged_teacher:PrivilegedTeacher": "rj_gym/RollingJoint-v0",
+    "agents.controllers.privileged_feedback:PrivilegedFeedback": "rj_gym/RollingJoint-v0",
 }
 
 
@@ -180,7 +180,7 @@ def test_command_writes_what_minari_loads_by_its_id(controller, env_id, tmp_path
     assert data.storage.metadata["algorithm_name"] == controller
     steps = dataset.read_dataset("joint/own-v3")
     seen = steps.observations
-    assert (set(seen) == {"observation", "privileged"}) if "teacher" in controller else len(seen) == 12
+    assert (set(seen) == {"observation", "privileged"}) if "privileged" in controller else len(seen) == 12
 
 
 def test_command_without_such_a_controller_says_what_there_is(tmp_path, capsys):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.baselines import DoNothing, JacobianFeedback
+from agents.controllers import DoNothing, JacobianFeedback
 from agents.evaluate import evaluate_controllers
 from agents.evaluation import pictures
 from agents.evaluation.floor import episode_floor

@@ -4,10 +4,10 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines import DoNothing, JacobianFeedback
+from agents.controllers import DoNothing, JacobianFeedback
+from agents.controllers.controller import Controller, Reading
+from agents.controllers.policy import Policy
 from agents.evaluate import evaluate_controllers
-from agents.evaluation.controller import Seen
-from agents.evaluation.policy import Policy
 from agents.evaluation.rollout import film, run_episodes, run_with_options
 from agents.runs.environment import EnvConfig, make_env
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -37,7 +37,7 @@ def scalar_episode(config, controller, seed):
     controller.begin(env.unwrapped.task, 1)
     infos, total, over = [info], 0.0, False
     while not over:
-        action = controller.act(Seen(batched(observation), env.unwrapped.task))[0]
+        action = controller.act(batched(observation))[0]
         observation, reward, terminated, truncated, info = env.step(action)
         infos.append(info)
         total += reward
@@ -77,7 +77,7 @@ def test_what_is_seen_is_what_info_says_in_millimetres_and_newtons(env_id, size,
     observation, _ = env.reset(seed=0)
     for _ in range(4):
         observation, *_, info = env.step(env.action_space.sample())
-    seen = Seen(observation, env.task)
+    seen = Reading(observation, env.task)
     names = [("tip", "tip"), ("target", "target"), ("commands", "command"), ("tensions", "tensions")]
     for name, known in names if planar or observe else names[:3]:
         np.testing.assert_allclose(getattr(seen, name), info[known], atol=2e-4, err_msg=name)
@@ -97,7 +97,7 @@ def test_joint_angles_are_seen_beyond_half_a_turn_of_the_tip():
         [poses[1:, :2] / env.task.length, np.cos(poses[1:, 2]), np.sin(poses[1:, 2])]
     ).ravel()
     assert poses[-1, 2] > 4.0
-    np.testing.assert_allclose(Seen(turned, env.task).joint_angles[0], angles, atol=1e-6)
+    np.testing.assert_allclose(Reading(turned, env.task).joint_angles[0], angles, atol=1e-6)
 
 
 def test_a_film_shows_the_start_and_every_step():
@@ -132,13 +132,13 @@ def countdown():
     gymnasium.registry.pop("test/Countdown-v0")
 
 
-class Zeros:
+class Zeros(Controller):
     """No task, no action."""
 
-    def begin(self, task, lanes):
-        self.task, self.lanes = task, lanes
+    def reset(self, mask):
+        self.lanes = len(mask)
 
-    def act(self, seen):
+    def act(self, observations):
         return np.zeros((self.lanes, 1))
 
 
@@ -170,7 +170,7 @@ def test_a_report_on_an_environment_of_another_package_has_no_floor(countdown):
 
 def test_a_controller_that_needs_a_task_says_so_elsewhere(countdown):
     with pytest.raises(InvalidInput, match="needs its task"):
-        _ = Seen(np.zeros((1, 1))).tip
+        _ = Reading(np.zeros((1, 1))).tip
 
 
 def test_an_environment_without_a_tip_error_is_refused(countdown):

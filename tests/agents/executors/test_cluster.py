@@ -263,7 +263,7 @@ def test_a_killed_driver_is_started_again_and_a_stopped_one_says_how_to_go_on(no
     wait_until(lambda: list(out.glob("near/seed_3/checkpoints/[0-9]*")))
     process.send_signal(signal.SIGINT)
     code, said = ended(process)
-    assert code == 130 and "stopped by SIGINT; to go on: python -m agents.campaign" in said
+    assert code == 130 and "stopped by SIGINT; to go on: rj campaign" in said
     code, said = ended(run(*words))
     assert code == 0, said
     assert trained(out) == trained(local / "campaign")

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from agents.learners.demonstrations import TaughtEpisodes
-from agents.learners.teacher import Teacher
+from agents.learners.true_state import TrueState, TrueStateFeedback
 from agents.runs.config import TrainConfig
 from agents.training.build import build_model, close
 from agents.training.learn import learn
@@ -42,11 +42,12 @@ def settings(rollouts: int, **changes: Any) -> dict[str, Any]:
 
 def taught_errors(env: Any, seed: int, leads: bool = True) -> np.ndarray:
     """Tip errors (T, B) [mm] of episodes that the teacher drives; one that does not lead forgets where targets were."""
-    info, teacher, errors = env.reset(seed=seed)[1], Teacher(env.task), []
+    info, teacher, errors = env.reset(seed=seed)[1], TrueStateFeedback(env.task), []
+    teacher.reset(np.ones(env.num_envs, bool))
     for _ in range(env.task.config.episode_steps):
         if not leads:
-            teacher.begin(env)
-        info = env.step(teacher.act(env.tangent(), info["target"]))[-1]
+            teacher.reset(np.ones(env.num_envs, bool))
+        info = env.step(teacher.act(TrueState(env.tangent(), info["target"])))[-1]
         errors.append(info["error_mm"].copy())
     env.close()
     return np.array(errors)
@@ -68,12 +69,14 @@ def test_the_teacher_leads_moving_targets() -> None:
 
 def test_the_teacher_frees_tendons_that_are_held_at_a_tension_limit() -> None:
     env = lanes_of("rj_gym/Instrument-v0", 8)
-    info, teacher, pulled = env.reset(seed=5_000_000)[1], Teacher(env.task), np.ones((8, env.task.action_size))
+    info, teacher = env.reset(seed=5_000_000)[1], TrueStateFeedback(env.task)
+    pulled = np.ones((8, env.task.action_size))
     for _ in range(15):
         info = env.step(pulled)[-1]
     assert env.tangent().held.any(1).all()
+    teacher.reset(np.ones(8, bool))
     for _ in range(20):
-        info = env.step(teacher.act(env.tangent(), info["target"]))[-1]
+        info = env.step(teacher.act(TrueState(env.tangent(), info["target"])))[-1]
     assert not env.tangent().held.any()
     env.close()
 

@@ -1,4 +1,4 @@
-"""Controllers as teachers and as guides: lessons before analytic gradients, residual policies of APG."""
+"""Controllers as teachers and below residual policies: lessons before analytic gradients, residual policies of APG."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from agents.baselines.opponents import opponents
-from agents.evaluation.controller import Seen
+from agents.controllers.tuned import tuned_controllers
 from agents.learners.episodes import DifferentiableEpisodes
 from agents.runs.config import TrainConfig
-from agents.runs.environment import EnvConfig
 from agents.training.build import build_model, close
 from agents.training.learn import learn
-from agents.training.teaching import ControllerTeacher
 from rollingjoint.errors import ConfigError
 from tests.agents.learners.checks import check_that_a_stopped_run_ends_with_the_same_weights, lanes_of
 
@@ -38,16 +35,18 @@ def settings(rollouts: int, **changes: Any) -> dict[str, Any]:
 
 
 def test_a_controller_teaches_what_it_does_itself() -> None:
-    env, controller = lanes_of(WORLD, 3, episode_steps=4), opponents(WORLD)["bank of filters"]
-    teacher = ControllerTeacher.named("bank of filters", EnvConfig(WORLD))
+    env, controller = lanes_of(WORLD, 3, episode_steps=4), tuned_controllers(WORLD)["bank of filters"]
+    model = build_model(TrainConfig.from_dict(settings(1, parameters=LESSONS | {"teacher": "bank of filters"})))
+    teacher = model.teacher
+    close(model)
     for seed in (1, 2):
-        observation, info = env.reset(seed=seed)
-        teacher.begin(env)
+        observation, _ = env.reset(seed=seed)
+        teacher.reset(np.ones(3, bool))
         controller.begin(env.task, 3)
         for _ in range(4):
-            own = controller.act(Seen(observation, env.task))
-            np.testing.assert_array_equal(teacher.demonstrate(env, observation, info), own)
-            observation, _, _, _, info = env.step(own)
+            own = controller.act(observation)
+            np.testing.assert_array_equal(teacher.act(observation), own)
+            observation, *_ = env.step(own)
     env.close()
 
 
@@ -86,26 +85,26 @@ def test_a_run_that_was_stopped_ends_with_the_same_weights(
 
 
 class Constant:
-    """An advisor that always pulls as much, and lets the policy know a number."""
+    """A base controller that always pulls as much, and outputs another number, too."""
 
     def __init__(self, actions: list[float]) -> None:
-        self.advice = np.array([*actions, 0.7])
+        self.numbers = np.array([*actions, 0.7])
 
-    def begin(self, episodes: int) -> None:
-        self.episodes = episodes
+    def reset(self, mask: Any) -> None:
+        self.episodes = len(mask)
 
-    def advise(self, observation: Any) -> Any:
-        return np.tile(self.advice, (self.episodes, 1))
+    def outputs(self, observations: Any) -> Any:
+        return np.tile(self.numbers, (self.episodes, 1))
 
 
-def test_a_residual_policy_adds_to_advice_and_sees_it() -> None:
-    """Adding nothing to advice is doing what it says: the same errors, and the same derivatives by actions."""
+def test_a_residual_policy_adds_to_its_base_and_sees_its_outputs() -> None:
+    """Adding nothing to a controller is that controller: the same errors, and the same derivatives by actions."""
     found = []
-    for advised in (True, False):
+    for on_top in (True, False):
         env = lanes_of(WORLD, 4, episode_steps=6)
         env.reset(seed=3)
         pulls, shown = [0.4, -0.3], []
-        own = torch.tensor([0.0, 0.0] if advised else pulls, requires_grad=True)
+        own = torch.tensor([0.0, 0.0] if on_top else pulls, requires_grad=True)
 
         def act(
             x: torch.Tensor, memory: torch.Tensor | None, own: torch.Tensor = own, shown: list[Any] = shown
@@ -116,12 +115,12 @@ def test_a_residual_policy_adds_to_advice_and_sees_it() -> None:
         def as_it_is(seen: Any) -> tuple[Any, Any]:
             return np.zeros(seen.shape[1]), np.ones(seen.shape[1])
 
-        played = DifferentiableEpisodes(env, as_it_is, advisor=Constant(pulls) if advised else None).play(act)
+        played = DifferentiableEpisodes(env, as_it_is, base=Constant(pulls) if on_top else None).play(act)
         assert played is not None
         played.errors[-1].mean().backward()
         assert own.grad is not None
         found.append((played.errors.detach().numpy(), own.grad.numpy()))
-        if advised:
+        if on_top:
             np.testing.assert_allclose(shown[0][:, -3:].numpy(), np.tile([0.4, -0.3, 0.7], (4, 1)), rtol=1e-6)
         env.close()
     np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-6)
@@ -129,7 +128,7 @@ def test_a_residual_policy_adds_to_advice_and_sees_it() -> None:
     assert np.abs(found[0][1]).max() > 0.1
 
 
-def test_apg_trains_a_residual_policy_on_what_its_guide_estimates() -> None:
+def test_apg_trains_a_residual_policy_on_estimates_of_its_base() -> None:
     config = TrainConfig.from_dict(settings(2, residual="kalman filter", parameters={}, env={
         "id": "rj_gym/Instrument-v0", "n_envs": 4, "settings": {"episode_steps": STEPS},
     }))  # fmt: skip

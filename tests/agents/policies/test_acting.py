@@ -6,7 +6,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.evaluation.controller import Seen
 from agents.policies.file import pack, unpack
 from agents.policies.network import Network, PolicyError
 from agents.policies.shipped import ShippedPolicy
@@ -103,7 +102,7 @@ def test_policy_drives_harder_episodes_of_its_environment():
     policy = random_policy()
     policy.begin(PlanarTask(harder), 1)
     with gymnasium.make(FLAT, config=harder) as env:
-        assert policy.act(Seen(env.reset(seed=0)[0][None], env.unwrapped.task)).shape == (1, 2)
+        assert policy.act(env.reset(seed=0)[0][None]).shape == (1, 2)
 
 
 def test_policy_of_an_arm_and_one_of_a_chain_refuse_each_other_s_environment():

@@ -269,7 +269,7 @@ def with_seed(folder):
     [
         (without("config.yaml"), "", "a folder with a config.yaml"),
         (without("best/policy.safetensors", "best/policy.zip"), "", "a saved policy"),
-        (overwritten("best/policy.safetensors", "nonsense"), "", "a file that agents.export wrote"),
+        (overwritten("best/policy.safetensors", "nonsense"), "", "a file that rj export-policy wrote"),
         (old(overwritten("best/policy.zip", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
         (old(overwritten("best/normaliser.pkl", "nonsense")), "--trust", "a zip that Stable-Baselines3 can load"),
         (overwritten("versions.json", "[]"), "", "the versions that training used"),
@@ -361,8 +361,8 @@ def test_commands_of_the_page_on_policies_run(trained, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     lines = [line for block in re.findall(r"```bash\n(.*?)```", page, re.S) for line in block.splitlines()]
     commands = [shlex.split(line) for line in lines if line != "python benchmarks/tension_limit.py"]
-    assert [command[:3] for command in commands] == [["python", "-m", "agents.export"]] * 3
-    assert [run(*command[3:], "--episodes", "2") for command in commands] == [0, 0, 0]
+    assert [command[:2] for command in commands] == [["rj", "export-policy"]] * 3
+    assert [run(*command[2:], "--episodes", "2") for command in commands] == [0, 0, 0]
     assert {load_policy(path).name for path in (Path("mine.safetensors"), Path("exported/mine.safetensors"))} == {
         "mine"
     }

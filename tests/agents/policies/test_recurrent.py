@@ -9,7 +9,7 @@ import pytest
 import torch
 from stable_baselines3.common.vec_env import VecNormalize
 
-from agents.evaluation.policy import Policy
+from agents.controllers.policy import Policy
 from agents.evaluation.rollout import run_episodes
 from agents.learners.recurrent import RecurrentActor
 from agents.policies.cells import Gru, Lstm

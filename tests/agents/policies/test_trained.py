@@ -4,9 +4,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines.residual import driving
-from agents.evaluation.controller import Seen
-from agents.evaluation.policy import Policy
+from agents.controllers.controller import Reading
+from agents.controllers.policy import Policy
+from agents.controllers.residual import controller_of
 from agents.evaluation.rollout import run_episodes
 from agents.policies.errors import PolicyError
 from agents.policies.file import pack, unpack
@@ -43,7 +43,7 @@ def config(changes) -> TrainConfig:
     return TrainConfig.from_dict({"policy": {"hidden": [8]}, **changes, "env": {**env, **steps}})
 
 
-def seen_by(model, rng) -> Seen:
+def seen_by(model, rng) -> Reading:
     """What an environment could show, without what only a critic sees."""
 
     def some(space):
@@ -51,9 +51,9 @@ def seen_by(model, rng) -> Seen:
 
     space = model.observation_space
     if not isinstance(space, gymnasium.spaces.Dict):
-        return Seen(some(space))
+        return Reading(some(space))
     parts = {key: some(part) for key, part in space.spaces.items()}
-    return Seen(parts if "desired_goal" in parts else parts["observation"])
+    return Reading(parts if "desired_goal" in parts else parts["observation"])
 
 
 def statistics_of(normaliser) -> list:
@@ -88,7 +88,7 @@ def test_residual_policy_drives_on_top_of_its_guide_after_loading(tmp_path):
     save_policy(model, run.policy_files("best"))
     close(model)
     errors = [
-        run_episodes(settings.env, driving(settings, policy), [3, 4]).errors
+        run_episodes(settings.env, controller_of(settings, policy), [3, 4]).errors
         for policy in (policy_of(model, model.get_vec_normalize_env()), load_trained(run))
     ]
     np.testing.assert_array_equal(*errors)
@@ -129,8 +129,8 @@ def test_policy_without_a_form_in_numpy_acts_as_in_training_and_needs_no_pickle(
     hash_file(files.model).unlink()
     policy = load_trained(run)
     assert isinstance(policy, Policy)
-    expected = Policy(model, model.get_vec_normalize_env()).act(Seen(observations))
-    assert np.array_equal(policy.act(Seen(observations)), expected) and expected.any()
+    expected = Policy(model, model.get_vec_normalize_env()).act(observations)
+    assert np.array_equal(policy.act(observations), expected) and expected.any()
     close(model)
 
 

@@ -215,7 +215,7 @@ def test_what_is_no_results_file_is_refused(content, tmp_path):
     path = tmp_path / "some.json.gz"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ResultsError, match=r"a file that agents\.results wrote"):
+    with pytest.raises(ResultsError, match=r"a file that rj results wrote"):
         read_results(path)
 
 

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from scipy.stats import trim_mean
 
-from agents.baselines import baselines
-from agents.baselines.opponents import opponents
+from agents.controllers import baselines
+from agents.controllers.tuned import tuned_controllers
 from agents.evaluate import evaluate_controllers
 from agents.executors.folders import FILES, files_of
 from agents.executors.local import InlineExecutor
@@ -86,7 +86,7 @@ def test_every_task_has_a_row_for_every_configuration_baseline_and_the_floor(pag
     for number in (0, 1):
         assert table(page, "Near", number).keys() == rows | {"ppo_near", "sac_near"}
         blind = rows - baselines().keys() | {"do nothing", "privileged teacher (privileged)"}
-        blind |= opponents("rj_gym/Instrument-v0").keys() | {"apg_drift"}
+        blind |= tuned_controllers("rj_gym/Instrument-v0").keys() | {"apg_drift"}
         assert table(page, "Drift", number).keys() == (blind - {"floor"} if number else blind)  # none with friction
         assert table(page, "Reach", number).keys() == rows | {"ppo_reach"}
     assert list(table(page, "In short"))[2:] == ["[near](#near)", "[reach](#reach)", "[drift](#drift)"]
@@ -183,7 +183,7 @@ def test_steps_seeds_and_single_runs_are_said(page):
 def test_the_page_says_how_to_rebuild_it(page, runs, out):
     commands = re.search(r"```bash\n(.*?)```", page, re.DOTALL)[1].splitlines()
     assert commands[0] == "python -m agents.campaign list.yaml"
-    assert commands[1] == f"python -m agents.results {runs} {' '.join(SIZES)} --out {out}"
+    assert commands[1] == f"rj results {runs} {' '.join(SIZES)} --out {out}"
 
 
 def test_the_file_alone_gives_the_same_page_and_pictures(out, page, tmp_path):
@@ -221,7 +221,7 @@ def test_a_page_of_several_files_has_their_animations_and_tells_the_merging(out,
     for path in (out / "images").glob("*.gif"):
         assert (tmp_path / "both/images" / path.name).read_bytes() == path.read_bytes()
     commands = re.search(r"```bash\n(.*?)```", text, re.DOTALL)[1].splitlines()
-    assert commands == ["one", "two", f"python -m agents.results {' '.join(words)}"]
+    assert commands == ["one", "two", f"rj results {' '.join(words)}"]
 
 
 def test_runs_alone_complete_results_that_have_their_opponents(runs, out, tmp_path, monkeypatch, capsys):
@@ -257,7 +257,7 @@ def test_the_command_of_a_page_leaves_out_what_is_the_default(runs, monkeypatch)
     said = []
     monkeypatch.setattr(results, "_command", lambda arguments: said.append(results._commands(arguments)) or 0)
     assert results.main([str(runs), "--shipped"]) == 0
-    assert said == [["python -m agents.campaign list.yaml", f"python -m agents.results {runs} --shipped"]]
+    assert said == [["python -m agents.campaign list.yaml", f"rj results {runs} --shipped"]]
 
 
 def test_a_world_without_poses_is_shown_with_capstan_friction_and_what_that_makes_of_filters(page, records):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from agents.controllers import Controller
 from agents.results import films, roster
 from agents.results.description import _actuation, _sensing, description
 from agents.results.environment import changed, episodes_key
@@ -115,14 +116,11 @@ def test_curves_are_drawn_for_what_the_task_varies_and_shifts_for_its_id():
 
 
 def test_an_opponent_that_does_not_find_what_it_needs_is_left_out_and_says_why(monkeypatch):
-    class Blind:
-        """Asks for what no environment shows."""
+    class Blind(Controller):
+        """Asks for an entry that no environment shows."""
 
-        def begin(self, task, episodes):
-            pass
-
-        def act(self, seen):
-            return seen._entries("the truth")
+        def act(self, observations):
+            return self.read(observations)._entries("the truth")
 
     others = roster.candidates("rj_gym/RollingJoint-v0")
     monkeypatch.setattr(roster, "candidates", lambda env_id: others | {"blind": Blind()})

@@ -1,4 +1,4 @@
-"""python -m agents.search: search files, the command, its report, the page."""
+"""rj search: search files, the command, its report, the page."""
 
 import json
 import os

@@ -145,7 +145,7 @@ def test_a_signal_lets_every_run_save_begins_no_other_and_says_how_to_go_on(tmp_
         assert run(path, out) == 130
     assert len(list(out.rglob("*.saved"))) == 2
     said = capfd.readouterr()
-    assert f"stopped by SIGINT; to go on: python -m agents.campaign {path} --out {out} --jobs 2" in said.out
+    assert f"stopped by SIGINT; to go on: rj campaign {path} --out {out} --jobs 2" in said.out
     assert "failed" not in said.err
     assert signal.getsignal(signal.SIGINT) is before
 

@@ -170,7 +170,7 @@ def test_the_default_config_is_valid():
 
 def test_importing_agents_and_reading_a_config_loads_neither_torch_nor_matplotlib():
     code = (
-        "import sys, agents, agents.runs.config, agents.runs.folder, agents.train, agents.evaluate, agents.baselines;"
+        "import sys, agents, agents.runs.config, agents.runs.folder, agents.train, agents.evaluate, agents.controllers;"
         "agents.runs.config.load_config('configs/train/demo.yaml');"
         "sys.exit(', '.join({'torch', 'stable_baselines3', 'matplotlib'} & set(sys.modules)) or None)"
     )

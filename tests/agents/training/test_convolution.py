@@ -5,8 +5,7 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from agents.evaluation.controller import Seen
-from agents.evaluation.policy import Policy
+from agents.controllers.policy import Policy
 from agents.policies.export import check_against_torch, export_policy
 from agents.policies.shipped import ShippedPolicy
 from agents.policies.trained import policy_of
@@ -96,8 +95,8 @@ def test_a_policy_with_a_convolution_learns_and_acts_alike_in_numpy(name):
     again = ShippedPolicy.from_bytes(policy.to_bytes())
     seen = np.random.default_rng(0).normal(size=(3, policy.network.entries)).astype(np.float32)
     ours, theirs = policy_of(model, normaliser), Policy(model, normaliser)
-    np.testing.assert_allclose(again(seen), theirs.act(Seen(seen)), atol=2e-6)
-    np.testing.assert_array_equal(again(seen), ours.act(Seen(seen)))
+    np.testing.assert_allclose(again(seen), theirs.act(seen), atol=2e-6)
+    np.testing.assert_array_equal(again(seen), ours.act(seen))
     assert policy.network.hidden == [12, 6, 8]  # five steps are two groups, and then one
 
 

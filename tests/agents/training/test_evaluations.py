@@ -29,7 +29,7 @@ def evaluated(run: RunFolder, config: TrainConfig, found: list[Episodes], monkey
     said, kept, answers = [], [], iter(found)
     monkeypatch.setattr(callbacks, "run_episodes", lambda *_: next(answers))
     monkeypatch.setattr(callbacks, "policy_of", lambda *_: None)
-    monkeypatch.setattr(callbacks, "driving", lambda *_: None)
+    monkeypatch.setattr(callbacks, "controller_of", lambda *_: None)
     monkeypatch.setattr(callbacks, "save_policy", lambda model, files: kept.append(files))
     evaluator = Evaluator(run, config, StopOnSignal(), said.append)
     evaluator.model = SimpleNamespace(

@@ -12,10 +12,10 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents import evaluate, train
-from agents.baselines import OpenLoop
-from agents.baselines.residual import Guide, ResidualPolicy, driving
-from agents.evaluation.controller import Seen
-from agents.evaluation.policy import Policy, model_input
+from agents.controllers import OpenLoop
+from agents.controllers.controller import Controller
+from agents.controllers.policy import Policy, model_input
+from agents.controllers.residual import BaseController, ResidualPolicy, controller_of
 from agents.evaluation.rollout import run_episodes
 from agents.policies.export import check_against_torch, export_policy, export_run
 from agents.policies.network import PolicyError
@@ -28,7 +28,7 @@ from agents.training.build import build_model
 from agents.training.callbacks import Evaluator
 from agents.training.checkpoint import save_policy
 from agents.training.learn import learn
-from agents.training.residual import AdvisedVecEnv
+from agents.training.residual import ResidualVecEnv
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.checked_yaml import dump_yaml
 from rollingjoint.errors import ConfigError
@@ -103,7 +103,7 @@ def test_policy_with_a_privileged_critic_acts_on_the_plain_environment_as_in_tra
     envs.seed(3)
     seen = envs.reset()
     expected = model.predict(normaliser.normalize_obs(seen), deterministic=True)[0]
-    action = Policy(model, normaliser).act(Seen(seen["observation"]))
+    action = Policy(model, normaliser).act(seen["observation"])
     np.testing.assert_array_equal(action, expected)
     assert settings.env.settings == {"episode_steps": STEPS}  # what evaluations, exports and reports play
 
@@ -132,14 +132,14 @@ def test_memory_is_carried_from_step_to_step_of_an_evaluation_and_begun_anew(tra
     class Noting(Policy):
         forgets = False
 
-        def begin(self, task, episodes):
-            super().begin(task, episodes)
+        def reset(self, mask):
+            super().reset(mask)
             self.actions = []
 
-        def act(self, seen):
+        def act(self, observations):
             if self.forgets:
-                super().begin(None, len(seen.observation))
-            self.actions.append(super().act(seen))
+                super().reset(np.ones(len(observations), bool))
+            self.actions.append(super().act(observations))
             return self.actions[-1]
 
     def actions(policy):
@@ -155,14 +155,14 @@ def test_memory_is_carried_from_step_to_step_of_an_evaluation_and_begun_anew(tra
     assert np.all(forgetful[1:] != first[1:])
 
 
-class Counting:
+class Counting(Controller):
     """A controller that knows nothing but its own past: how many steps it acted, what it saw first and last."""
 
-    def begin(self, task, episodes):
-        self.steps, self.first = np.zeros((episodes, 1)), None
+    def reset(self, mask):
+        self.steps, self.first = np.zeros((len(mask), 1)), None
 
-    def act(self, seen):
-        self.last = seen.observation.copy()
+    def act(self, observations):
+        self.last = observations.copy()
         self.first = self.last if self.first is None else self.first
         self.steps += 1
         return np.full((len(self.steps), 2), 0.5)
@@ -206,7 +206,7 @@ class Uneven(VecEnv):
 
 def test_controllers_see_their_own_episodes_to_the_end_where_lanes_end_apart():
     inside = Uneven()
-    envs = AdvisedVecEnv(inside, lambda: Guide(Counting()), 6)
+    envs = ResidualVecEnv(inside, lambda: BaseController(Counting()), 6)
     seen, expected = envs.reset(), np.zeros((3, 2))
     for _ in range(12):
         np.testing.assert_array_equal(seen[:, :2], inside.seen())
@@ -225,20 +225,17 @@ def test_controllers_see_their_own_episodes_to_the_end_where_lanes_end_apart():
 
 
 def test_residual_policy_that_adds_nothing_is_its_controller():
-    class Nothing:
-        def begin(self, task, episodes):
-            pass
-
-        def act(self, seen):
-            return np.zeros((len(seen.observation), 2), np.float32)
+    class Nothing(Controller):
+        def act(self, observations):
+            return np.zeros((len(observations), 2), np.float32)
 
     env, seeds = EnvConfig(INSTRUMENT, settings={"episode_steps": STEPS}), [3, 4, 5]
     alone = run_episodes(env, OpenLoop(), seeds)
     np.testing.assert_array_equal(
-        run_episodes(env, ResidualPolicy(Guide(OpenLoop()), Nothing()), seeds).errors, alone.errors
+        run_episodes(env, ResidualPolicy(BaseController(OpenLoop()), Nothing()), seeds).errors, alone.errors
     )
     inside = make_sb3_env(INSTRUMENT, 3, **env.arguments())
-    envs = AdvisedVecEnv(inside, lambda: Guide(OpenLoop()), 2)
+    envs = ResidualVecEnv(inside, lambda: BaseController(OpenLoop()), 2)
     envs.seed(3)
     envs.reset()
     for _ in range(STEPS):
@@ -250,7 +247,7 @@ def test_residual_policy_that_adds_nothing_is_its_controller():
 
 def test_policy_learns_to_add_to_the_controller_that_it_is_evaluated_with(trained):
     settings, model = trained["residual"]
-    policy = driving(settings, Policy(model, model.get_vec_normalize_env()))
+    policy = controller_of(settings, Policy(model, model.get_vec_normalize_env()))
     with_it = run_episodes(settings.env, policy, [3, 4]).final_errors
     alone = run_episodes(settings.env, OpenLoop(), [3, 4]).final_errors
     assert np.any(with_it != alone)
@@ -308,7 +305,7 @@ def test_residual_policy_is_not_exported(tmp_path):
     settings = config(**RESIDUAL)
     run = RunFolder.create(tmp_path / "run", settings, [])
     save_policy(build_model(settings), run.policy_files("best"))
-    with pytest.raises(PolicyError, match=r"agents\.evaluate scores the run folder"):
+    with pytest.raises(PolicyError, match=r"rj evaluate scores the run folder"):
         export_run(run, "best", "own")
 
 

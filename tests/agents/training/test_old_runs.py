@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from agents import evaluate, export, train
-from agents.evaluation.controller import Seen
+from agents.controllers.controller import Reading
 from agents.policies.trained import load_trained
 from agents.runs.consent import Consent, allowing
 from agents.runs.files import RunFolderError, hash_file, seal
@@ -66,7 +66,7 @@ def runs(tmp_path_factory) -> tuple[Path, np.ndarray]:
 
 def acted(run: Path) -> np.ndarray:
     policy = load_trained(RunFolder.open(run))
-    return policy.act(Seen(np.linspace(-1, 1, policy.network.entries)[None].astype(np.float32)))
+    return policy.act(Reading(np.linspace(-1, 1, policy.network.entries)[None].astype(np.float32)))
 
 
 def test_a_policy_whose_schedules_were_of_another_module_acts_as_before(runs):

@@ -13,9 +13,9 @@ import stable_baselines3.common.base_class as base_class
 import torch
 
 from agents import campaign, evaluate, export, train, view
+from agents.adaptation.contenders import contender
 from agents.policies.trained import load_driving
 from agents.results.runs import Run
-from agents.robots.contenders import contender
 from agents.runs.files import seal
 from agents.runs.folder import RunFolder
 from agents.shipped import load_policy

@@ -23,9 +23,9 @@ from rollingjoint.io.mechanism_file import dump_mechanism
 
 def test_a_new_run_folder_holds_all_that_repeats_the_run(tmp_path):
     config = TrainConfig(seed=5)
-    run = RunFolder.create(tmp_path / "run", config, ["python", "-m", "agents.train", "--set", "a b=1"])
+    run = RunFolder.create(tmp_path / "run", config, ["rj", "train", "--set", "a b=1"])
     assert run.config() == config
-    assert (run.path / "command.txt").read_text() == "python -m agents.train --set 'a b=1'\n"
+    assert (run.path / "command.txt").read_text() == "rj train --set 'a b=1'\n"
     assert {"python", "numpy", "torch", "stable-baselines3", "gymnasium", "platform"} <= set(
         json.loads((run.path / "versions.json").read_text())
     )

@@ -90,7 +90,7 @@ def test_the_policy_acts_without_chance(run):
 
 def test_a_run_repeated_from_its_own_config_gives_the_same_policy(run, tmp_path, capsys):
     assert train.main(["--config", str(run / "config.yaml"), "--run-dir", str(tmp_path / "again")]) == 0
-    assert "agents.evaluate" in capsys.readouterr().out
+    assert "rj evaluate" in capsys.readouterr().out
     assert (run / "evaluations.csv").read_text() == (tmp_path / "again" / "evaluations.csv").read_text()
 
 
@@ -112,7 +112,7 @@ def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings
         (["--episodes", "0"], "--episodes"),
         (["--seed", "1"], "seeds that training has not used"),
         (["--set", "env.settings.lod=1"], "'load'"),
-        (["--controller", "agents.baselines:Nobody"], "Nobody"),
+        (["--controller", "agents.controllers:Nobody"], "Nobody"),
         (["--controller", "nowhere"], "module:Class"),
     ],
 )

@@ -195,7 +195,7 @@ def test_a_signal_ends_the_study_and_queues_its_trial_again(config, tmp_path, mo
         patch.setattr(Evaluator, "evaluate", lambda self: os.kill(os.getpid(), signal.SIGTERM) or evaluate(self))
         patch.setattr(Evaluator, "_on_training_end", lambda self: None)
         assert run("--config", config, "--study", folder) == 128 + signal.SIGTERM
-    assert "to go on: python -m agents.tune" in capsys.readouterr().out
+    assert "to go on: rj tune" in capsys.readouterr().out
     assert run("--study", folder, "--trials", 1) == 0
     killed, again = trials(folder)
     assert (killed.params, again.state) == (again.params, TrialState.COMPLETE)
@@ -213,7 +213,7 @@ def test_a_signal_ends_the_study_and_queues_its_trial_again(config, tmp_path, mo
         (("linear.0", "linear.7"), ["linear.7"]),
         (("[[4], [8, 8]]", "[]"), ["policy.hidden.choices"]),
         (("episodes: 2", "episodes: 0"), ["episodes = 0"]),
-        (("episodes: 2", "first_seed: 10100"), ["first_seed = 10100", "agents.evaluate"]),
+        (("episodes: 2", "first_seed: 10100"), ["first_seed = 10100", "rj evaluate"]),
         (("episodes: 2", "training_seeds: [2000050]"), ["first_seed", "training with seed 2000050"]),
         (("episodes: 2", "score: mean"), ["score = 'mean'", "'last_10_mm', 'mean_mm'"]),
         (("episodes: 2", "pruner: mean"), ["pruner = 'mean'", "halving"]),

@@ -32,7 +32,7 @@ def search_in(folder, config=CONFIG):
     """A finished search, of which every method found random designs."""
     problem = design_problem(config)
     for seed, run in enumerate(config.runs()):
-        made = SearchRun.begin(folder / run.run_name, run, ["python", "-m", "agents.search"])
+        made = SearchRun.begin(folder / run.run_name, run, ["rj", "search"])
         x = problem.space.sample(config.budget, np.random.default_rng(seed))
         made.append(Evaluated.of(problem.evaluate(x)), 1.0)
     return folder

@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
+from agents.viewer.controllers import worlds
 from agents.viewer.drive import Repeated, filmed
-from agents.viewer.entrants import worlds
 from agents.viewer.recorded import file_of
 from tests.agents.viewer.conftest import until
 

@@ -5,15 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import Controller, JacobianFeedback
 from agents.policies.loading import load_policy
 from agents.policies.trained import TrainedPolicy
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.files import RunFolderError, write_hashed_bytes
 from agents.runs.folder import RunFolder
+from agents.viewer.controllers import OfferedController
 from agents.viewer.drive import Repeated, filmed
-from agents.viewer.entrants import Entrant
 from agents.viewer.episodes import Driven, recorded_episodes, run_episodes_of
 from agents.viewer.recorded import file_of, read_records, records_in, write_records
 from rollingjoint.errors import ConfigError, InvalidInput
@@ -34,7 +34,7 @@ def run(tmp_path_factory):
 
 
 def test_best_median_and_worst_are_ranked_by_the_error_of_the_last_steps():
-    episodes = Driven(Entrant("feedback", SHORT, JacobianFeedback), range(20, 27))
+    episodes = Driven(OfferedController("feedback", SHORT, JacobianFeedback), range(20, 27))
     ranked = episodes.ranked()
     errors = {seed: episodes.film(seed).last_10_mm for seed in range(20, 27)}
     ordered = sorted(errors, key=errors.get)
@@ -70,13 +70,13 @@ def test_recorded_episodes_are_the_same_when_they_are_read_back(tmp_path):
     assert read_records(tmp_path / "some.json")[0].error_mm == pytest.approx(films[0].last_10_mm)
 
 
-class Still:
+class Still(Controller):
     """Does nothing."""
 
-    def begin(self, task, episodes):
-        self.shape = episodes, task.action_size
+    def reset(self, mask):
+        self.shape = len(mask), self.task.action_size
 
-    def act(self, seen):
+    def act(self, observations):
         return np.zeros(self.shape)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import JacobianFeedback
 from agents.runs.environment import EnvConfig
 from agents.viewer.clock import Clock
 from agents.viewer.drive import filmed
@@ -122,7 +122,7 @@ def test_plots_have_round_ticks_inside_their_axes():
 def commands():
     """The commands of the documentation that end by themselves."""
     page = Path("docs/view.md").read_text("utf-8")
-    return re.findall(r"^python -m agents\.view (.* --record .*)$", page, re.MULTILINE)
+    return re.findall(r"^rj view (.* --record .*)$", page, re.MULTILINE)
 
 
 @pytest.mark.slow

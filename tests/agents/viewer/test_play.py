@@ -4,12 +4,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.baselines import JacobianFeedback
+from agents.controllers import JacobianFeedback
 from agents.evaluation.rollout import run_episodes
 from agents.results.roster import opponents
 from agents.runs.environment import EnvConfig
+from agents.viewer.controllers import offered_controllers, worlds
 from agents.viewer.drive import Drive, Repeated, filmed
-from agents.viewer.entrants import entrants, worlds
 from agents.viewer.play import PERSON, Match, Seat, hidden_load
 from rj_gym import IDS
 from rollingjoint.errors import InvalidInput
@@ -32,12 +32,12 @@ def test_every_tracking_environment_is_a_world():
 @pytest.mark.parametrize("world", worlds())
 def test_exactly_those_who_can_drive_are_offered_beside_a_person(world):
     env = worlds()[world]
-    names = list(entrants(env))
+    names = list(offered_controllers(env))
     able, _ = opponents(env)
     policies = [name for name in names if name.startswith("policy ")]
     assert policies and names == [*policies, *able]
     for name in policies:
-        entrants(env)[name].drive(3).step()
+        offered_controllers(env)[name].drive(3).step()
 
 
 @pytest.mark.parametrize("env", [short(CHAIN), short(BLIND), SMALL_ARM], ids=["chain", "blind", "arm"])

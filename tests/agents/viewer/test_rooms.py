@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agents.view import main, rooms
+from agents.viewer.controllers import worlds
 from agents.viewer.drive import Repeated, filmed
-from agents.viewer.entrants import worlds
 from agents.viewer.recorded import write_records
 from tests.agents.viewer.conftest import until
 from tests.agents.viewer.test_designs import search_in

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, make_dataclass
 import pytest
 
 import rj_gym
+from rj_gym import Terms
 from rj_gym.core.settings import Settings
 from rj_gym.tracking.config import LoadConfig, RewardConfig, TrackingConfig
 from rollingjoint import InvalidInput, five_link
@@ -98,7 +99,7 @@ def settings_by_section(config=None):
 
 
 def test_every_setting_is_taken_or_known_to_be_refused():
-    refused = {("", "friction")}
+    refused = {("", "friction"), *(("terms", each.name) for each in fields(Terms))}
     taken = {(section, name) for section, names in TAKEN.items() for name in names}
     every = {(section, name) for section, names in settings_by_section().items() for name in names}
     assert taken == every - refused and refused <= every

@@ -38,7 +38,7 @@ SETTINGS = {
     }.items()
     for name in names
 }
-NESTED = {"load", "target", "reward", "randomization", "gravity", "sensing", "actuation"}
+NESTED = {"load", "target", "reward", "randomization", "gravity", "sensing", "actuation", "terms"}
 WORLDS = ["Instrument", "InstrumentShift", "SlowCamera", "LatePose", "ArmInstrument"]
 TASKS = {"planar": (PAGE, "RollingJoint", OPTIONS), "arm": (ARM_PAGE, "FlexibleArm", ARM_OPTIONS)}
 tasks = pytest.mark.parametrize(("page", "stem", "options"), TASKS.values(), ids=TASKS.keys())

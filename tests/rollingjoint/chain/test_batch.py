@@ -27,10 +27,10 @@ from rollingjoint import (
 from rollingjoint.chain.random_chain import random_chain, random_lengths, random_loads, random_tensions
 from rollingjoint.chain.stacks import designs_of
 from rollingjoint.compiled import BatchArrays, PinnedRange, TendonLaw
-from rollingjoint.kernels.planar.arrays import Chain as ChainArrays
-from rollingjoint.kernels.planar.arrays import new_results
-from rollingjoint.kernels.shared.batch import solve_lanes
-from rollingjoint.kernels.shared.lanes import PENDING
+from rollingjoint.kernels.batch import solve_lanes
+from rollingjoint.kernels.lanes import PENDING
+from rollingjoint.kernels.rolling import Chain as ChainArrays
+from rollingjoint.kernels.rolling import new_results
 from rollingjoint.load import LOAD_COLUMNS, load_table
 
 NOT_NUMBERS = ("mechanism", "loads", "friction")
@@ -285,8 +285,8 @@ def test_arrays_of_any_layout_are_solved_by_the_same_machine_code(spoil):
 
 
 def test_views_of_an_equilibrium_compile_nothing_anew():
-    from rollingjoint.kernels.planar.forward import arc_lengths_of
-    from rollingjoint.kernels.shared.batch import stiffness_of
+    from rollingjoint.kernels.batch import stiffness_of
+    from rollingjoint.kernels.rolling import arc_lengths_of
 
     chain = five_link()
     batch = solve_tensions_batch(chain, [(3, 2), (2, 3)])

@@ -29,9 +29,9 @@ from rollingjoint import (
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.random_chain import random_chain, random_loads, random_tensions
-from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.chain import evaluate
+from rollingjoint.kernels import rolling
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.chain import evaluate
 
 # Exact surfaces, converged runs of the published algorithm on refined grids: docs/theory.md, section 6.
 REFERENCE = [
@@ -202,8 +202,8 @@ def test_stiffness_is_the_derivative_of_the_residual():
     result = solve_tensions(chain, (5, 4), loads)
 
     def residual(phi):
-        state, tau = standalone(arrays.new_state)(4, 2), np.array([5.0, 4.0])
-        law, one = TendonLaw(tau * 0, tau * 0 + 1, tau, tau), standalone(arrays.design)(chain.arrays, 0)
+        state, tau = standalone(rolling.new_state)(4, 2), np.array([5.0, 4.0])
+        law, one = TendonLaw(tau * 0, tau * 0 + 1, tau, tau), standalone(rolling.design)(chain.arrays, 0)
         state.angle[:] = phi
         standalone(evaluate)(one, law, result.loads.copy(), state)
         return state.residual.copy()

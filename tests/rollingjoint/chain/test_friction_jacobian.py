@@ -22,19 +22,17 @@ from rollingjoint import (
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.random_chain import random_chain, random_loads
-from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar import loads as load_kernels
-from rollingjoint.kernels.shared import long_chain, long_lu, rubbed_chain
-from rollingjoint.kernels.shared.arrays import TendonLaw
-from rollingjoint.kernels.shared.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.shared.rubbed_chain import Memory, Rolling
+from rollingjoint.kernels import long_chain, long_lu, planar_loads, rolling, rubbed_chain
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
+from rollingjoint.kernels.rubbed_chain import Memory, Rolling
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.statics import sensitivity
 
 LIMITS = (0.5, 15.0)
 STEP = 1e-6
-new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
-generator_columns = standalone(load_kernels.generator_columns)
+new_state, one_design = standalone(rolling.new_state), standalone(rolling.design)
+generator_columns = standalone(planar_loads.generator_columns)
 new_sweep, factor = standalone(long_chain.new_sweep), standalone(long_chain.factor)
 rubbed = standalone(rubbed_chain.rubbed)
 evaluate, renew = standalone(rubbed_chain.evaluate), standalone(rubbed_chain.renew)

@@ -70,7 +70,7 @@ def problem(seed, model="exact", potential=True):
 
 
 def energy(chain, tensions, loads, theta):
-    """V of docs/theory.md, section 8, from products of exponentials and tendon lengths."""
+    """V of docs/theory.md, section 2, from products of exponentials and tendon lengths."""
     springs = np.array([bead.stiffness for bead in chain.beads])
     value = 0.5 * springs @ (theta - chain.neutral_angles) ** 2 + tensions @ chain.tendon_lengths(theta)
     poses = chain.poses(theta)
@@ -96,7 +96,7 @@ def unbalanced(chain, tensions, loads, theta):
         for tendon, tension in zip(chain.tendons, tensions, strict=True):
             x, y = tendon.link_holes(chain.n_links)[-1]
             couple = tension * np.array([-y, x, 0.0])
-            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple, *[0.0] * 4])
+            rows.append([tendon.last_link(chain.n_links), *[0.0] * 12, *couple, *[0.0] * 7])
     else:
         residual += differences(chain.tendon_lengths, theta, 1e-5).T @ tensions
     for row in np.array(rows):

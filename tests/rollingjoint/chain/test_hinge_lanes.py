@@ -8,8 +8,8 @@ import pytest
 import rollingjoint as rj
 from rollingjoint import Status
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.shared.elementary import sine_and_cosine
-from rollingjoint.kernels.spatial import lanes
+from rollingjoint.kernels import hinge_lanes
+from rollingjoint.kernels.elementary import sine_and_cosine
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 
 COLUMN = {name: place for place, name in enumerate(SPATIAL_LOAD_COLUMNS)}
@@ -119,7 +119,7 @@ def test_sine_and_cosine(start):
 
 def test_long_arms_take_the_steps_in_proportion_to_their_length():
     bead = rj.flexible_arm().beads[0]
-    beads = [bead] * (lanes.MOST_HINGES + 1)
+    beads = [bead] * (hinge_lanes.MOST_HINGES + 1)
     tendons = [rj.BeadTendon(holes=((25.0, 0.0),)), rj.BeadTendon(holes=((-25.0, 0.0),))]
     arm = rj.HingeChain(beads, tendons)
     lengths = arm.neutral_lengths + np.array([-0.5, 0.2])

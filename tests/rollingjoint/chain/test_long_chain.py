@@ -18,17 +18,15 @@ from rollingjoint import (
 )
 from rollingjoint._numba.jit import standalone
 from rollingjoint.chain.random_chain import random_chain, random_loads
-from rollingjoint.kernels.planar import arrays
-from rollingjoint.kernels.planar import loads as load_kernels
-from rollingjoint.kernels.shared import chain as chain_kernels
-from rollingjoint.kernels.shared import long_chain
-from rollingjoint.kernels.shared.arrays import TendonLaw
+from rollingjoint.kernels import chain as chain_kernels
+from rollingjoint.kernels import long_chain, planar_loads, rolling
+from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.load import LOAD_COLUMNS, load_table
 
-new_state, one_design = standalone(arrays.new_state), standalone(arrays.design)
+new_state, one_design = standalone(rolling.new_state), standalone(rolling.design)
 evaluate, stiffness = standalone(chain_kernels.evaluate), standalone(chain_kernels.stiffness)
 new_sweep, fill_generators = standalone(long_chain.new_sweep), standalone(chain_kernels.fill_generators)
-generator_columns = standalone(load_kernels.generator_columns)
+generator_columns = standalone(planar_loads.generator_columns)
 factor, substitute = standalone(long_chain.factor), standalone(long_chain.substitute)
 
 

@@ -1,10 +1,14 @@
 """Chains: kinematics in closed form, the joint tables, and what build-time validation refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import yaml
 from scipy.optimize import minimize
 
 from rollingjoint import (
+    Gravity,
     InvalidInput,
     Link,
     MechanismError,
@@ -15,10 +19,12 @@ from rollingjoint import (
     Tendon,
     five_link,
     small_arm,
+    solve_tensions,
     two_segment,
     uniform,
 )
 from rollingjoint.chain.random_chain import random_chain
+from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict
 
 CIRCLE, CUP = Profile.constant(-1 / 20), Profile.constant(1 / 20)
 LINK = Link(Surface(CUP, (0.0, -10.0)), Surface(CIRCLE, (0.0, 10.0)))
@@ -180,3 +186,26 @@ def test_a_narrow_peak_of_relative_curvature_is_found():
     above = Surface(Profile.constant(-2e-9), (0.0, -10.0))
     with pytest.raises(MechanismError, match=r"at s = -?\d"):
         RollingChain([Link(LINK.parent, Surface(peak, (0.0, 10.0))), Link(above, LINK.child)], TENDONS)
+
+
+def test_weights_of_links_are_a_load_that_acts_at_their_centres():
+    chain = five_link()
+    links = [replace(link, weight=0.1 * i, centre=(1.0, 2.0)) for i, link in enumerate(chain.links)]
+    heavy = chain.replace(links=links)
+    assert heavy.gravity() == Gravity([0.0, 0.1, 0.2, 0.1 * 3, 0.4], (0.0, -1.0), [(1.0, 2.0)] * 5)
+    own, load = (
+        solve_tensions(heavy, (3.0, 2.0), [heavy.gravity()]),
+        solve_tensions(chain, (3.0, 2.0), [heavy.gravity()]),
+    )
+    assert np.array_equal(own.poses, load.poses)
+    assert not np.allclose(own.poses, solve_tensions(chain, (3.0, 2.0)).poses)
+    assert chain.own_weight((0.0, -1.0)) is None and heavy.own_weight((1.0, 0.0)) == heavy.gravity((1.0, 0.0))
+    again = mechanism_from_dict(yaml.safe_load(dump_mechanism(heavy)), "a file")
+    assert [link.weight for link in again.links] == [link.weight for link in heavy.links]
+    assert [link.centre for link in again.links[1:]] == [(1.0, 2.0)] * 4
+
+
+@pytest.mark.parametrize("wrong", [{"weight": -0.1}, {"weight": np.nan}, {"centre": (1.0, 2.0, 3.0)}])
+def test_a_weight_that_cannot_be_is_refused(wrong):
+    with pytest.raises(MechanismError, match=r"link (weight|centre)"):
+        replace(five_link().links[0], **wrong)

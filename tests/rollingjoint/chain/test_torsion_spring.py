@@ -9,8 +9,8 @@ from rollingjoint import RollingChain, Spring, TorsionSpring, WorldForce
 from rollingjoint.compiled import BatchArrays, PinnedRange, TendonLaw
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError
 from rollingjoint.io.mechanism_file import dump_mechanism, mechanism_from_dict, mechanism_to_dict
-from rollingjoint.kernels.planar.arrays import new_results
-from rollingjoint.kernels.shared.batch import solve_lanes
+from rollingjoint.kernels.batch import solve_lanes
+from rollingjoint.kernels.rolling import new_results
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.statics import sensitivity
 from tests.second_opinions.published import solve_tensions_published
@@ -216,7 +216,7 @@ def test_rj_takes_torsion_springs(capsys):
     for words, said in (
         ("five_link --tensions 3 2 --torsion-spring 3", "LINK K [REST [OTHER]]"),
         ("five_link --tensions 3 2 --torsion-spring 3 1 0 9", "0 (the base) to 4"),
-        ("small_arm --tensions 3 2 1 1 --torsion-spring 3 1", "a planar chain"),
+        ("small_arm --tensions 3 2 1 1 --torsion-spring 3 1", "parallel hinges"),
     ):
         assert main(["solve", *words.split()]) == 2
         error = capsys.readouterr().err
@@ -224,8 +224,6 @@ def test_rj_takes_torsion_springs(capsys):
 
 
 def test_what_cannot_be_solved_is_refused_or_says_so():
-    with pytest.raises(InvalidInput, match="acts on arms"):
-        rj.solve_tensions(rj.small_arm(), (1.0, 1.0, 1.0, 1.0), [TorsionSpring(1, 5.0)])
     with pytest.raises(InvalidInput, match="a link other than"):
         rj.solve_tensions(FIVE, (1.0, 1.0), [TorsionSpring(-1, 5.0, other=4)])
     for loads, chain in ((SPRINGS, FIVE), ((), FIVE.replace(springs=SPRINGS))):
@@ -249,3 +247,83 @@ def test_tables_may_end_after_the_anchor():
     full[..., LOAD_COLUMNS.index("other")] = 7.0
     with pytest.raises(InvalidInput, match="links of the load table"):
         rj.solve_lengths_batch(FIVE, command, full)
+
+
+def parallel_arm(n, **fields):
+    """An arm whose hinges are all about x, so that a torsion spring may span any of them."""
+    holes = [(8.0, 1.0), (-8.0, 0.0), (0.0, 7.0), (0.0, -7.0)]
+    return rj.HingeChain([rj.Bead(20.0, "x", 300.0, 8.0)] * n, [rj.BeadTendon([hole]) for hole in holes], **fields)
+
+
+ARM_SPRINGS = (TorsionSpring(4, 200.0, 0.2, 1), TorsionSpring(0, 100.0, -0.3, -1), TorsionSpring(3, 50.0, 0.1, 2))
+ARM_FORCE = WorldForce(-1, (0.0, 0.05, 0.1))
+PULL = np.array([1.0, 0.5, 2.0, 1.0])
+
+
+@pytest.mark.parametrize("n", [5, 15, 24])  # dense steps, and steps in O(n)
+def test_on_an_arm_equilibrium_and_stiffness_are_the_differences_of_the_energy(n):
+    arm = parallel_arm(n)
+    found = rj.solve_tensions(arm, PULL, [*ARM_SPRINGS, ARM_FORCE])
+    assert found.status is rj.Status.CONVERGED
+
+    def value(phi):
+        turns = np.concatenate([[0.0], np.cumsum(phi)])
+        stored = sum(0.5 * s.stiffness * (turns[s.link] - turns[s.other] - s.rest_angle) ** 2 for s in ARM_SPRINGS)
+        work = np.array(ARM_FORCE.force) @ arm.poses(phi)[-1, :3, 3]
+        return PULL @ arm.tendon_lengths(phi) + 150.0 * phi @ phi + stored - work
+
+    step, phi = 1e-4 * np.eye(n), found.joint_angles
+    slope = np.array([value(phi + e) - value(phi - e) for e in step]) / 2e-4
+    assert slope == pytest.approx(0.0, abs=1e-5)
+    for u in step[:4]:
+        row = [sum(a * b * value(phi + a * u + b * v) for a in (1, -1) for b in (1, -1)) / 4e-8 for v in step[:4]]
+        assert found.stiffness[np.argmax(u), :4] == pytest.approx(np.array(row), rel=1e-4, abs=1e-2)
+
+
+def test_springs_of_an_arm_act_like_the_same_loads():
+    springs = [*ARM_SPRINGS, Spring(2, 0.02, (10.0, 20.0, 80.0), (1.0, 0.0, 2.0))]
+    plain, sprung = parallel_arm(6), parallel_arm(6, springs=springs)
+    command = plain.neutral_lengths - np.linspace(0.0, 1.0, 12)[:, None] * (1.0, 0.0, 2.0, 0.5)
+    own, load = rj.solve_lengths_batch(sprung, command, [ARM_FORCE]), rj.solve_lengths_batch(plain, command, springs)
+    assert np.all(own.ok) and not np.allclose(own.joint_angles, load.joint_angles)
+    load = rj.solve_lengths_batch(plain, command, [ARM_FORCE, *springs])
+    for name in ("joint_angles", "tensions", "stiffness"):
+        assert getattr(own, name) == pytest.approx(getattr(load, name), rel=1e-9, abs=1e-9)
+    mixed = rj.solve_lengths_batch([sprung, plain] * 6, command, [ARM_FORCE])
+    assert mixed.joint_angles[0] == pytest.approx(own.joint_angles[0], abs=1e-12)
+    assert mixed.joint_angles[1] == pytest.approx(rj.solve_lengths(plain, command[1], [ARM_FORCE]).joint_angles)
+
+
+def test_friction_carries_the_springs_of_an_arm_along():
+    arm = parallel_arm(5, friction=rj.CapstanFriction(0.1))
+    start = rj.solve_tensions(arm, PULL, ARM_SPRINGS)
+    step = rj.solve_tensions(arm, PULL, ARM_SPRINGS, history=start)
+    assert step.ok and step.joint_angles == pytest.approx(start.joint_angles, abs=0.1)
+    assert step.joint_angles != pytest.approx(rj.solve_tensions(arm, PULL).joint_angles, abs=0.01)
+
+
+def test_a_torsion_spring_over_hinges_that_are_not_parallel_is_refused():
+    with pytest.raises(InvalidInput, match="parallel hinges"):
+        rj.solve_tensions(rj.small_arm(4), [1.0] * 4, [TorsionSpring(2, 5.0)])
+    assert rj.solve_tensions(rj.small_arm(4), [1.0] * 4, [TorsionSpring(2, 5.0, other=1)]).ok
+    with pytest.raises(MechanismError, match="parallel hinges"):
+        rj.small_arm(4).replace(springs=[TorsionSpring(3, 5.0, other=1)])
+
+
+def test_files_of_arms_keep_springs():
+    springs = [TorsionSpring(4, 200.0, 0.2, 1), Spring(-1, 0.02, (10.0, 20.0, 80.0))]
+    arm = parallel_arm(6, springs=springs, name="sprung")
+    again = mechanism_from_dict(yaml.safe_load(dump_mechanism(arm)), "a file")
+    assert again.springs == arm.springs and mechanism_to_dict(again) == mechanism_to_dict(arm)
+    content = mechanism_to_dict(arm) | {"springs": [{"link": 1, "stiffness": 1.0, "anchor": [0.0, 1.0]}]}
+    with pytest.raises(ConfigError, match="three numbers"):
+        mechanism_from_dict(content, "a file")
+
+
+def test_spatial_tables_may_leave_the_columns_of_torsion_springs_out():
+    arm = rj.small_arm(4)
+    tables = np.repeat(arm.load_table([WorldForce(-1, (0.1, 0.0, 0.0))])[None], 2, axis=0)
+    command = np.repeat(arm.neutral_lengths[None], 2, axis=0)
+    whole, short = (rj.solve_lengths_batch(arm, command, each) for each in (tables, tables[..., :-3].copy()))
+    assert np.array_equal(whole.joint_angles, short.joint_angles)
+    assert rj.load.SPATIAL_LOAD_COLUMNS[-3:] == LOAD_COLUMNS[-3:] == ("torsion", "rest", "other")

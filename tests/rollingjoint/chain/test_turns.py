@@ -5,10 +5,10 @@ import pytest
 
 from rollingjoint import Bead, BeadTendon, HingeChain, flexible_arm, small_arm
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.shared.friction import ABOVE_RATE, BELOW_RATE, N_TURN, TURN
-from rollingjoint.kernels.spatial import arrays, turns
+from rollingjoint.kernels import hinges, turns
+from rollingjoint.kernels.friction import ABOVE_RATE, BELOW_RATE, N_TURN, TURN
 
-new_state, fill_turns = standalone(arrays.new_hinge_state), standalone(turns.fill_turns)
+new_state, fill_turns = standalone(hinges.new_hinge_state), standalone(turns.fill_hinge_turns)
 
 
 def turns_at(chain, theta):
@@ -16,7 +16,7 @@ def turns_at(chain, theta):
     shape = chain.n_joints, chain.n_tendons
     state, turn = new_state(*shape), np.full((*shape, N_TURN), np.nan)
     state.angle[:] = theta
-    one = arrays.Hinges(*(table[0] for table in chain.arrays))._replace(tendon_joints=chain.arrays.tendon_joints)
+    one = hinges.Hinges(*(table[0] for table in chain.arrays))._replace(tendon_joints=chain.arrays.tendon_joints)
     fill_turns(one, state, turn)
     return turn
 

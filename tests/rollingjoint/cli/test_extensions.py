@@ -13,7 +13,13 @@ from tests.rollingjoint.command import rj
 
 
 @pytest.fixture
-def extended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As from a wheel: without the table of the checkout."""
+    monkeypatch.setattr(extensions, "TABLE", Path("nowhere.toml"))
+
+
+@pytest.fixture
+def extended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, installed: None) -> Path:
     """A working directory in which a package has added `rj greet`, and has tried to replace `rj solve`."""
     purpose = '"""Greet somebody: python -m greeting NAME."""'
     (tmp_path / "greeting.py").write_text(f"{purpose}\ndef main(argv):\n    print('hello', *argv)\n    return 7\n")
@@ -31,6 +37,18 @@ def test_another_package_adds_a_command_that_gets_its_arguments_as_they_are(
     assert main(["greet", "--loud", "-1"]) == 7
     assert capsys.readouterr().out == "hello --loud -1\n"
     assert sys.path[-1] == str(extended)  # after all that is installed
+
+
+def test_a_checkout_has_the_commands_of_its_controllers_without_being_installed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(extensions, "entry_points", lambda group: [])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert rj("export-policy --list") == 0
+    assert "fixed_target" in capsys.readouterr().out
+    assert rj("--help") == 0
+    mechanisms, controllers = capsys.readouterr().out.partition("\nmechanisms:\n")[2].split("\ncontrollers:\n")
+    assert "  solve " in mechanisms and "  train          Train a controller\n" in controllers
 
 
 def test_no_package_replaces_a_command_of_rj(extended: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,6 +87,7 @@ def test_a_command_without_its_packages_asks_for_its_own_extra(
     name: str,
     module: str,
     line: str,
+    installed: None,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

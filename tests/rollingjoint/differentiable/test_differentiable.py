@@ -272,6 +272,21 @@ def test_slack_and_yielding_tendons_have_no_influence():
     assert float(by_length[1]) == pytest.approx((there - back) / 2e-4, rel=1e-6)
 
 
+def test_where_both_holes_of_a_link_coincide_the_gradient_is_the_mean_of_both_sides():
+    through = Tendon([((5.0, 0.0), (5.0, 0.0))] * 5, 4)
+    chain = RollingChain(rj.five_link().links, [Tendon.on_surfaces(-10.0), through], "a point")
+    design = DifferentiableChain.from_mechanism(chain, requires_grad=["holes"])
+    lengths, reach, moved = torch.tensor(chain.neutral_lengths - 1.0), 1e-5, (1, 2, 0, 1)
+    here = solve_lengths(design, lengths).tip[0]
+    (gradient,) = torch.autograd.grad(here, design.holes)
+    step = torch.zeros_like(design.holes)
+    step[moved] = reach
+    behind, ahead = (solve_lengths(design.replace(holes=design.holes + way * step), lengths).tip[0] for way in (-1, 1))
+    left, right = ((way / reach).item() for way in (here - behind, ahead - here))
+    assert abs(right - left) > 0.1
+    assert 0.5 * (left + right) == pytest.approx(gradient[moved].item(), rel=0, abs=1e-4)
+
+
 def designs_and_cases():
     factors = torch.tensor([0.9, 1.0, 1.1], dtype=torch.float64)
     base = DifferentiableChain.from_mechanism(rj.five_link())
@@ -398,8 +413,8 @@ def test_lanes_that_go_on_alone_end_where_they_would_have_ended_together(monkeyp
     design = base.replace(coefficients=coefficients.detach())[:, None]
     starts = solve_tensions(design, tensions.detach(), tables).joint_angles
     starts[2] = 0.0  # the others are at rest
-    put, left = newton_module._Iterate.put, []
-    monkeypatch.setattr(newton_module._Iterate, "put", lambda *a: left.append(int(a[1].sum())) or put(*a))
+    put, left = newton_module.Search.put, []
+    monkeypatch.setattr(newton_module.Search, "put", lambda *a: left.append(int(a[1].sum())) or put(*a))
     found = []
     for worth in (0, 64):
         monkeypatch.setattr(newton_module, "_WORTH", worth)

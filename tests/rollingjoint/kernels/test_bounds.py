@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.shared import bounds
+from rollingjoint.kernels import bounds
 
 begin, move, moved = standalone(bounds.begin), standalone(bounds.move), standalone(bounds.moved)
 mark_free, release_step = standalone(bounds.mark_free), standalone(bounds.release_step)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.shared import elementary, friction
+from rollingjoint.kernels import elementary, friction
 
 decay, angle_and_inverse = standalone(elementary.decay), standalone(elementary.angle_and_inverse)
 slide, work_per_grip = standalone(friction.slide), standalone(friction.work_per_grip)

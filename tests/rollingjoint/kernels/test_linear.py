@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rollingjoint._numba.jit import standalone
-from rollingjoint.kernels.shared import linear, long_chain, long_lu, newton
+from rollingjoint.kernels import linear, long_chain, long_lu, newton
 
 cholesky, cholesky_solve = standalone(linear.cholesky), standalone(linear.cholesky_solve)
 largest, smallest_real_part = standalone(linear.largest), standalone(linear.smallest_real_part)

@@ -58,7 +58,7 @@ def test_damaged_files_and_read_only_places_cost_time_and_nothing_else(tmp_path)
     assert float(run(blocked)[0]) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("source", ["kernels/planar/joint.py", "transmission/kernels.py", "_numba/jit.py"])
+@pytest.mark.parametrize("source", ["kernels/rolling.py", "transmission/kernels.py", "_numba/jit.py"])
 def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch, source):
     before = cache._source_hash()
     copy = tmp_path / "rollingjoint"

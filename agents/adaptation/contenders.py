@@ -1,0 +1,85 @@
+"""Controllers that drive robots: opponents and policies by name, those of run folders, and one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents.adaptation.driving import WORLD
+from agents.controllers.controller import Controller
+from agents.controllers.privileged_feedback import PrivilegedFeedback
+from agents.controllers.tuned import tuned_controllers
+from agents.policies.file import SUFFIX
+from agents.policies.loading import list_policies, load_policy
+from agents.policies.shipped import ShippedPolicy, entry_names
+from agents.policies.trained import load_driving
+from agents.results.entry import load_entrant
+from agents.results.roster import is_privileged
+from agents.runs.environment import EnvConfig
+from agents.runs.folder import RunFolder
+from rj_gym.tracking.config import TaskConfig
+from rollingjoint.checks import suggestion
+from rollingjoint.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A controller, and the settings of Instrument-v0 that change what it sees of it."""
+
+    controller: Controller
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def contenders() -> dict[str, Contender]:
+    """All that ship for Instrument-v0, by name: tuned opponents, policies, and the privileged teacher, so marked."""
+    found = {name: Contender(made) for name, made in tuned_controllers(WORLD).items()}
+    for name in list_policies():
+        policy = load_policy(name)
+        if policy.env_id == WORLD:
+            found[name] = _policy(name, policy)
+    return found | {"privileged teacher": Contender(PrivilegedFeedback())}
+
+
+def contender(text: str) -> Contender:
+    """What the text names: one of `contenders`, a policy file, a run folder, or FILE.py:NAME.
+
+    Raises:
+        ConfigError: nothing of the kind, or a policy that needs to see something else.
+        PolicyError, RunFolderError: a damaged policy or run.
+    """
+    known = contenders()
+    if text in known:
+        return known[text]
+    if text.endswith(SUFFIX) or text in list_policies():
+        return _policy(text, load_policy(text))
+    if Path(text).is_dir():
+        run = RunFolder.open(Path(text))
+        return Contender(load_driving(run), _sight(text, run.config().env))
+    if ":" in text:
+        return Contender(load_entrant(text))
+    allowed = f"one of {', '.join(known)}; a policy file, a run folder, FILE.py:NAME or MODULE:NAME"
+    raise ConfigError("--controller", text, allowed, suggestion(text, list(known)))
+
+
+def marked(name: str, one: Contender) -> str:
+    """The name as tables show it."""
+    return f"{name} (privileged)" if is_privileged(one.controller) else name
+
+
+def _policy(name: str, policy: ShippedPolicy) -> Contender:
+    return Contender(policy, _sight(name, policy.environment))
+
+
+def _sight(name: str, env: EnvConfig) -> dict[str, Any]:
+    """The settings with which Instrument-v0 shows what the policy of that name saw in its own environment."""
+    allowed = f"a policy that sees what {WORLD} shows"
+    if not env.is_tracking:
+        raise ConfigError("--controller", name, allowed, f"It was trained in {env.id}.")
+    settings: TaskConfig = env.arguments()["config"]
+    sight = {"observe_history": settings.observe_history}
+    here: TaskConfig = EnvConfig(WORLD, settings=sight).arguments()["config"]
+    if entry_names(settings, env.has_goals) != entry_names(here, goal=False):
+        raise ConfigError("--controller", name, allowed, f"It was trained in {env.id}, with other observations.")
+    return sight

@@ -1,0 +1,197 @@
+"""Moves of tendons and motors on an estimate, compiled, one episode after the other."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from rollingjoint.compiled import Floats, kernel, part, play_inverse, play_step
+
+ROUNDING = 1e-10  # of a hessian's trace, added to its diagonal: near a snap-through responses grow without bound
+PASSES = 3  # after which hardly a tension changes sides of its limit
+SWEEPS = 2  # over the motors
+IDLE = 0.01  # what a move costs that only crosses play, as a share of one that moves its tendon
+
+
+class Outlook(NamedTuple):
+    """What a bank says of B episodes with H hypotheses each, R = B x H rows."""
+
+    weights: Annotated[Floats, "B", "H"]
+    errors: Annotated[Floats, "B", "H", "d"]  # target minus tip, mm
+    tips: Annotated[Floats, "R", "d", "m"]  # d tip / d command
+    played: Annotated[Floats, "R", "m"]  # commands behind the play, mm
+    half_widths: Annotated[Floats, "R", "m"]  # of the play, mm
+    motors: Annotated[Floats, "B", "m"]  # their positions, mm
+    tensions: Annotated[Floats, "B", "m"]  # means, N
+    tensions_by_command: Annotated[Floats, "B", "m", "m"]  # N/mm
+
+
+@kernel(nogil=True, title="the controllers")
+def damped_increments(tips, tensions, now, way, wanted, low, high, most, stiffen, damping, far, keep, moves):
+    """Fill moves (B, m) [mm], the damped increments within +-most of JacobianFeedback.
+
+    Args:
+        tips, tensions: derivatives by increments, (B, d, m) [mm/mm], (B, m, m) [N/mm].
+        now, wanted: tensions, (B, m) [N]. low, high: their limits [N].
+        way: (B, d) [mm] that the tip should go.
+        stiffen, damping, far, keep: weights as of FeedbackSettings.
+    """
+    m = moves.shape[1]
+    free, hessian, slope = np.empty((m, m)), np.empty((m, m)), np.empty(m)
+    weights, changes = np.empty(m), np.empty(m)
+    for b in range(len(moves)):
+        distance = _product(way[b], way[b])
+        for i in range(m):
+            for k in range(m):
+                free[i, k] = _product(tips[b, :, i], tips[b, :, k])
+            free[i, i] += damping**2 + far**2 * distance
+            weights[i], changes[i] = stiffen**2, wanted[b, i] - now[b, i]
+        for _ in range(PASSES):
+            trace = 0.0
+            for i in range(m):
+                slope[i] = -_product(tips[b, :, i], way[b])
+                for j in range(m):
+                    slope[i] -= tensions[b, j, i] * weights[j] * changes[j]
+                for k in range(m):
+                    hessian[i, k] = free[i, k]
+                    for j in range(m):
+                        hessian[i, k] += tensions[b, j, i] * weights[j] * tensions[b, j, k]
+                trace += hessian[i, i]
+            for i in range(m):
+                hessian[i, i] += ROUNDING * trace
+            _bounded_step(hessian, slope, most, moves[b])
+            for j in range(m):
+                after = now[b, j]
+                for i in range(m):
+                    after += tensions[b, j, i] * moves[b, i]
+                kept = min(max(after, low), high)
+                if after != kept:
+                    weights[j], changes[j] = keep**2, kept - now[b, j]
+
+
+@part
+def _product(a, b):
+    """a · b."""
+    value = 0.0
+    for k in range(len(a)):
+        value += a[k] * b[k]
+    return value
+
+
+@part
+def _bounded_step(hessian, slope, most, step):
+    """The step of responses.bounded_step within +-most."""
+    m = len(step)
+    held, system, rest = np.zeros(m), np.empty((m, m)), np.empty(m)
+    step[:] = 0.0
+    for _ in range(m):
+        for i in range(m):
+            rest[i] = -slope[i]
+            for k in range(m):
+                either = held[i] > 0.0 or held[k] > 0.0
+                system[i, k] = (1.0 if i == k else 0.0) if either else hessian[i, k]
+                if held[k] > 0.0:
+                    rest[i] -= hessian[i, k] * step[k]
+        for i in range(m):
+            if held[i] > 0.0:
+                rest[i] = 0.0
+        _eliminate(system, rest)
+        for i in range(m):
+            if held[i] == 0.0:
+                step[i] = min(max(rest[i], -most), most)
+                held[i] = 1.0 if step[i] != rest[i] else 0.0
+
+
+@part
+def _eliminate(system, values):
+    """Solve a positive definite system in place: `values` become the solution."""
+    n = len(values)
+    for i in range(n):
+        for k in range(i + 1, n):
+            factor = system[k, i] / system[i, i]
+            for c in range(i + 1, n):
+                system[k, c] -= factor * system[i, c]
+            values[k] -= factor * values[i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            values[i] -= system[i, k] * values[k]
+        values[i] /= system[i, i]
+
+
+@kernel(nogil=True, title="the controllers")
+def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
+    """Fill moves (B, m) [mm] of the motors that move the tendons behind their play by `wanted`.
+
+    Args:
+        wanted: (B, m) [mm]; what is within +-dead_band is not worth crossing the play for.
+        played, motors: commands of tendons and motors, (B, m) [mm]. half_widths: of the play, (B, m) [mm].
+        crossing: share of the half width by which a motor goes ahead of its tendon.
+    """
+    for b in range(len(moves)):
+        for j in range(moves.shape[1]):
+            way = wanted[b, j]
+            if abs(way) > dead_band:
+                moves[b, j] = play_inverse(played[b, j], way, crossing * half_widths[b, j]) - motors[b, j]
+            else:
+                moves[b, j] = way
+
+
+@kernel(nogil=True, title="the controllers")
+def look_ahead(outlook, wanted, weights, reach, points, moves):
+    """Improve moves (B, m) [mm] of motors towards the least expected cost, each within +-reach.
+
+    The cost is the mean square of the tip error over the hypotheses, plus those of tensions beside the wanted ones and
+    of the moves. One motor after the other goes to the best of a grid of moves, and to the best of a finer one there.
+
+    Args:
+        outlook: see Outlook.
+        wanted: tensions, (B, m) [N].
+        weights: stiffen, damping, and the lowest and highest tension, beyond which the weight is the last number.
+        points: of a grid on either side of its middle.
+    """
+    n_episodes, m = moves.shape
+    for b in range(n_episodes):
+        for _ in range(SWEEPS):
+            for j in range(m):
+                for width in (reach, reach / points):
+                    _best_of_grid(outlook, b, wanted[b], weights, reach, width, points, moves[b], j)
+
+
+@part
+def _best_of_grid(outlook, b, wanted, weights, reach, width, points, move, j):
+    """Move motor j of an episode to the best of a grid; the coarse one lies around 0, the fine one around the move."""
+    middle = 0.0 if width == reach else move[j]
+    best, least = move[j], _cost(outlook, b, wanted, weights, move)
+    for step in range(-points, points + 1):
+        move[j] = min(max(middle + width * step / points, -reach), reach)
+        cost = _cost(outlook, b, wanted, weights, move)
+        if cost < least:
+            best, least = move[j], cost
+    move[j] = best
+
+
+@part
+def _cost(outlook, b, wanted, weights, move):
+    """What is expected after a move of the motors of an episode [mm²]."""
+    stiffen, damping, low, high, keep = weights
+    n_hypotheses, m = outlook.weights.shape[1], len(move)
+    mean, left, cost = np.zeros(m), np.empty(outlook.errors.shape[2]), 0.0
+    for h in range(n_hypotheses):
+        row, weight = b * n_hypotheses + h, outlook.weights[b, h]
+        left[:] = outlook.errors[b, h]
+        for j in range(m):
+            motor, half, before = outlook.motors[b, j] + move[j], outlook.half_widths[row, j], outlook.played[row, j]
+            change = play_step(before, motor, half) - before
+            mean[j] += weight * change
+            for axis in range(len(left)):
+                left[axis] -= outlook.tips[row, axis, j] * change
+        cost += weight * _product(left, left)
+    for j in range(m):
+        after = outlook.tensions[b, j]
+        for k in range(m):
+            after += outlook.tensions_by_command[b, j, k] * mean[k]
+        beyond = min(after - low, 0.0) + max(after - high, 0.0)
+        cost += (stiffen * (wanted[j] - after)) ** 2 + (keep * beyond) ** 2
+        cost += damping**2 * (mean[j] ** 2 + IDLE * move[j] ** 2)
+    return cost

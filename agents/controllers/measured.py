@@ -1,0 +1,251 @@
+"""The model of a mechanism at its measurements, with or without an estimate of the load; one class per kind of chain.
+
+Of a planar chain the poses of all links are measured. Of an arm only the tip is: the pose is that of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from agents.controllers.controller import HANGING, Array, Mask, Reading, restarted
+from agents.controllers.steps import choose
+from rj_gym.tracking.task import TrackingTask
+from rollingjoint import Equilibrium, HingeChain, HingeEquilibrium, RollingChain, solve_lengths_batch
+from rollingjoint.chain.solution import Solution
+from rollingjoint.load import LOAD_COLUMNS, SPATIAL_LOAD_COLUMNS, WorldForce, spatial_load_table
+from rollingjoint.transmission import unstretched_length
+
+_LINK, _FX, _MOMENT = (LOAD_COLUMNS.index(name) for name in ("link", "fx", "moment"))
+_TURN = 1e-5  # rad, of central differences
+_FORCE = slice(SPATIAL_LOAD_COLUMNS.index("fx"), SPATIAL_LOAD_COLUMNS.index("fz") + 1)
+_STEP = 1e-4  # rad and N, of the differences by the unknowns
+_LARGEST = 3.0  # rad of tilt, N of payload: bounds of the estimate
+
+
+class Measured(Protocol):
+    """What controllers ask of a model, B episodes side by side.
+
+    Attributes:
+        nominal_loads: those that the model knows of: none, or the weight of an arm that hangs.
+        stiffens: whether higher tensions stiffen the mechanism, so that they are worth going for.
+    """
+
+    nominal_loads: Any
+    stiffens: bool
+
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,): forget what was estimated in them."""
+
+    def unloaded(self, reading: Reading) -> Solution:
+        """The model where it was measured, the load unknown."""
+
+    def loaded(self, reading: Reading) -> tuple[Solution, Array]:
+        """The model under the loads estimated from the measurements, and these loads, (B, rows, columns)."""
+
+
+class Measurement(Protocol):
+    """A pose and tensions of the same moment, as Reading has them."""
+
+    @property
+    def joint_angles(self) -> Array:
+        """(B, n - 1) [rad]."""
+
+    @property
+    def tensions(self) -> Array:
+        """(B, m) [N]."""
+
+
+class MeasuredChain:
+    """A planar chain, of which the poses of all links are measured."""
+
+    nominal_loads = ()
+    stiffens = True  # nothing but tensions holds the links together
+
+    def __init__(self, task: TrackingTask) -> None:
+        self.mechanism: RollingChain = task.mechanism
+
+    def reset(self, mask: Mask) -> None:
+        """Nothing: it remembers nothing."""
+
+    def unloaded(self, reading: Reading) -> Equilibrium:
+        """The model at the measured pose and tensions, B rows."""
+        return measured_equilibrium(self.mechanism, reading)
+
+    def loaded(self, reading: Reading) -> tuple[Equilibrium, Array]:
+        """The model under the estimated loads, and these, (B, 1, 11)."""
+        measured = self.unloaded(reading)
+        loads = estimated_loads(measured)
+        return solve_lengths_batch(self.mechanism, unstretched(measured), loads, measured), loads
+
+
+def measured_equilibrium(mechanism: RollingChain, reading: Measurement) -> Equilibrium:
+    """The model at the measured pose and tensions, B rows.
+
+    The load is unknown: whatever the tendons leave unbalanced is taken as moments on the links that stay as they are.
+    Commands are computed from pose and tensions, so actuator offsets do not enter. Tension limits are not applied:
+    where a motor keeps a tension limit its command follows, and the law of the elastic tendon still holds.
+    """
+    moments = _joint_moments(mechanism, reading)
+    loads = np.zeros((*moments.shape, len(LOAD_COLUMNS)))
+    loads[..., _LINK] = np.arange(1, mechanism.n_links)
+    loads[..., _MOMENT] = -np.diff(moments, axis=1, append=0.0)
+    lengths = mechanism.tendon_lengths(reading.joint_angles)
+    commands = unstretched_length(lengths, reading.tensions, mechanism.stiffnesses)
+    return solve_lengths_batch(mechanism, commands, loads, reading.joint_angles)
+
+
+def estimated_loads(measured: Equilibrium, noise: float = 1.0) -> Array:
+    """Load tables (B, 1, 11): the force at the origin of one link that explains best what the tendons leave unbalanced.
+
+    Statics: the moment of a force at joint i is that about its contact point. For every link the force that explains
+    the moments best is found by regularised least squares; the most likely link is chosen.
+
+    Args:
+        measured: from measured_equilibrium.
+        noise: error of a joint moment that is as likely as a load of 1 N [N·mm]. It regularises forces along the
+            chain, which have little moment.
+    """
+    moments = (measured.tendon_rates @ measured.tensions[..., None])[..., 0]
+    arm = measured.poses[:, 1:, None, :2] - measured.contact_points[:, None]
+    links = arm.shape[1]
+    rows = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * np.tri(links)[..., None]  # joint i carries links k > i
+    columns = np.swapaxes(rows, -1, -2)
+    forces = np.linalg.solve(columns @ rows + noise**2 * np.eye(2), columns @ moments[:, None, :, None])
+    left = moments[:, None] - (rows @ forces)[..., 0]
+    unlikely = np.sum(left**2, axis=-1) + noise**2 * np.sum(forces[..., 0] ** 2, axis=-1)
+    likeliest = unlikely.argmin(axis=1)
+    loads = np.zeros((len(likeliest), 1, len(LOAD_COLUMNS)))
+    loads[:, 0, _LINK] = 1 + likeliest
+    loads[:, 0, _FX : _FX + 2] = forces[np.arange(len(likeliest)), likeliest, :, 0]
+    return loads
+
+
+def _joint_moments(mechanism: RollingChain, reading: Measurement) -> Array:
+    """Moments that balance the measured tensions at the measured joint angles, (B, n - 1) [N·mm]."""
+    turns = _TURN * np.eye(mechanism.n_joints)  # a joint's angle changes the tendons' gaps at this joint alone
+    ahead, behind = (mechanism.tendon_lengths(reading.joint_angles[:, None] + turn) for turn in (turns, -turns))
+    return ((ahead - behind) / (2 * _TURN) @ reading.tensions[..., None])[..., 0]
+
+
+def hanging_loads(arm: HingeChain) -> Array:
+    """The load table of an arm's weights and of a payload of 1 N in the last row, both along HANGING."""
+    payload = WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))
+    return np.concatenate([spatial_load_table([each], arm.n_links) for each in (arm.gravity(HANGING), payload)])
+
+
+def loads_along(table: Array, directions: Array, payloads: Array) -> Array:
+    """Load tables (B, rows, columns): `hanging_loads` along directions (B, 3), under payloads (B,) [N]."""
+    tables = np.repeat(table[None], len(directions), axis=0)
+    tables[:, -1, _FORCE] *= payloads[:, None]
+    tables[..., _FORCE] = tables[..., _FORCE.stop - 1, None] * directions[:, None]
+    return tables
+
+
+class MeasuredArm:
+    """An arm under its commands: under nominal gravity, or under the gravity and payload that explain what is measured.
+
+    Every step refines three numbers: the vector by which the direction of gravity is turned from the nominal one (two
+    numbers), and the payload at the tip, which acts along gravity.
+
+    Args:
+        task: with the mechanism, and the tension range.
+    """
+
+    stiffens = False  # co-contraction softens its hinges
+
+    STEPS = 2  # of Gauss-Newton in every step of control
+    TIP = 1.0  # mm: likely error of the model's tip
+    TENSION = 0.05  # N: of a tension
+    TILT = 1.0  # rad: likely turn of gravity
+    PAYLOAD = 1.0  # N: likely payload
+
+    def __init__(self, task: TrackingTask) -> None:
+        self.mechanism: HingeChain = task.mechanism
+        self.nominal_loads = [self.mechanism.gravity(HANGING)]
+        self.estimate = np.empty(0)
+        self._rows = hanging_loads(self.mechanism)
+        tension = self.TENSION if task.config.observe_tensions else np.inf
+        self._spreads = np.array([*[self.TIP] * 3, *[tension] * self.mechanism.n_tendons])
+        self._starts: Array | None = None
+
+    def reset(self, mask: Mask) -> None:
+        """Begin episodes, (B,): they hang without a payload, and solves start at rest."""
+        self.estimate = restarted(self.estimate, mask, np.zeros((len(mask), 3)))
+        if mask.all() or self._starts is None:
+            self._starts = None
+        else:
+            self._starts = restarted(self._starts, mask, np.tile(self.mechanism.neutral_angles, (len(mask), 1)))
+
+    def unloaded(self, reading: Reading) -> HingeEquilibrium:
+        """The model under the commands and nominal gravity, its tendons elastic and at the measured tensions."""
+        found = solve_lengths_batch(self.mechanism, reading.commands, self.nominal_loads, self._starts)
+        self._starts = found.joint_angles
+        elastic = np.broadcast_to(self.mechanism.stiffnesses, reading.tensions.shape)
+        return replace(found, tensions=reading.tensions, tendon_stiffness=elastic)
+
+    def loaded(self, reading: Reading) -> tuple[HingeEquilibrium, Array]:
+        """The model under the commands and the estimated loads, and these, (B, rows, columns)."""
+        best, loads = self._under(reading, self.estimate)
+        least = self._unlikely(reading, best, self.estimate)
+        for _ in range(self.STEPS):
+            tried = np.clip(self.estimate + self._change(reading, best), -_LARGEST, _LARGEST)
+            tried[:, 2] = np.maximum(tried[:, 2], 0.0)
+            found, table = self._under(reading, tried, best)
+            unlikely = self._unlikely(reading, found, tried)
+            better = unlikely < least
+            self.estimate, least = np.where(better[:, None], tried, self.estimate), np.minimum(least, unlikely)
+            best, loads = choose(better, found, best), np.where(better[:, None, None], table, loads)
+        self._starts = best.joint_angles
+        return best, loads
+
+    def tables(self, estimate: Array) -> Array:
+        """Load tables (B, rows, columns) of the estimates (B, 3): the weights and the payload along gravity."""
+        turn = np.linalg.norm(estimate[:, :2], axis=1, keepdims=True)
+        direction = np.concatenate([estimate[:, :2] * np.sinc(turn / np.pi), np.cos(turn)], axis=1)
+        return loads_along(self._rows, direction, estimate[:, 2])
+
+    def _under(
+        self, reading: Reading, estimate: Array, near: HingeEquilibrium | None = None
+    ) -> tuple[HingeEquilibrium, Array]:
+        """The model under the commands and these loads, and their tables."""
+        tables, starts = self.tables(estimate), self._starts if near is None else near.joint_angles
+        return solve_lengths_batch(self.mechanism, reading.commands, tables, starts), tables
+
+    def _change(self, reading: Reading, here: HingeEquilibrium) -> Array:
+        """The Gauss-Newton step of the estimate, (B, 3)."""
+        misses, prior = self._misses(reading, here), 1.0 / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        columns = []
+        for unknown in range(3):
+            there, _ = self._under(reading, self.estimate + _STEP * np.eye(3)[unknown], here)
+            columns.append((self._misses(reading, there) - misses) / _STEP)
+        rates = np.stack(columns, axis=-1)
+        square = np.swapaxes(rates, 1, 2) @ rates + np.diag(prior**2)
+        slope = np.einsum("bim,bi->bm", rates, misses) + prior**2 * self.estimate
+        return -np.linalg.solve(square, slope[..., None])[..., 0]
+
+    def _misses(self, reading: Reading, model: HingeEquilibrium) -> Array:
+        """Model minus measured tip and tensions, in units of their likely errors, (B, 3 + m)."""
+        return np.concatenate([model.tip - reading.tip, model.tensions - reading.tensions], axis=1) / self._spreads
+
+    def _unlikely(self, reading: Reading, model: HingeEquilibrium, estimate: Array) -> Array:
+        """What is minimised, (B,)."""
+        away = estimate / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        cost = np.sum(self._misses(reading, model) ** 2, axis=1) + np.sum(away**2, axis=1)
+        return np.where(model.ok, cost, np.inf)
+
+
+MODELS: dict[type, Callable[[TrackingTask], Measured]] = {RollingChain: MeasuredChain, HingeChain: MeasuredArm}
+
+
+def measured_by(task: TrackingTask) -> Measured:
+    """The model of a task's mechanism."""
+    return MODELS[type(task.mechanism)](task)
+
+
+def unstretched(equilibria: Solution) -> Array:
+    """Commanded lengths that hold these equilibria, (B, m) [mm]."""
+    return unstretched_length(equilibria.lengths, equilibria.tensions, equilibria.mechanism.stiffnesses)

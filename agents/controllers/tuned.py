@@ -1,0 +1,193 @@
+"""A table of the worlds: controllers that are tuned for each, with their settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from agents.controllers.controller import Controller
+from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
+from agents.controllers.jacobian_feedback import JacobianFeedback
+from agents.controllers.open_loop import OpenLoop
+from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform
+from agents.controllers.smith_predictor import SmithPredictor
+from agents.controllers.steps import FeedbackSettings
+from rollingjoint.checked_yaml import read_yaml
+from rollingjoint.checks import as_choice
+from rollingjoint.errors import ConfigError
+
+TUNED = Path(__file__).with_name("tuned.yaml")
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A kind of controller in one world, and where its settings are searched.
+
+    Args:
+        make: the controller from its settings.
+        space: where the others are searched. fixed: settings that are not.
+    """
+
+    make: Callable[[Settings], Controller]
+    space: Space
+    fixed: Settings = field(default_factory=dict)
+
+
+def _open_loop(settings: Settings) -> Controller:
+    return OpenLoop(**settings)
+
+
+def _jacobian(settings: Settings) -> Controller:
+    return JacobianFeedback(FeedbackSettings.from_dict(settings))
+
+
+def _smith(settings: Settings) -> Controller:
+    return SmithPredictor(FeedbackSettings.from_dict(settings))
+
+
+def _filter(settings: Settings) -> Controller:
+    return FilterFeedback(FilterFeedbackSettings.from_dict(settings))
+
+
+def _predictive(settings: Settings) -> Controller:
+    return FilterPredictive(FilterFeedbackSettings.from_dict(settings))
+
+
+_STEERING: Space = {
+    "gain": Uniform(0.05, 1.0),
+    "stiffen": LogUniform(0.003, 1.0),
+    "damping": LogUniform(0.03, 0.6),
+    "far": LogUniform(0.01, 0.2),
+}
+_CROSSING: Space = {"crossing": Uniform(0.3, 1.2), "dead_band_mm": LogUniform(0.02, 0.5)}
+_ASSUMED_PLAY: Space = _CROSSING | {"half_width_mm": Uniform(0.0, 1.5)}
+_FILTER: Space = {
+    "force_walk": LogUniform(0.001, 0.1),
+    "start_sd_mm": LogUniform(0.1, 3.0),
+    "offset_sd_mm": LogUniform(0.03, 0.6),
+    "offset_walk_mm": LogUniform(0.001, 0.1),
+    "stiffness_sd": LogUniform(0.01, 0.25),
+    "tension_sd": LogUniform(0.08, 1.0),
+    "tension_share": LogUniform(0.005, 0.3),
+    "tempering": LogUniform(0.05, 1.0),
+}
+_PICTURES: Space = {
+    "angle_sd": LogUniform(0.003, 0.04),
+    "position_sd_mm": LogUniform(0.1, 2.0),
+    "bias_sd_mm": LogUniform(0.02, 2.0),
+    "bias_walk_mm": LogUniform(0.003, 0.3),
+}
+_PLAY: Space = {
+    "width_share": Uniform(0.0, 0.5),
+    "friction_share": Uniform(0.0, 0.5),
+    "place_share": Uniform(0.0, 0.7),
+}
+_PROBE: Space = {"sweep_mm": Choice([2.0, 3.0, 4.0, 5.0]), "pattern": Choice(["apart", "together"])}
+_MANY: Space = {"hypotheses": Choice([16, 32, 64])}
+
+
+def _below(section: str, space: Space) -> Space:
+    return {f"{section}.{name}": values for name, values in space.items()}
+
+
+def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, probe: bool = False) -> Space:
+    """The space of a controller on filters."""
+    filters = _FILTER | (_PLAY if play else {}) | (_PICTURES if pictures else {}) | (_MANY if many else {})
+    steering = _STEERING | (_CROSSING if play else {})
+    return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
+
+
+_OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
+_ONE = {"filter": {"hypotheses": 1}}
+_BLIND = {
+    "open loop": _OPEN_LOOP,
+    "kalman filter": Tunable(_filter, _of_filters(many=False), _ONE),
+    "bank of filters": Tunable(_filter, _of_filters()),
+    "probing bank": Tunable(_filter, _of_filters(probe=True)),
+    "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
+}
+
+_ARM: Space = _of_filters(many=False) | {
+    "filter.offset_walk_mm": LogUniform(0.001, 0.5),
+    "filter.tension_sd": LogUniform(0.1, 3.0),
+    "feedback.damping": LogUniform(0.1, 3.0),
+    "feedback.far": LogUniform(0.001, 0.1),
+    "feedback.rest_tension": Uniform(1.5, 6.0),
+}
+_FEW: Space = {"filter.hypotheses": Choice([4, 8])}  # a filter of an arm takes 0.14 ms per step
+_SHORT_PROBE: Space = {"probe.sweep_mm": Choice([1.0, 2.0, 3.0]), "probe.pattern": Choice(["apart", "together"])}
+_BLIND_ARM = {
+    "open loop": Tunable(_open_loop, {"rest_tension": Uniform(1.0, 8.0)}),
+    "kalman filter": Tunable(_filter, _ARM, _ONE),
+    "probing filter": Tunable(_filter, _ARM | _SHORT_PROBE, _ONE),
+    "bank of filters": Tunable(_filter, _ARM | _FEW),
+    "probing bank": Tunable(_filter, _ARM | _FEW | _SHORT_PROBE),
+}
+
+
+def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]) -> Settings:
+    return {"filter": {"play_mm": list(play_mm), "sheath_friction": list(sheath_friction)}}
+
+
+_MILD, _WORN = _assuming((0.5, 2.0), (0.0, 0.3)), _assuming((0.5, 3.0), (0.0, 0.6))
+
+WORLDS: Mapping[str, Mapping[str, Tunable]] = {
+    "rj_gym/Instrument-v0": _BLIND,
+    "rj_gym/InstrumentShift-v0": {
+        "open loop": _OPEN_LOOP,
+        "bank of filters": Tunable(_filter, _of_filters(), _MILD),
+        "probing bank": Tunable(_filter, _of_filters(probe=True), _MILD),
+        "widened bank": Tunable(_filter, _of_filters(), _WORN),
+        "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
+    },
+    "rj_gym/SlowCamera-v0": {
+        "open loop": _OPEN_LOOP,
+        "jacobian feedback": Tunable(_jacobian, _STEERING),
+        "smith predictor": Tunable(_smith, _STEERING),
+        "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
+        "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
+    },
+    "rj_gym/LatePose-v0": {
+        "open loop": _OPEN_LOOP,
+        "jacobian feedback": Tunable(_jacobian, _STEERING | _ASSUMED_PLAY),
+        "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
+        "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
+        "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
+    },
+    "rj_gym/ArmInstrument-v0": _BLIND_ARM,
+}
+"""By the id of an environment: its controllers by name."""
+
+
+def tuned_controllers(env_id: str) -> dict[str, Controller]:
+    """New controllers with their tuned settings, by name: those of tuned.yaml in this world.
+
+    Raises:
+        ConfigError: a world without any.
+    """
+    world = tunable_in(env_id)
+    return {name: world[name].make(found["settings"]) for name, found in _tuned()[env_id].items()}
+
+
+def tuned_settings(env_id: str, name: str) -> Settings:
+    """The tuned settings of a controller; raises ConfigError where there is none of this name."""
+    known = _tuned()[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+    settings: Settings = known[as_choice("controller", name, list(known), error=ConfigError)]["settings"]
+    return settings
+
+
+def tunable_in(env_id: str) -> Mapping[str, Tunable]:
+    """The controllers that are tuned for a world; raises ConfigError where there are none."""
+    return WORLDS[as_choice("world", env_id, list(WORLDS), error=ConfigError)]
+
+
+@cache
+def _tuned() -> Mapping[str, Any]:
+    content: Any = read_yaml(TUNED)
+    return {env_id: content.get(env_id, {}) for env_id in WORLDS}
+
+
+opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

@@ -1,0 +1,85 @@
+"""Which controllers can drive in which tracking environments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+
+from agents.controllers import NEED_POSES
+from agents.controllers.controller import Array, Controller
+from agents.evaluation.rollout import run_episodes
+from agents.policies.loading import list_policies, load_policy
+from agents.policies.shipped import ShippedPolicy
+from agents.results.environment import episodes_key
+from agents.results.roster import candidates
+from agents.runs.environment import EnvConfig
+from agents.viewer.drive import Drive, Film, filmed
+from rj_gym import IDS
+
+POLICY = "policy "  # before the names of shipped policies
+
+
+@dataclass(frozen=True)
+class OfferedController:
+    """A controller and its environment.
+
+    Args:
+        name: of the controller. env: the environment, whose observation may differ from those of the others.
+        make: a new controller.
+    """
+
+    name: str
+    env: EnvConfig
+    make: Callable[[], Controller]
+
+    def drive(self, seed: int) -> Drive:
+        """The episode of this seed, which begins; raises RollingJointError as Drive does."""
+        return Drive(self.name, self.env, self.make(), seed)
+
+    def film(self, seed: int) -> Film:
+        """The whole episode of this seed; raises RollingJointError as Drive does."""
+        return filmed(self.name, self.env, self.make(), seed)
+
+    def errors(self, seeds: Sequence[int]) -> Array:
+        """Mean tip error over the last 10 steps of every episode, (E,) [mm]; raises as Drive does."""
+        controller = self.make()
+        errors: Array = run_episodes(self.env, controller, seeds).last_errors.mean(axis=1)
+        return errors
+
+
+@cache
+def worlds() -> Mapping[str, EnvConfig]:
+    """The tracking environments by a title: those of rj_gym as they are, and those that shipped policies are for."""
+    found = {each.removeprefix("rj_gym/"): EnvConfig(each) for each in IDS if not each.endswith("Goal-v0")}
+    known = {episodes_key(env) for env in found.values()}
+    for policy in map(_policy, list_policies()):
+        if _key(policy.name) not in known:
+            title = f"{policy.env_id.removeprefix('rj_gym/')}: {policy.name.replace('_', ' ')}"
+            found[title] = policy.environment
+    return found
+
+
+def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
+    """Those that can drive in an environment, by name: shipped policies, then controllers that are not learned."""
+    key = episodes_key(env)
+    policies = [_policy(name) for name in list_policies() if _key(name) == key]
+    left_out = () if env.arguments()["config"].sees_all else NEED_POSES
+    others = [name for name in candidates(env.id) if name not in left_out]
+    learned = [OfferedController(f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name)) for p in policies]
+    offered = [*learned, *(OfferedController(name, env, partial(_candidate, env.id, name)) for name in others)]
+    return {one.name: one for one in offered}
+
+
+@cache
+def _policy(name: str) -> ShippedPolicy:
+    return load_policy(name)
+
+
+@cache
+def _key(name: str) -> str:
+    return episodes_key(_policy(name).environment)
+
+
+def _candidate(env_id: str, name: str) -> Controller:
+    return candidates(env_id)[name]

@@ -1,0 +1,270 @@
+"""Own reward terms, observation entries, ends of episodes, targets and loads of the tracking tasks.
+
+`Terms` is a setting of every tracking environment. Its functions are called once per step, or once per reset, with all
+lanes at a time; a scalar environment is one lane. They may be compiled: `Step` and `Start` are NamedTuples of arrays,
+which functions under `numba.njit` take as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rj_gym.core.columns import ERROR, FORCE, LINK, REWARD, STEP, TARGET, TENSIONS, TIP
+from rj_gym.core.settings import Settings
+from rj_gym.core.task import Entry
+from rollingjoint.checks import as_choice, as_integer
+from rollingjoint.errors import ConfigError, InvalidInput
+
+if TYPE_CHECKING:
+    from rj_gym.tracking.arrays import RunningEpisodes
+
+Array = NDArray[np.float64]
+
+REWARDS = ("add", "replace")
+"""How own reward terms stand to those of the task."""
+
+_BUILT_IN = ("tracking", "effort", "smoothness", "failure", "orientation")
+_MOST_UNIFORMS = 100_000
+
+
+class Step(NamedTuple):
+    """Where B running episodes are after a step, or at their start: d coordinates, m tendons, n links.
+
+    Views of the environment's own arrays: read them in the call and do not change them. Poses, tip and tensions are
+    true values, without the errors of sensors.
+    """
+
+    step: NDArray[np.float64]  # (B,) steps taken, 0 at the start
+    action: Array  # (B, m) within [-1, 1]
+    previous_action: Array  # (B, m)
+    tip: Array  # (B, d) mm
+    target: Array  # (B, d) mm
+    error_mm: Array  # (B,) distance of the tip from the target
+    tensions: Array  # (B, m) N
+    commands: Array  # (B, m) commanded tendon lengths, mm
+    joint_angles: Array  # (B, n - 1) rad
+    poses: Array  # of all links, (B, n, 3) mm, mm, rad in the plane, (B, n, 4, 4) in space
+    load_link: Array  # (B,)
+    load_force: Array  # (B, d) N
+    reward: Array  # (B,) the sum of the task's own terms
+
+
+class Start(NamedTuple):
+    """What a function that draws targets or loads is given when B episodes begin."""
+
+    uniforms: Array  # (B, k) random numbers in [0, 1) of each episode's own generator
+    episode_steps: int  # T
+    length: float  # of the mechanism, mm
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Own entries of the observation, which follow those of the task.
+
+    Args:
+        entries: name, unit, lowest and highest value of each.
+        function: their values in a Step, (B, len(entries)); they are clipped to the bounds.
+    """
+
+    entries: Sequence[Entry]
+    function: Callable[[Step], Array]
+
+    def __post_init__(self) -> None:
+        _check_function("observations", self.function)
+        entries = tuple(Entry(*each) for each in self.entries)
+        if not entries or not all(each.low < each.high for each in entries):
+            raise ConfigError("entries of an observation", self.entries, "Entry(name, unit, low, high), low below high")
+        object.__setattr__(self, "entries", entries)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Own targets or loads: a function of random numbers.
+
+    Args:
+        function: of a Start.
+        uniforms: how many random numbers an episode needs, k.
+    """
+
+    function: Callable[[Start], Array]
+    uniforms: int = 0
+
+    def __post_init__(self) -> None:
+        _check_function("targets, loads", self.function)
+        as_integer("uniforms", self.uniforms, low=0, high=_MOST_UNIFORMS, error=ConfigError)
+
+
+@dataclass(frozen=True)
+class Terms(Settings):
+    """What a tracking task has beside its own reward, observation, end, targets and loads.
+
+    Args:
+        rewards: terms of the reward by name, functions of a Step, (B,) each. They stand in info["reward_terms"].
+        reward: "add" them to the reward of the task, or "replace" it; its own terms stay in info then.
+        observations: own entries of the observation.
+        ends: reasons to end an episode by name, functions of a Step, booleans (B,) each. They terminate it, and
+            info["ends"] says which of them hold.
+        targets: positions of the tip, (B, 1 or T + 1, d) [mm]: one for the episode, or one per step; with the
+            orientation of arms followed by the rotation matrix row by row.
+        target_tensions: tendon tensions, (B, 1 or T + 1, m) [N], whose equilibria have their tips at the targets, so
+            that every target can be reached. Not together with targets.
+        loads: forces at the origin of the loaded link, (B, 1 or T + 1, 2) [N]; of arms weights at the tip,
+            (B, 1 or T + 1) [N].
+    """
+
+    _SECTION = "terms."
+    rewards: Mapping[str, Callable[[Step], Array]] = field(default_factory=dict)
+    reward: str = "add"
+    observations: Sequence[Observed] = ()
+    ends: Mapping[str, Callable[[Step], NDArray[np.bool_]]] = field(default_factory=dict)
+    targets: Drawn | None = None
+    target_tensions: Drawn | None = None
+    loads: Drawn | None = None
+
+    def __post_init__(self) -> None:
+        self._check(as_choice, "reward", choices=REWARDS)
+        for section in ("rewards", "ends"):
+            named = getattr(self, section)
+            if not isinstance(named, Mapping):
+                raise ConfigError(f"terms.{section}", named, "a dictionary of functions by name")
+            for name, function in named.items():
+                _check_function(f"terms.{section}[{name!r}]", function)
+                if name in _BUILT_IN:
+                    raise ConfigError(f"terms.{section}", name, f"a name other than {', '.join(_BUILT_IN)}")
+        if self.reward == "replace" and not self.rewards:
+            raise ConfigError("terms.reward", self.reward, '"add" without own rewards')
+        if self.targets is not None and self.target_tensions is not None:
+            raise ConfigError("terms.target_tensions", "given", "None beside targets")
+        observations = self.observations
+        if not isinstance(observations, Sequence) or not all(isinstance(each, Observed) for each in observations):
+            raise ConfigError("terms.observations", observations, "a list of Observed")
+        for name in ("targets", "target_tensions", "loads"):
+            if not isinstance(getattr(self, name), Drawn | None):
+                raise ConfigError(f"terms.{name}", getattr(self, name), "Drawn(function, uniforms) or None")
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The own entries of the observation, in order."""
+        return [entry for each in self.observations for entry in each.entries]
+
+    def columns(self, first: int) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
+        """Names and columns of readings of the terms of the reward and of the ends, from a first column on."""
+        rewards = [(name, column) for column, name in enumerate(self.rewards, first)]
+        return rewards, [(name, column) for column, name in enumerate(self.ends, first + len(rewards))]
+
+    @property
+    def uniforms(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the random numbers that an episode needs, by name."""
+        drawn = {name: getattr(self, name) for name in ("targets", "target_tensions", "loads")}
+        return {f"own {name}": (own.uniforms,) for name, own in drawn.items() if own is not None and own.uniforms}
+
+
+def checked_series(name: str, values: Any, start: Start, shape: tuple[int, ...]) -> Array:
+    """The series that a function gave for a Start, (B, 1 or T + 1, *shape).
+
+    Raises:
+        InvalidInput: numbers of another shape, or that are not finite.
+    """
+    series = np.asarray(values, float)
+    allowed = [(len(start.uniforms), times, *shape) for times in (1, start.episode_steps + 1)]
+    if series.shape not in allowed or not np.isfinite(series).all():
+        raise InvalidInput(name, series, f"finite numbers of shape {allowed[0]} or {allowed[1]}")
+    return np.ascontiguousarray(series)
+
+
+class AppliedTerms:
+    """The terms of a task at work on the arrays of an episode buffer.
+
+    Args:
+        terms: the settings. first: the first of their columns in readings. dimension: of a position. n_tendons: m.
+
+    Attributes:
+        rewards: columns of readings with the terms of the reward.
+    """
+
+    def __init__(self, terms: Terms, first: int, dimension: int, n_tendons: int) -> None:
+        self._terms, self._d, self._m = terms, dimension, n_tendons
+        self.rewards = slice(first, first + len(terms.rewards))
+        self._low, self._high = (np.array([getattr(each, side) for each in terms.entries]) for side in ("low", "high"))
+        self._steps: dict[int, Step] = {}  # by the number of lanes: making one takes as long as a small function
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_steps": {}}
+
+    def bind(self, state: RunningEpisodes) -> None:
+        """Work on these arrays from now on."""
+        self._state, self._steps = state, {}
+
+    def apply(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Fill the own columns of the readings of the first lanes; their observations with the own entries.
+
+        Raises:
+            InvalidInput: a function that gives numbers of another shape, or that are not finite.
+        """
+        count, terms = len(observations), self._terms
+        readings, step, column = self._state.readings[:count], self._step(count), self.rewards.start
+        total: Array | float = 0.0
+        for section, functions in (("rewards", terms.rewards), ("ends", terms.ends)):
+            for name, function in functions.items():
+                values = _values(section, name, function(step), (count,))
+                readings[:, column] = values
+                column += 1
+                total = total + values if section == "rewards" else total
+        if terms.reward == "replace":
+            readings[:, REWARD] = total
+        elif terms.rewards:
+            readings[:, REWARD] += total
+        return self.observed(observations)
+
+    def observed(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The observations of the first lanes with the own entries; raises as `apply`."""
+        count, parts = len(observations), [observations]
+        first = 0
+        for each in self._terms.observations:
+            name, last = each.entries[0].name, first + len(each.entries)
+            values = _values("observations", name, each.function(self._step(count)), (count, last - first))
+            parts.append(np.clip(values, self._low[first:last], self._high[first:last]).astype(np.float32))
+            first = last
+        return observations if first == 0 else np.hstack(parts)
+
+    def _step(self, count: int) -> Step:
+        """The first lanes, as functions see them."""
+        if (known := self._steps.get(count)) is not None:
+            return known
+        state, d, m = self._state, self._d, self._m
+        readings = state.readings[:count]
+        self._steps[count] = step = Step(
+            step=readings[:, STEP],
+            action=state.actions[:count, 0],
+            previous_action=state.actions[:count, 1],
+            tip=readings[:, TIP : TIP + d],
+            target=readings[:, TARGET : TARGET + d],
+            error_mm=readings[:, ERROR],
+            tensions=readings[:, TENSIONS : TENSIONS + m],
+            commands=readings[:, TENSIONS + m : TENSIONS + 2 * m],
+            joint_angles=state.angles[:count],
+            poses=state.poses[:count],
+            load_link=readings[:, LINK],
+            load_force=readings[:, FORCE : FORCE + d],
+            reward=readings[:, REWARD],
+        )
+        return step
+
+
+def _values(section: str, name: str, values: Any, shape: tuple[int, ...]) -> Array:
+    """The values of a function as finite floats of a shape; raises InvalidInput."""
+    array = np.asarray(values, float)
+    if array.shape != shape or not math.isfinite(array.sum()):
+        raise InvalidInput(f"terms.{section}[{name!r}]", array, f"finite numbers of shape {shape}")
+    return array
+
+
+def _check_function(name: str, function: object) -> None:
+    if not callable(function):
+        raise ConfigError(name, function, "a function")

@@ -1,0 +1,205 @@
+"""The formulas that every class of chains has, chosen by the type of its arrays when a kernel is compiled.
+
+Newton's method and the driver of lanes call these names; each class of chains registers its own parts for them: those
+of one configuration by its chain, those of lanes by its block. numba cannot take functions as arguments without losing
+its disk cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba.extending import overload
+
+from rollingjoint._numba.jit import PART_OPTIONS, part
+
+
+def design(chain: Any, which: Any) -> Any:
+    """One mechanism of a stack."""
+    raise TypeError("design is compiled into kernels")
+
+
+def new_state(chain: Any, n_joints: Any, n_tendons: Any) -> Any:
+    """Empty arrays for everything that is evaluated at one configuration."""
+    raise TypeError("new_state is compiled into kernels")
+
+
+def middle(chain: Any, i: Any) -> Any:
+    """A pose of joint i that is always possible."""
+    raise TypeError("middle is compiled into kernels")
+
+
+def load_columns(chain: Any) -> Any:
+    """How many columns a load table has."""
+    raise TypeError("load_columns is compiled into kernels")
+
+
+def stiffness_columns(chain: Any) -> Any:
+    """The columns of a load table that must not be negative."""
+    raise TypeError("stiffness_columns is compiled into kernels")
+
+
+def solve(chain: Any, law: Any, loads: Any, start: Any, state: Any) -> Any:
+    """Equilibrium from joint angles; fills the state; returns (status, iterations, largest free |r|, escapes)."""
+    raise TypeError("solve is compiled into kernels")
+
+
+def solve_step(
+    chain: Any, friction: Any, before: Any, law: Any, loads: Any, start: Any, state: Any, memory: Any
+) -> Any:
+    """The step with friction; fills the state and the memory (rubbed_chain.py); returns what `solve` returns."""
+    raise TypeError("solve_step is compiled into kernels")
+
+
+def store(chain: Any, state: Any, outcome: Any, results: Any, lane: Any) -> None:
+    """Copy a solved state and what `solve` returned into the results."""
+    raise TypeError("store is compiled into kernels")
+
+
+def store_friction(chain: Any, state: Any, memory: Any, results: Any, lane: Any) -> None:
+    """Copy what friction has changed into the results."""
+    raise TypeError("store_friction is compiled into kernels")
+
+
+def evaluate(chain: Any, law: Any, loads: Any, state: Any) -> Any:
+    """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale)."""
+    raise TypeError("evaluate is compiled into kernels")
+
+
+def evaluate_geometry(chain: Any, state: Any) -> None:
+    """Fill poses, gaps and tendon lengths at the angles."""
+    raise TypeError("evaluate_geometry is compiled into kernels")
+
+
+def evaluate_loads(chain: Any, loads: Any, state: Any) -> Any:
+    """Fill the sums of loads beyond each joint; returns the energy of loads and joints, and its terms' magnitude."""
+    raise TypeError("evaluate_loads is compiled into kernels")
+
+
+def evaluate_residual(chain: Any, state: Any) -> Any:
+    """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
+    raise TypeError("evaluate_residual is compiled into kernels")
+
+
+def torque(state: Any, i: Any, j: Any) -> Any:
+    """Moment of a tendon about joint i per tension [mm]."""
+    raise TypeError("torque is compiled into kernels")
+
+
+def own_stiffness(chain: Any, state: Any, i: Any) -> Any:
+    """What joint i alone adds to the diagonal of H: its spring, its moving contact."""
+    raise TypeError("own_stiffness is compiled into kernels")
+
+
+def fill_load_stiffness(chain: Any, state: Any, i: Any, H: Any) -> None:
+    """Fill H_im and H_mi, m <= i, with what loads on one link beyond joint i add."""
+    raise TypeError("fill_load_stiffness is compiled into kernels")
+
+
+def add_between_links(chain: Any, loads: Any, H: Any) -> None:
+    """Add to H what loads between two links add."""
+    raise TypeError("add_between_links is compiled into kernels")
+
+
+def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -> None:
+    """Fill diagonal, U and V of a Sweep with what loads and joints add, in its first columns; prox: on the diagonal."""
+    raise TypeError("fill_load_generators is compiled into kernels")
+
+
+def stiffness(chain: Any, loads: Any, state: Any, H: Any) -> None:
+    """Fill H = dr/dangle, (J, J), at an evaluated state."""
+    raise TypeError("stiffness is compiled into kernels")
+
+
+def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -> None:
+    """Fill diagonal, U and V of a Sweep at an evaluated state: H_im = U_i . V_m for i > m; prox joins the diagonal."""
+    raise TypeError("fill_generators is compiled into kernels")
+
+
+def fill_turns(chain: Any, state: Any, turn: Any) -> None:
+    """Fill how far the tendons turn at the holes of every link, and the rates (friction.Rubbing.turn)."""
+    raise TypeError("fill_turns is compiled into kernels")
+
+
+def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
+    """Fill what presses the links of every joint together: per tension of its gaps, and the share of the loads."""
+    raise TypeError("fill_normals is compiled into kernels")
+
+
+def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, step: Any) -> None:
+    """Fill a step along which the line search descends: Newton's, changed where H is not positive definite."""
+    raise TypeError("direction is compiled into kernels")
+
+
+def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:
+    """(energy, magnitude) with everything that a line search holds constant taken at the present state."""
+    raise TypeError("renew is compiled into kernels")
+
+
+def overshoots(chain: Any, slope: Any, new_slope: Any) -> Any:
+    """Whether a step ends too far beyond the minimum along it; slopes of the merit at its start and its end."""
+    raise TypeError("overshoots is compiled into kernels")
+
+
+def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
+    """The kind of a stationary point where H is not positive definite; kind: what H says."""
+    raise TypeError("reconsider is compiled into kernels")
+
+
+def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
+    """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
+
+    def register(function: Callable[..., Any]) -> Any:
+        @overload(generic, jit_options=PART_OPTIONS, strict=False)
+        def choose(chain: Any, *others: Any) -> Callable[..., Any] | None:
+            return function if getattr(chain, "instance_class", None) is kind else None
+
+        return part(function)
+
+    return register
+
+
+def fill_row(block: Any, batch: Any, friction: Any, lane: Any, row: Any, design: Any) -> Any:
+    """Copy the inputs of a row into a lane, and a design unless it is -1; False where the row must be left PENDING."""
+    raise TypeError("fill_row is compiled into kernels")
+
+
+def search_of(block: Any) -> Any:
+    """Where the line searches of its lanes are (lanes.py)."""
+    raise TypeError("search_of is compiled into kernels")
+
+
+def evaluate_lanes(block: Any, chain: Any, designs: Any) -> Any:
+    """Fill the state at its angles; returns (energy, magnitude of its terms, force scale)."""
+    raise TypeError("evaluate_lanes is compiled into kernels")
+
+
+def fill_row_of_loads(block: Any, i: Any, H: Any) -> Any:
+    """Fill row i of H up to the diagonal with what loads add; returns what they add to the diagonal."""
+    raise TypeError("fill_row_of_loads is compiled into kernels")
+
+
+def own_terms(block: Any, i: Any) -> Any:
+    """What joint i alone adds to the diagonal of H, its spring or its moving contact: two numbers, less the second."""
+    raise TypeError("own_terms is compiled into kernels")
+
+
+def evaluate_turns(rubbed: Any, tendon_joints: Any) -> None:
+    """Fill how far tendons turn at the holes of a block with friction, and the rates."""
+    raise TypeError("evaluate_turns is compiled into kernels")
+
+
+def advance(block: Any, chain: Any, designs: Any) -> Any:
+    """One evaluation of all lanes and what follows from it; returns whether some lane has arrived or left."""
+    raise TypeError("advance is compiled into kernels")
+
+
+def fill_outputs(block: Any, batch: Any) -> None:
+    """Fill what is stored of lanes that have arrived."""
+    raise TypeError("fill_outputs is compiled into kernels")
+
+
+def store_row(block: Any, batch: Any, friction: Any, lane: Any, row: Any) -> None:
+    """Copy a lane that has arrived into its row of the results."""
+    raise TypeError("store_row is compiled into kernels")

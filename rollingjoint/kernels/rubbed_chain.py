@@ -1,0 +1,428 @@
+"""A chain with friction: the formulas of its class, and on top of them what friction changes.
+
+Newton's method runs on it as on any chain. Residual r and Jacobian A = dr/dangle are exact but for one term: how the
+normal forces between the links change as tendons, loads and contacts turn, where there is rolling resistance. A is not
+symmetric. The line search goes by the incremental potential, whose gradient is r as long as the grips of the holes are
+held at their values where the search begins (`renew`). Source: docs/theory.md, section 9.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from rollingjoint._numba.borrowed import borrow
+from rollingjoint._numba.jit import part
+from rollingjoint._numba.layout import Floats
+from rollingjoint.kernels import formulas
+from rollingjoint.kernels.arrays import INDETERMINATE, NOT_CONVERGED, UNSTABLE
+from rollingjoint.kernels.bounds import begin, moved
+from rollingjoint.kernels.descent import most_descent_steps
+from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.friction import (
+    ARM,
+    COMPLIANCE,
+    CONSTANT,
+    N_COEFFICIENTS,
+    PRESLIDING,
+    ROLLING_PRESLIDING,
+    FrictionLaw,
+    History,
+    Rubbing,
+    evaluate_holes,
+    evaluate_slips,
+    evaluated_energy,
+    freeze,
+    friction_energy,
+    overshoots_kink,
+    slide,
+    tension_rate,
+    work_per_grip,
+)
+from rollingjoint.kernels.linear import descent_step, downhill_step
+from rollingjoint.kernels.long_chain import Sweep, new_sweep
+from rollingjoint.kernels.long_lu import LongLu, lu_long_step, new_long_lu
+from rollingjoint.kernels.newton import MAX_ITERATIONS, classify, minimise
+from rollingjoint.kernels.settle import long_joints, settle
+
+_FEW_ITERATIONS = 40
+_SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
+
+
+class Rolling(NamedTuple):
+    """Rolling resistance evaluated at one configuration."""
+
+    states: Annotated[Floats, "J"]
+    pressing: Annotated[Floats, "J"]  # normal force between the links, 0 where they separate [N]
+    frozen: Annotated[Floats, "J"]  # likewise, where the line search began
+    per_tension: Annotated[Floats, "J", "m"]  # d normal force / d tension of the gap
+    of_loads: Annotated[Floats, "J"]  # normal force of the loads
+
+
+class Rubbed(NamedTuple):
+    """A chain with friction, its history, and what is evaluated beside the State."""
+
+    chain: Any
+    joints: Floats  # of the chain
+    law: FrictionLaw
+    before: History
+    now: Rubbing
+    rolling: Rolling
+    A: Floats  # (J, J) Jacobian of short chains
+    base: Sweep  # generators of the chain
+    lu: LongLu
+    symmetric: bool  # whether H is to be the symmetric part of A: where the loads have a potential
+
+
+class Memory(NamedTuple):
+    """What is evaluated in a step, and the coefficients as they are used."""
+
+    law: FrictionLaw
+    now: Rubbing
+    rolling: Rolling
+
+
+class MemorySizes(NamedTuple):
+    """Lengths of the axes of Memory."""
+
+    J: int
+    m: int
+
+
+@part
+def rubbed(chain, before, memory, n_long, columns, symmetric):
+    """The chain with friction; n_long: joints if it is a long one, else 0; columns: of the generators of the chain."""
+    law, lower, n_short = memory.law, columns, chain.joints.shape[0] - n_long
+    for j in range(law.tendons.shape[0]):
+        if law.tendons[j, COMPLIANCE] != 0.0 or law.tendons[j, CONSTANT] != 0.0:
+            lower = columns + 2 * law.tendons.shape[0]
+    A, base, lu = np.empty((n_short, n_short)), new_sweep(n_long, columns), new_long_lu(n_long, lower, columns)
+    return Rubbed(chain, chain.joints, law, before, memory.now, memory.rolling, A, base, lu, symmetric)
+
+
+@formula(formulas.evaluate, Rubbed)
+def evaluate(chain, law, loads, state):
+    """Fill the state at its angles; returns (incremental potential, magnitude of its terms, force scale)."""
+    state, before, now, rolling = borrow(state), borrow(chain.before), borrow(chain.now), borrow(chain.rolling)
+    coefficients, tendon_joints = borrow(chain.law.tendons), borrow(chain.chain.tendon_joints)
+    energy, magnitude, scale = formulas.evaluate(chain.chain, law, loads, state)
+    formulas.fill_turns(chain.chain, state, now.turn)
+    evaluate_slips(coefficients, tendon_joints, state, now)
+    evaluate_holes(coefficients, before, tendon_joints, state, now)
+    if chain.law.rolling[ARM] > 0.0:
+        _evaluate_rolling(chain, state)
+        for i in range(state.angle.size):
+            per_pressing = _rolling_work(chain.law, before, rolling, state, i)
+            term = chain.law.rolling[ARM] * rolling.frozen[i] * per_pressing
+            energy, magnitude = energy + term, magnitude + abs(term)
+            state.residual[i] += chain.law.rolling[ARM] * rolling.of_loads[i] * rolling.states[i]
+    for j in range(tendon_joints.size):
+        for i in range(tendon_joints[j]):
+            state.residual[i] += now.tension[i, j] * now.lever[i, j] - state.tension[j] * state.gap[i, j, 1]
+    term, size = friction_energy(coefficients, before, tendon_joints, state, now, now.frozen, now.frozen_tension)
+    return energy + term, magnitude + size, scale
+
+
+@part
+def _rolling_work(law, before, rolling, state, i):
+    """What the rolling resistance of a joint takes up per newton of normal force and millimetre of its arm."""
+    way = state.angle[i] - before.angles[i]
+    return work_per_grip(-before.rolling[i], -rolling.states[i], way, law.rolling[ROLLING_PRESLIDING])
+
+
+@part
+def _evaluate_rolling(chain, state):
+    """Fill the rolling resistance, and the levers with its share; a joint whose links separate has none."""
+    before, now, rolling, tendon_joints = chain.before, chain.now, chain.rolling, chain.chain.tendon_joints
+    arm, presliding = chain.law.rolling[ARM], chain.law.rolling[ROLLING_PRESLIDING]
+    formulas.fill_normals(chain.chain, state, rolling)
+    for i in range(state.angle.size):
+        rolling.states[i] = -slide(-before.rolling[i], state.angle[i] - before.angles[i], presliding)
+        force = rolling.of_loads[i]
+        for j in range(tendon_joints.size):
+            if i < tendon_joints[j]:
+                force += now.tension[i, j] * rolling.per_tension[i, j]
+        rolling.pressing[i] = max(force, 0.0)
+        if force <= 0.0:
+            rolling.of_loads[i] = 0.0
+            continue
+        for j in range(tendon_joints.size):
+            if i < tendon_joints[j]:
+                now.lever[i, j] += arm * rolling.states[i] * rolling.per_tension[i, j]
+
+
+@formula(formulas.renew, Rubbed)
+def renew(chain, state, energy, magnitude):
+    """(incremental potential, magnitude) with grips and tensions frozen at the present state."""
+    state, before, now, rolling = borrow(state), borrow(chain.before), borrow(chain.now), borrow(chain.rolling)
+    coefficients, tendon_joints = borrow(chain.law.tendons), borrow(chain.chain.tendon_joints)
+    old, _ = friction_energy(coefficients, before, tendon_joints, state, now, now.frozen, now.frozen_tension)
+    freeze(tendon_joints, state, now)
+    new, _ = friction_energy(coefficients, before, tendon_joints, state, now, now.frozen, now.frozen_tension)
+    if chain.law.rolling[ARM] > 0.0:
+        for i in range(state.angle.size):
+            per_pressing = _rolling_work(chain.law, before, rolling, state, i)
+            new += chain.law.rolling[ARM] * (rolling.pressing[i] - rolling.frozen[i]) * per_pressing
+            rolling.frozen[i] = rolling.pressing[i]
+    return energy + (new - old), magnitude + abs(new - old)
+
+
+@formula(formulas.overshoots, Rubbed)
+def overshoots(chain, slope, new_slope):
+    """Whether a step ends too far beyond the minimum along it."""
+    return overshoots_kink(slope, new_slope)
+
+
+@part
+def _rolling_stiffness(chain, state, i):
+    """What the rolling resistance of a joint adds to its own stiffness while it builds up."""
+    arm, presliding = chain.law.rolling[ARM], chain.law.rolling[ROLLING_PRESLIDING]
+    if arm > 0.0 and abs(chain.rolling.states[i]) < 1.0:
+        return arm * chain.rolling.pressing[i] / presliding
+    return 0.0
+
+
+@formula(formulas.stiffness, Rubbed)
+def stiffness(chain, loads, state, H):
+    """Fill A, and H with A or its symmetric part."""
+    state, H, A, now = borrow(state), borrow(H), borrow(chain.A), borrow(chain.now)
+    tendon_joints, n_joints = borrow(chain.chain.tendon_joints), state.angle.size
+    formulas.stiffness(chain.chain, loads, state, A)
+    for j in range(tendon_joints.size):
+        for i in range(tendon_joints[j]):
+            _add_tension_rates(state, now, i, j, tendon_joints[j], A)
+            A[i, i] += (now.tension[i, j] - state.tension[j]) * state.gap[i, j, 2]
+    for i in range(n_joints):
+        A[i, i] += _rolling_stiffness(chain, state, i)
+    for i in range(n_joints):
+        for m in range(n_joints):
+            H[i, m] = 0.5 * (A[i, m] + A[m, i]) if chain.symmetric else A[i, m]
+
+
+@part(inline=True)
+def _add_tension_rates(state, now, i, j, count, A):
+    """Add to row i what tension_rate of a tendon brings, less what the stretch brings without friction."""
+    lever, carried, stretch = now.lever[i, j], now.carried[i, j], state.elastic[j] * now.passed[i, j]
+    pull = state.elastic[j] * state.gap[i, j, 1]
+    for m in range(i):
+        rate = state.gap[m, j, 1]
+        slipping = carried * (now.give[m, j] * rate - now.bend[m, j, 1]) + now.flat[m, j] * rate
+        A[i, m] += lever * (stretch * rate + slipping) - pull * rate
+    per_rate = lever * (stretch + carried * now.give[i, j] + now.flat[i, j]) - pull
+    for m in range(i, count):
+        A[i, m] += per_rate * state.gap[m, j, 1]
+    A[i, i] -= lever * carried * now.bend[i, j, 0]
+
+
+@formula(formulas.fill_generators, Rubbed)
+def fill_generators(chain, loads, state, prox, sweep):
+    """Fill the generators of A, and the Sweep with those of its symmetric part."""
+    state, now, base, lu, sweep = borrow(state), borrow(chain.now), borrow(chain.base), borrow(chain.lu), borrow(sweep)
+    n_joints, columns, width = state.angle.size, base.U.shape[1], lu.U.shape[1]
+    elastic = np.empty(state.elastic.size)
+    for j in range(elastic.size):
+        elastic[j], state.elastic[j] = state.elastic[j], 0.0
+    formulas.fill_generators(chain.chain, loads, state, prox, base)
+    for j in range(elastic.size):
+        state.elastic[j] = elastic[j]
+    first = columns - elastic.size
+    for i in range(n_joints):
+        for a in range(columns):
+            lu.U[i, a], lu.V[i, a], lu.P[i, a], lu.Q[i, a] = base.U[i, a], base.V[i, a], base.V[i, a], base.U[i, a]
+        sweep.diagonal[i] = base.diagonal[i] + _rolling_stiffness(chain, state, i)
+        for j in range(elastic.size):
+            sweep.diagonal[i] += _fill_tendon_columns(
+                chain.chain.tendon_joints[j], state, now, lu, i, j, first, columns
+            )
+        for a in range(width):
+            sweep.U[i, a], sweep.V[i, a] = 0.5 * lu.U[i, a], lu.V[i, a]
+        for a in range(columns):
+            sweep.U[i, width + a], sweep.V[i, width + a] = 0.5 * lu.Q[i, a], lu.P[i, a]
+
+
+@part
+def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
+    """Fill the generators of one tendon at joint i; returns what it adds to the diagonal."""
+    split, a, b = lu.U.shape[1] > columns, first + j, columns + 2 * j
+    lu.U[i, a] = lu.V[i, a] = lu.P[i, a] = lu.Q[i, a] = 0.0
+    if split:
+        lu.U[i, b] = lu.V[i, b] = lu.U[i, b + 1] = lu.V[i, b + 1] = 0.0
+    if i >= crossed:
+        return 0.0
+    lever, rate, motor = now.lever[i, j], state.gap[i, j, 1], state.tension[j]
+    carried, stretch = now.carried[i, j], state.elastic[j] * now.passed[i, j]
+    own = now.give[i, j] * rate - now.bend[i, j, 1]
+    lu.P[i, a], lu.Q[i, a] = lever * (stretch + carried * now.give[i, j] + now.flat[i, j]), rate
+    if split:
+        lu.U[i, a], lu.V[i, a] = lever * carried, own
+        lu.U[i, b], lu.V[i, b] = lever * stretch, rate
+        lu.U[i, b + 1], lu.V[i, b + 1] = lever, now.flat[i, j] * rate
+    else:  # stretch and carried tension are both multiples of what passes the holes
+        lu.U[i, a], lu.V[i, a] = lever * now.passed[i, j], state.elastic[j] * rate + motor * own
+    return lever * tension_rate(state, now, i, i, j) + (now.tension[i, j] - motor) * state.gap[i, j, 2]
+
+
+@formula(formulas.direction, Rubbed)
+def direction(chain, H, sweep, free, residual, L, step):
+    """Newton's step on A; where that does not descend, with |eigenvalues| of its symmetric part, or a shift."""
+    if sweep.diagonal.size > 0:
+        lu_long_step(chain.lu, sweep, free, residual, step)
+        return
+    for i in range(free.size):
+        chain.A[i, i] = H[i, i]  # with the proximal term
+    if not downhill_step(chain.A, free, residual, L, step):
+        descent_step(H, free, residual, L, step)
+
+
+@formula(formulas.reconsider, Rubbed)
+def reconsider(chain, loads, state, free, kind):
+    """By the eigenvalues of A: the pose can be stable although A's symmetric part is not positive definite."""
+    n = state.angle.size
+    A = np.empty((n, n))
+    law, now, rolling = chain.law, chain.now, chain.rolling
+    dense = Rubbed(chain.chain, chain.joints, law, chain.before, now, rolling, A, chain.base, chain.lu, False)
+    formulas.stiffness(dense, loads, state, A)
+    return classify(A, new_sweep(0, 0), free, np.empty((n, n)))
+
+
+@part
+def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, law, loads, start, state, memory):
+    """The step with friction from its history, begun at joint angles `start`; returns what `settle` returns.
+
+    Where it fails, Newton's method goes by the magnitude of the residual, then the step is solved with a softer
+    presliding first, then by the slow descent: only the way to the equilibrium is another one.
+    """
+    n = long_joints(start.size, conservative)
+    _soften(friction, 1.0, memory.law)
+    one = rubbed(chain, before, memory, n, columns, conservative)
+    sweep = new_sweep(n, one.lu.U.shape[1] + columns)
+    H = np.empty((start.size - n, start.size - n))
+    how = one, conservative, most_escapes, _patience(friction), False
+    status, count, worst = settle(*how, law, loads, start, state, H, sweep)
+    if status == NOT_CONVERGED and conservative:
+        found = _by_residual(chain, before, memory, columns, law, loads, start, state)
+        count += found[1]
+        if found[0] < UNSTABLE:
+            return found[0], count, found[2]
+    if status == NOT_CONVERGED:
+        begin(one, start, state.angle)
+        for softness in _SOFTER:
+            _soften(friction, softness, memory.law)
+            how = one, law, loads, conservative, most_escapes, MAX_ITERATIONS
+            found = minimise(*how, 0.0, start, state, H, sweep)
+            status, iterations, worst = found
+            count += iterations
+    if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
+        dense = rubbed(chain, before, memory, 0, columns, True)
+        H, sweep = np.empty((start.size, start.size)), new_sweep(0, 0)
+        how = dense, conservative, most_escapes, MAX_ITERATIONS, True
+        found = settle(*how, law, loads, start, state, H, sweep)
+        status, iterations, worst = found
+        count += iterations
+    return status, count, worst
+
+
+@part
+def _patience(friction):
+    """Iterations of Newton's method on the incremental potential: under constant friction forces it may cycle."""
+    for j in range(friction.tendons.shape[0]):
+        if friction.tendons[j, CONSTANT] > 0.0:
+            return _FEW_ITERATIONS
+    return MAX_ITERATIONS
+
+
+@part
+def _by_residual(chain, before, memory, columns, law, loads, start, state):
+    """The step from its start by Newton's method with a line search on |r|; returns what `minimise` returns.
+
+    The incremental potential changes with the grips after every search, and constant friction forces that use up a
+    tension make it jump; the residual does not. It also leads to unstable equilibria.
+    """
+    n = start.size
+    dense = rubbed(chain, before, memory, 0, columns, False)
+    begin(dense, start, state.angle)
+    how = dense, law, loads, False, 0, MAX_ITERATIONS
+    return minimise(*how, 0.0, start, state, np.empty((n, n)), new_sweep(0, 0))
+
+
+@part
+def _soften(friction, softness, law):
+    """Copy the coefficients, the presliding with a factor."""
+    for j in range(law.tendons.shape[0]):
+        for column in range(N_COEFFICIENTS):
+            law.tendons[j, column] = friction.tendons[j, column]
+        law.tendons[j, PRESLIDING] *= softness
+    law.rolling[ARM] = friction.rolling[ARM]
+    law.rolling[ROLLING_PRESLIDING] = softness * friction.rolling[ROLLING_PRESLIDING]
+
+
+@part
+def remember(chain, before, memory, status, state, after):
+    """Fill what friction remembers after a step; returns what it took up [N·mm].
+
+    Where nothing holds the pose the friction states stay as they were; where there is no equilibrium, everything does.
+    """
+    now, rolling, law = memory.now, memory.rolling, memory.law
+    stands, holds = status <= INDETERMINATE, status < INDETERMINATE
+    _, _, _, work = evaluated_energy(law.tendons, before, chain.tendon_joints, now)
+    work = work if holds else 0.0
+    for i in range(state.angle.size):
+        after.angles[i] = state.angle[i] if stands else before.angles[i]
+        after.rolling[i] = before.rolling[i]
+        if holds and law.rolling[ARM] > 0.0:
+            work += law.rolling[ARM] * rolling.pressing[i] * _rolling_work(law, before, rolling, state, i)
+            after.rolling[i] = rolling.states[i]
+        for j in range(state.tension.size):
+            after.slips[i, j] = now.slips[i, j] if stands else before.slips[i, j]
+            after.states[i, j] = now.states[i, j] if holds else before.states[i, j]
+            after.grips[i, j] = now.grips[i, j] if holds else before.grips[i, j]
+    return work
+
+
+@part
+def begin_history(chain, friction, state, memory, history):
+    """Fill the history of an evaluated state in which nothing has ever slipped."""
+    _soften(friction, 1.0, memory.law)
+    for i in range(state.angle.size):
+        history.rolling[i] = 0.0
+        for j in range(state.tension.size):
+            history.states[i, j] = 0.0
+    _hold(chain, state, memory, history)
+    for i in range(state.angle.size):
+        for j in range(state.tension.size):
+            history.grips[i, j] = memory.now.grips[i, j]
+
+
+@part
+def _hold(chain, state, memory, history):
+    """Evaluate the friction of a state that is reached with the friction states of a history; fill what it lacks."""
+    formulas.fill_turns(chain, state, memory.now.turn)
+    evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
+    for i in range(state.angle.size):
+        history.angles[i] = state.angle[i]
+        for j in range(state.tension.size):
+            history.slips[i, j] = memory.now.slips[i, j]
+    evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
+
+
+@part
+def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques):
+    """Fill A, and d residual / d tension at the motor, (J, m), at an evaluated state.
+
+    That is the state that left this history, or another one, which a step from this history did not bring to rest.
+    """
+    _soften(friction, 1.0, memory.law)
+    if moved(state.angle, history.angles):
+        formulas.fill_turns(chain, state, memory.now.turn)
+        evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
+        evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
+    else:
+        _hold(chain, state, memory, history)
+    one = rubbed(chain, history, memory, 0, 0, False)
+    if friction.rolling[ARM] > 0.0:
+        _evaluate_rolling(one, state)
+    formulas.stiffness(one, loads, state, A)
+    for i in range(state.angle.size):
+        for j in range(state.tension.size):
+            torques[i, j] = memory.now.lever[i, j] * memory.now.passed[i, j] if i < chain.tendon_joints[j] else 0.0
