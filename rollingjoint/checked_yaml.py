@@ -43,7 +43,7 @@ class _StrictLoader(yaml.SafeLoader):
         if alias and node not in self._sizes:
             raise _found("an alias inside of what it stands for", mark)
         if node not in self._sizes:
-            self._sizes[node] = 1 + sum(self._sizes[each] for each in _children(node))
+            self._sizes[node] = 1 + sum(self._sizes[child] for child in _children(node))
         if self._sizes[node] > MOST_VALUES:
             raise _found(f"more than {MOST_VALUES:,} values, aliases written out", mark)
         return node

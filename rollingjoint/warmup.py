@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint import transmission
-from rollingjoint._numba.cache import only_what_is_kept
+from rollingjoint._numba.cache import without_compiling
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import five_link, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
@@ -53,7 +53,7 @@ class Group:
     Args:
         title: what they belong to, for people.
         use: a function at the top level of a module, which calls them all.
-        after: title of a group whose kernels it needs, too; empty if there is none.
+        after: title of a group with further kernels that it needs; empty if there is none.
         family: groups of one family have parts in common, which a process that compiles several of them types once.
     """
 
@@ -66,7 +66,7 @@ class Group:
     def is_kept(self) -> bool:
         """Whether all its kernels are on disk, and work; loads them."""
         try:
-            with only_what_is_kept():
+            with without_compiling():
                 self.use()
         except Exception:  # NotCompiled, or an error, which the process that compiles them will tell
             return False
