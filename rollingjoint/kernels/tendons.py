@@ -1,6 +1,6 @@
-"""What tendons do: tensions, their rates and their energy from the lengths, and the balance at a joint.
+"""Tendons: tensions, their rates and their energy from the lengths, and the balance at a joint.
 
-Of numbers and of SIMD lanes alike.
+For numbers and SIMD lanes alike.
 """
 
 from __future__ import annotations

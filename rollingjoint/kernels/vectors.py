@@ -1,7 +1,7 @@
 """Vectors of the plane and of space: tuples of two or three numbers, or of SIMD lanes.
 
 One formula serves both: which of the two it is made for is known by the length of its vectors when a kernel is
-compiled. In the plane every axis is the normal and is not looked at. Against formulas written out in coordinates this
+compiled. In the plane every axis is the normal and is ignored. Against formulas written out in coordinates this
 costs nothing and changes no bit (benchmarks/vectors.py).
 """
 
@@ -59,7 +59,7 @@ def choose(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def _vectors(dimension: int, generic: Callable[..., Any], function: Callable[..., Any]) -> None:
-    """Make a function of tuples of so many numbers what stands for a generic one."""
+    """Make a function of tuples of `dimension` numbers the implementation of a generic one."""
 
     @overload(generic, jit_options=PART_OPTIONS | {"forceinline": True}, strict=False)
     def of_dimension(*arguments: Any) -> Callable[..., Any] | None:
