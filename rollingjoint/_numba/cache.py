@@ -77,7 +77,7 @@ def cache_directory() -> Path:
 
 
 def _delete_unused(place: Path) -> None:
-    """Delete the kernels of other sources that no process has asked for in a while."""
+    """Delete the kernels of other sources that were unused for 30 days."""
     for folder in place.glob("kernels-*"):
         with contextlib.suppress(OSError):
             if folder.lstat().st_mtime < time.time() - _UNUSED:
@@ -85,14 +85,14 @@ def _delete_unused(place: Path) -> None:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether it is a real folder of this user, closed to all others."""
+    """True for a real folder of this user, closed to all others."""
     info = folder.lstat()
     private = not hasattr(os, "getuid") or (info.st_uid == os.getuid() and not info.st_mode & 0o077)
     return stat.S_ISDIR(info.st_mode) and private
 
 
 def _others_may_replace(folder: Path) -> bool:
-    """Whether another user could put a folder of theirs in the place of one inside."""
+    """True if another user could replace a folder inside by theirs."""
     if not hasattr(os, "getuid"):
         return False
     info = folder.stat()

@@ -94,7 +94,7 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def machine_code(dispatcher: Any, *kinds: Any) -> Callable[..., Any]:
-    """A kernel without numba's look at the type of every argument, which costs as much as a short kernel.
+    """A kernel without numba's check of the type of every argument, which costs as much as a short kernel.
 
     Args:
         dispatcher: the kernel.

@@ -5,7 +5,7 @@
         joint: Annotated[Floats, "J", 8]
 
 An axis is a number or a name; all axes of one name have one length. Fields are such arrays, `float`, `int`, `bool`, or
-NamedTuples again; Annotated[State, "B"] is one whose arrays have an axis B before the others.
+NamedTuples again; Annotated[State, "B"] is one with a leading axis B on its arrays.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ class Leaf(NamedTuple):
 
 
 def is_layout(kind: Any) -> bool:
-    """Whether it is a NamedTuple class."""
+    """True for a NamedTuple class."""
     return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
 
 
 def is_declaration(kind: Any) -> bool:
-    """Whether it declares the kind of an argument, and is no example of one."""
+    """True for a declaration of an argument's kind, False for an example of one."""
     return isinstance(kind, type) or get_origin(kind) is Annotated
 
 

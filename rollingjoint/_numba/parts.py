@@ -1,4 +1,4 @@
-"""How kernels, and the parts that they are made of, become machine code.
+"""From kernels and their parts to machine code.
 
 numba would optimise a function anew in every caller of a caller; parts are typed and lowered, and wait for the kernel
 that holds them all. LLVM would copy the loops of a kernel, to unroll and to vectorise them; loops that are short, or
@@ -32,7 +32,7 @@ class _ShortLoopsLibrary(JITCodeLibrary):
 class _NoEnvironments:
     @staticmethod
     def set_env(name: str, environment: Any) -> None:
-        """Do nothing."""
+        """Parts have no environment: ignored."""
 
 
 class _PartLibrary(JITCodeLibrary):

@@ -142,7 +142,7 @@ def _shape(leaf: Any, sizes: dict[str, Any]) -> list[Any]:
 
 @intrinsic
 def size_of(typing_context, layout, sizes):  # type: ignore[no-untyped-def]
-    """How many numbers the arrays of a NamedTuple take; sizes: a NamedTuple of the lengths of named axes."""
+    """Count of numbers in the arrays of a NamedTuple; sizes: a NamedTuple of the lengths of named axes."""
     cls = layout.instance_class
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -175,7 +175,7 @@ def carve_tuple(typing_context, memory, at, layout, sizes):  # type: ignore[no-u
         def take(kind):  # type: ignore[no-untyped-def]
             nonlocal end
             if isinstance(kind, types.BaseTuple):
-                return context.make_tuple(builder, kind, [take(one) for one in kind.types])
+                return context.make_tuple(builder, kind, [take(item) for item in kind.types])
             shape = _shape(next(following), lengths)
             array, end = carved(context, builder, kind, sig.args[0], args[0], end, shape)
             return array

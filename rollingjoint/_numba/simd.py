@@ -208,7 +208,7 @@ def fused(typing_context, a, b, c):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def any_lane(typing_context, mask):  # type: ignore[no-untyped-def]
-    """True where a mask holds in some lane; a bool stays unchanged."""
+    """True where a mask holds in any lane; a bool stays unchanged."""
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
         if sig.args[0] == types.boolean:

@@ -40,10 +40,10 @@ _TABLES = {
 _CURVATURES = ("constant", "polynomial", *_TABLES)
 
 
-_FORMATS: dict[type[Any], type[Format]] = {}  # by the classes of chains; every subclass of Format enters itself
+_FORMATS: dict[type[Any], type[ChainFormat]] = {}  # by the classes of chains; subclasses enter themselves
 
 
-class Format(ABC):
+class ChainFormat(ABC):
     """Chains of a class as plain values; every class of chains has a subclass.
 
     Attributes of the subclass:
@@ -124,7 +124,7 @@ class Format(ABC):
             return self.tendon(holes, end, stiffness, _friction(f"{where}.", merged))
 
 
-class RollingFormat(Format):
+class RollingFormat(ChainFormat):
     """Planar chains of links that roll on each other."""
 
     kind = RollingChain
@@ -168,7 +168,7 @@ class RollingFormat(Format):
         return {"holes": [{"parent": _hole_value(p), "child": _hole_value(c)} for p, c in tendon.holes]}
 
 
-class HingeFormat(Format):
+class HingeFormat(ChainFormat):
     """Spatial arms of beads on elastic hinges."""
 
     kind = HingeChain
@@ -216,12 +216,12 @@ class HingeFormat(Format):
         return {"model": chain.model}
 
 
-def formats() -> tuple[Format, ...]:
+def formats() -> tuple[ChainFormat, ...]:
     """The formats of all classes of chains."""
     return tuple(kind() for kind in _FORMATS.values())
 
 
-def format_of(chain: AnyChain) -> Format:
+def format_of(chain: AnyChain) -> ChainFormat:
     """The format of the chain's class, or of its nearest base class with a format."""
     return next(_FORMATS[kind]() for kind in type(chain).__mro__ if kind in _FORMATS)
 

@@ -160,7 +160,7 @@ class HingeChain(Chain[HingeEquilibrium]):
 
     @property
     def parts(self) -> str:
-        """How many beads it has, in words."""
+        """Number of beads, in words."""
         return f"{len(self.beads)} beads"
 
     @property

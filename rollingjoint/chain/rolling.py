@@ -124,7 +124,7 @@ class RollingChain(Chain[Equilibrium]):
 
     @property
     def parts(self) -> str:
-        """How many links it has, in words."""
+        """Number of links, in words."""
         return f"{len(self.links)} links"
 
     @property

@@ -31,7 +31,7 @@ def evaluate(chain, law, loads, state):
 
 @part
 def stiffness(chain, loads, state, H):
-    """Fill H, (J, J); symmetric where everything has a potential."""
+    """Fill H, (J, J); symmetric where all loads have a potential."""
     chain, loads, state, H = borrow(chain), borrow(loads), borrow(state), borrow(H)
     gap, elastic, tension, tendon_joints = state.gap, state.elastic, state.tension, chain.tendon_joints
     for i in range(state.angle.size):

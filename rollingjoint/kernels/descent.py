@@ -44,7 +44,7 @@ _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-12, 1e12
 _SMALLEST_DAMPING, _MEMORY = 1e-6, 0.5  # of the largest stiffness; of the damping, from one step to the next
 _MOST_ESCAPES = 8
 _SHORTEST_ESCAPE = 1e-4  # of 0.1 rad
-_MOST_DEFECT = 0.5  # of the residual: how far a step may miss the overdamped motion
+_MOST_DEFECT = 0.5  # of the residual: largest distance of a step from the overdamped motion
 
 
 @part
@@ -168,7 +168,7 @@ def _take(chain, law, loads, conservative, prox, anchor, state, shift, damping, 
 
 @part
 def _follows(state, shift, damping, t, residual, free, phi, step):
-    """Whether the residual after part t of a step is near the one that the step was meant to lead to."""
+    """True if the residual after part t of a step is near the residual at which the step aims."""
     defect, squared = 0.0, 0.0
     for i in range(phi.size):
         way = state.angle[i] - phi[i]
@@ -192,7 +192,7 @@ def _first_limit(chain, phi, step):
 
 @part
 def _is_saddle(H, free, size, step):
-    """Whether H has a clearly negative eigenvalue; fills step along its vector, 0.1 rad long."""
+    """True if H has a clearly negative eigenvalue; fills step along its vector, 0.1 rad long."""
     any_free = False
     for i in range(free.size):
         any_free = any_free or free[i]

@@ -123,7 +123,7 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
 
 @part(inline=True)
 def evaluate_holes(coefficients, before, tendon_joints, state, now):
-    """Fill friction states, tensions of the gaps and their rates; slips and turns are there."""
+    """Fill friction states, tensions of the gaps and their rates, from slips and turns."""
     zero = 0.0 * state.angle[0]
     for j in range(tendon_joints.size):
         mu, motor = coefficients[j, MU], state.tension[j]

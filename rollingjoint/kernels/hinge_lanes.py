@@ -198,7 +198,7 @@ def store_lane(block, results, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the arm's solver")
 def solve_hinges_pinned(pins, first, last):
-    """Solve lanes first to last - 1 of PinnedHinges; returns how many are PENDING."""
+    """Solve lanes first to last - 1 of PinnedHinges; returns the number left PENDING."""
     batch = unpin(pins, PinnedHinges).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
     return solve_wide(np.zeros(wide_memory(HingeBlock, sizes)), HingeBlock, sizes, batch, None, first, last)
@@ -278,7 +278,7 @@ def store_row_with_friction(rubbed, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the arm's solver with friction")
 def step_hinges_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
-    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    """Solve the steps of rows first to last - 1; returns the number left PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
     batch = HingeBatchArrays(chain, designs, laws, loads, starts, results)
     memory = np.zeros(wide_memory(RubbedHingeBlock, sizes))

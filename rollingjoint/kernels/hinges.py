@@ -69,7 +69,7 @@ class Hinges(NamedTuple):
 
 
 class HingeState(NamedTuple):
-    """Everything evaluated at one configuration; axes and poses in the base frame."""
+    """Quantities of one configuration; axes and poses in the base frame."""
 
     angle: Annotated[Floats, "J"]
     residual: Annotated[Floats, "J"]
@@ -101,10 +101,10 @@ class HingeResults(NamedTuple):
 
 
 class HingeBatchArrays(NamedTuple):
-    """Equilibria to be solved as a batch, and where they go."""
+    """Inputs and results of a batch."""
 
     chain: Hinges  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    designs: Annotated[Integers, "B"]  # index of each lane's design in the stack
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", N_COLUMNS]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
@@ -112,10 +112,10 @@ class HingeBatchArrays(NamedTuple):
 
 
 class PinnedHinges(NamedTuple):
-    """A batch as kernels take it that are called again and again."""
+    """A batch for kernels that are called repeatedly."""
 
     batch: HingeBatchArrays
-    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
+    memory: Annotated[Floats, "words"]  # scratch space of a batch of one row; else empty
 
 
 def new_hinge_results(n_lanes: int, n_joints: int, n_tendons: int) -> HingeResults:
@@ -184,7 +184,7 @@ def geometry_of(chain, state):
 
 @part(inline=True)
 def evaluate_hinges(joints, springs, state):
-    """Energy of the hinges' own springs."""
+    """Energy of the hinges' springs."""
     energy = 0.0 * state.angle[0]
     for i in range(state.angle.size):
         turn = state.angle[i] - joints[i, 2]
@@ -194,7 +194,7 @@ def evaluate_hinges(joints, springs, state):
 
 @part(inline=True)
 def evaluate_geometry(axes, spacings, gaps, channels, exact, tendon_joints, state):
-    """Fill poses, axes, gaps, torques and tendon lengths; the arrays are a Hinges', or of lanes."""
+    """Fill poses, axes, gaps, torques and tendon lengths; the arrays are of a Hinges or of lanes."""
     pose, axis, angle, length = state.pose, state.axis, state.angle, state.length
     zero = 0.0 * angle[0]
     for j in range(length.size):
@@ -243,7 +243,7 @@ def _evaluate_gap(gaps, exact, state, i, j, sin, cos):
 
 @formula(formulas.torque, HingeState)
 def torque(state, i, j):
-    """g', but of end couples."""
+    """g', or the torque of an end couple."""
     return state.torque[i, j]
 
 

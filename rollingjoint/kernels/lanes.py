@@ -228,7 +228,7 @@ def advance(block, chain, designs):
 
 @part(inline=True)
 def solve_rows(block, search, batch, friction, rows, loaded, first, last):
-    """Solve rows first to last - 1 in the lanes of a block, by the formulas of its class; returns how many are PENDING.
+    """Solve rows first to last - 1 in the lanes of a block, by its formulas; returns the number left PENDING.
 
     rows, loaded: memory of an integer per lane, the row that it solves and the design that it holds.
     """

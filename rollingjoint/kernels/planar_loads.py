@@ -47,7 +47,7 @@ LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(
 N_COLUMNS = len(LOAD_COLUMNS)
 LINK_COLUMNS = ("link", "other")  # columns with the number of a link
 STIFFNESSES = (SPRING, TORSION)  # columns without negative numbers
-ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING, TORSION)  # a row in which all these are zero does nothing
+ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING, TORSION)  # a row with zeros in all of these has no effect
 
 # Columns of the table of dead loads of SIMD lanes: as in a load table up to the force, then moment and torsion spring.
 # The first column of its last row is the number of torsion springs.

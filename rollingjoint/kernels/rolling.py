@@ -56,7 +56,7 @@ class Chain(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything evaluated at one configuration."""
+    """Quantities of one configuration."""
 
     angle: Annotated[Floats, "J"]
     joint: Annotated[Floats, "J", 8]
@@ -91,7 +91,7 @@ class BatchArrays(NamedTuple):
     """Equilibria to be solved as a batch, and where they go."""
 
     chain: Chain  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    designs: Annotated[Integers, "B"]  # index of each lane's design in the stack
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", "columns"]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
@@ -102,7 +102,7 @@ class PinnedBatch(NamedTuple):
     """A batch as kernels take it that are called again and again."""
 
     batch: BatchArrays
-    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
+    memory: Annotated[Floats, "words"]  # scratch space of a batch of one row; else empty
 
 
 def new_results(

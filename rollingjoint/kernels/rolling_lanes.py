@@ -235,7 +235,7 @@ def store_row(block, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the planar solver")
 def solve_pinned(pins, first, last):
-    """Solve lanes first to last - 1 of a PinnedBatch; returns how many are PENDING."""
+    """Solve lanes first to last - 1 of a PinnedBatch; returns the number left PENDING."""
     batch = unpin(pins, PinnedBatch).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
     return solve_wide(np.zeros(wide_memory(Block, sizes)), Block, sizes, batch, None, first, last)
@@ -322,7 +322,7 @@ def store_row_with_friction(rubbed, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the planar solver with friction")
 def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
-    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    """Solve the steps of rows first to last - 1; returns the number left PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory, batch = np.zeros(wide_memory(RubbedBlock, sizes)), BatchArrays(chain, designs, laws, loads, starts, results)
     return solve_wide(memory, RubbedBlock, sizes, batch, friction, first, last)

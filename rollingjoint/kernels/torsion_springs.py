@@ -50,7 +50,7 @@ def _needs_column(low, high, ones):
 
 @part
 def torsion_columns(standing, loads, ones):
-    """How many columns of a Sweep torsion springs need, one for each over two joints or more.
+    """Number of columns of a Sweep for torsion springs, one for each over two joints or more.
 
     ones: whether the first column of V is ones, which serves the springs to the base.
     """
