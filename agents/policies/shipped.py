@@ -31,7 +31,7 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dic
 
 
 @dataclass
-class _Memory:
+class _EpisodeMemory:
     """What a policy remembers of the episodes that it drives, (B, memory); None before their first step."""
 
     values: Vectors | None = None
@@ -135,8 +135,8 @@ class ShippedPolicy(Controller):
         return action
 
     @cached_property
-    def _memory(self) -> _Memory:
-        return _Memory()
+    def _memory(self) -> _EpisodeMemory:
+        return _EpisodeMemory()
 
     def bind(self, task: TrackingTask | None) -> None:
         """Take over a task; raises PolicyError unless observation, action and mechanism are as trained."""

@@ -33,7 +33,7 @@ from agents.runs.seeds import TEST, VALIDATION
 if TYPE_CHECKING:
     from agents.policies.shipped import ShippedPolicy
     from agents.results.runs import Benchmark
-    from agents.results.worlds import Plan
+    from agents.results.worlds import ScoringPlan
 
 OUT = Path("docs")
 SIZES = {
@@ -130,14 +130,16 @@ def _scored(arguments: argparse.Namespace) -> Results:
     return replace(results, films=_filmed([*benchmarks, *others.values()], results, arguments.out))
 
 
-def _plan(arguments: argparse.Namespace) -> Plan:
-    from agents.results.worlds import Plan
+def _plan(arguments: argparse.Namespace) -> ScoringPlan:
+    from agents.results.worlds import ScoringPlan
 
     episodes = episode_count("--episodes", arguments.episodes)
     first = seed_number("--seed", arguments.seed)
     choosing = episode_count("--validation", arguments.validation)
     validation = range(VALIDATION.start, VALIDATION.start + choosing)
-    return Plan(range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point))
+    return ScoringPlan(
+        range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point)
+    )
 
 
 def _filmed(sources: Sequence[Benchmark | ShippedPolicy], results: Results, out: Path) -> dict[str, dict[str, str]]:

@@ -32,10 +32,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(searches: Sequence[Path], page: Path) -> int:
     from agents.search.outcome import Search, words
-    from agents.search.report import Findings, draw
+    from agents.search.report import SearchReport, draw
 
     before, after = around(page, BEGIN, END)
-    found = [Findings(Search.read(out)) for out in searches]
+    found = [SearchReport(Search.read(out)) for out in searches]
     sections = []
     for one in found:
         name, pictures = one.search.name, {}

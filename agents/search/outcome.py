@@ -37,7 +37,7 @@ TITLES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class SearchOutcome:
     """A finished run.
 
     Args:
@@ -51,7 +51,7 @@ class Outcome:
     seconds: Array
 
     @classmethod
-    def read(cls, run: SearchRun) -> Outcome:
+    def read(cls, run: SearchRun) -> SearchOutcome:
         """The outcome of a run; raises RunFolderError unless it is finished."""
         if not run.is_finished:
             allowed = f"a run of {run.config.budget} evaluations, not {run.evaluations}"
@@ -103,7 +103,7 @@ class Search:
 
     name: str
     config: SearchConfig
-    outcomes: Mapping[str, Sequence[Outcome]]
+    outcomes: Mapping[str, Sequence[SearchOutcome]]
     left_out: Mapping[Path, str]
     command: str
 
@@ -111,14 +111,14 @@ class Search:
     def read(cls, out: Path) -> Search:
         """The runs below a folder; raises RunFolderError where none is finished, or where they differ in the search."""
         runs = sorted((SearchRun(path.parent) for path in out.glob("*/seed_*/config.yaml")), key=_order)
-        outcomes: dict[str, list[Outcome]] = {}
+        outcomes: dict[str, list[SearchOutcome]] = {}
         left_out: dict[Path, str] = {}
         commons: list[SearchConfig] = []
         methods: dict[str, Mapping[str, object]] = {}
         seeds, command = set[int](), ""
         for run in runs:
             try:
-                outcome = Outcome.read(run)
+                outcome = SearchOutcome.read(run)
             except RunFolderError as error:
                 left_out[run.path] = str(error)
                 continue
@@ -165,12 +165,12 @@ class Search:
         return "cost" if self.single is None else f"{words(self.names[self.single])} [{self.units[self.single]}]"
 
     @property
-    def all(self) -> list[Outcome]:
+    def all(self) -> list[SearchOutcome]:
         """All outcomes."""
         return [outcome for some in self.outcomes.values() for outcome in some]
 
     @property
-    def winner(self) -> Outcome:
+    def winner(self) -> SearchOutcome:
         """The run with the best design."""
         return min(self.all, key=lambda outcome: outcome.best)
 

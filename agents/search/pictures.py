@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from agents.evaluation.pictures import COLOURS, figure_of, png, tidy
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array
-from agents.search.outcome import Outcome, Search, words
+from agents.search.outcome import Search, SearchOutcome, words
 from agents.search.problem import reference
 from rollingjoint import RollingChain, solve_tensions
 from rollingjoint.errors import MechanismError
@@ -50,7 +50,7 @@ def _band(axes: Axes, x: Array, curves: Sequence[Array], search: Search, colour:
     axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
 
 
-def _at(outcome: Outcome, seconds: Array) -> Array:
+def _at(outcome: SearchOutcome, seconds: Array) -> Array:
     """Best so far at given times, infinite before the first batch."""
     place = np.searchsorted(outcome.seconds, seconds, side="right")
     return np.where(place > 0, outcome.best_so_far[place - 1], np.inf)

@@ -32,7 +32,7 @@ def write_report(out: Path) -> None:
     """Write report.md, report.json, best.yaml and pictures into the folder of a search, from its runs alone."""
     from agents.search import pictures
 
-    findings = Findings(Search.read(out))
+    findings = SearchReport(Search.read(out))
     images = draw(findings.search)
     for name, content in images.items():
         write_bytes(out / name, content)
@@ -57,7 +57,7 @@ def draw(search: Search) -> dict[str, bytes]:
 
 
 @dataclass(frozen=True)
-class Findings:
+class SearchReport:
     """The findings of a search."""
 
     search: Search

@@ -17,7 +17,7 @@ from agents.search.optimiser import Derivatives, Evaluated, Optimiser
 AGREEMENT = 1e-9  # largest difference between designs in the journal and those that a resumed optimiser asks for
 
 
-class Progress(NamedTuple):
+class RunProgress(NamedTuple):
     """Designs evaluated, the least cost of a feasible one (infinite before), seconds of processor time."""
 
     evaluations: int
@@ -25,7 +25,7 @@ class Progress(NamedTuple):
     seconds: float
 
 
-def search_in(folder: Path) -> Progress:
+def search_in(folder: Path) -> RunProgress:
     """Search the run in its folder to the end of its budget; where that is.
 
     Raises:
@@ -48,7 +48,7 @@ def search_in(folder: Path) -> Progress:
     return now
 
 
-def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
+def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[RunProgress]:
     """Run to the end of the budget; yields after every batch, and once before the first.
 
     Its seconds are processor time of this process with all its threads: what other processes do does not count.
@@ -126,9 +126,9 @@ def evaluated_by(problem: Any, wants: Derivatives, x: np.ndarray) -> Evaluated:
     return Evaluated.of(problem.evaluate(x))
 
 
-def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
+def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> RunProgress:
     """Tell the optimiser all that the journal holds."""
-    now = Progress(0, np.inf, 0.0)
+    now = RunProgress(0, np.inf, 0.0)
     for batch, seconds in run.batches():
         asked = optimiser.ask(budget - now.evaluations) if now.evaluations < budget else np.empty(0)
         if asked.shape != batch.x.shape or np.abs(asked - batch.x).max() > AGREEMENT:
@@ -140,6 +140,6 @@ def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
     return now
 
 
-def _advanced(now: Progress, evaluated: Evaluated, seconds: float) -> Progress:
+def _advanced(now: RunProgress, evaluated: Evaluated, seconds: float) -> RunProgress:
     best = min([now.best, *evaluated.cost[evaluated.feasible].tolist()])
-    return Progress(now.evaluations + len(evaluated), best, seconds)
+    return RunProgress(now.evaluations + len(evaluated), best, seconds)

@@ -17,12 +17,12 @@ import numpy as np
 
 from agents.executors.driver import Ended, Unit
 from agents.executors.folders import FolderUnit
-from agents.executors.progress import Progress as Display
+from agents.executors.progress import Progress
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Derivatives, Evaluated
 from agents.search.problem import design_problem, optimiser
-from agents.search.run import Progress, RunInWork, chunks, evaluated_by
+from agents.search.run import RunInWork, RunProgress, chunks, evaluated_by
 from rollingjoint.design import Problem
 from rollingjoint.errors import one_line
 
@@ -49,7 +49,7 @@ class SpreadRuns:
         units: named after the folders of the runs. progress: counts runs, not chunks.
     """
 
-    def __init__(self, units: Sequence[FolderUnit], progress: Display) -> None:
+    def __init__(self, units: Sequence[FolderUnit], progress: Progress) -> None:
         self._units = {Path(unit.name): unit for unit in units}
         self._large = [folder for folder in self._units if has_chunks(SearchRun(folder).config)]
         self._begun: dict[Path, _SpreadRun] = {}
@@ -76,7 +76,7 @@ class SpreadRuns:
                 yield None
 
     def runs(self, ended: Iterable[Ended[Any]]) -> Iterator[Ended[FolderUnit]]:
-        """Of what ends, the runs, with their Progress: whole units as they are, a run in chunks with its last one."""
+        """Of what ends, the runs, with their RunProgress: whole units as they are, a run in chunks with its last."""
         for one in ended:
             if isinstance(one.unit, ChunkUnit):
                 self._take(one, one.unit.folder, one.unit.place)
@@ -117,11 +117,11 @@ class SpreadRuns:
             if run.work.is_finished:
                 self._end(folder, run.work.now)
 
-    def _end(self, folder: Path, outcome: Progress | Exception) -> None:
+    def _end(self, folder: Path, outcome: RunProgress | Exception) -> None:
         """Say that a run has ended, where it is or why."""
         if run := self._begun.pop(folder, None):
             run.held.close()
-        if isinstance(outcome, Progress):
+        if isinstance(outcome, RunProgress):
             self._progress.done += 1
             self._ended.append(Ended(self._units[folder], outcome))
         else:

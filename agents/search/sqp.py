@@ -55,14 +55,14 @@ class Sqp:
         assert evaluated.constraints is not None and evaluated.jacobian is not None
         rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, evaluated.ok, strict=True)
         for place, row in enumerate(rows):
-            if not self.descents[place].tell(_Answer(*row)):
+            if not self.descents[place].tell(_PointValues(*row)):
                 self.descents[place] = self._descent()
 
-    def _descent(self) -> Descent:
-        return Descent(self.generator.uniform(-self.share, self.share, self.setup.dimensions))
+    def _descent(self) -> SlsqpDescent:
+        return SlsqpDescent(self.generator.uniform(-self.share, self.share, self.setup.dimensions))
 
 
-class _Answer(NamedTuple):
+class _PointValues(NamedTuple):
     """The evaluation of a point."""
 
     worth: float
@@ -75,7 +75,7 @@ class _Answer(NamedTuple):
         return self.constraints - np.where(self.jacobian[1:].any(1), reserve, 0.0)
 
 
-class Descent:
+class SlsqpDescent:
     """One descent; `point` is to be evaluated next. SLSQP runs in a thread of its own and waits there for answers."""
 
     def __init__(self, start: Array) -> None:
@@ -87,7 +87,7 @@ class Descent:
     def __del__(self) -> None:
         self.inside.answers.put(None)  # lets the thread end
 
-    def tell(self, answer: _Answer) -> bool:
+    def tell(self, answer: _PointValues) -> bool:
         """Go on to the next point; False where the descent is at rest."""
         self.inside.answers.put(answer)
         return self._wait()
@@ -108,8 +108,8 @@ class _Inside:
 
     def __init__(self) -> None:
         self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
-        self.answers: SimpleQueue[_Answer | None] = SimpleQueue()  # None: given up
-        self.known: tuple[Array, _Answer] | None = None
+        self.answers: SimpleQueue[_PointValues | None] = SimpleQueue()  # None: given up
+        self.known: tuple[Array, _PointValues] | None = None
         self.reserve = RESERVE
 
     def minimise(self, start: Array) -> None:
@@ -154,7 +154,7 @@ class _Inside:
         if (self.answer(x).constraints >= 0).all():
             self.reserve = max(LEFT * self.reserve, ROUNDING)
 
-    def answer(self, x: Array) -> _Answer:
+    def answer(self, x: Array) -> _PointValues:
         """The evaluation of a point, asked for once."""
         if self.known is None or not np.array_equal(self.known[0], x):
             self.asked.put(x.copy())

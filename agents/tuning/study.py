@@ -36,7 +36,7 @@ RESERVED = {"rj evaluate": range(10_000, 100_000), "evaluations of other runs": 
 
 
 @dataclass(frozen=True)
-class Interval:
+class Range:
     """Numbers from `low` to `high`, whole ones if both are; `log`: every factor is as likely."""
 
     low: float
@@ -118,7 +118,7 @@ class StudyConfig:
     """
 
     train: TrainConfig
-    space: Mapping[str, Interval | Choices]
+    space: Mapping[str, Range | Choices]
     score: Annotated[str, choice(*SCORES)] = ""
     training_seeds: Annotated[Sequence[int], integers(0, 2**31)] = (1,)
     episodes: Annotated[int, episode_count] = 100
@@ -208,7 +208,7 @@ def _keys(name: str, values: Mapping[str, Any]) -> dict[Any, Any]:
     return dict(found)
 
 
-def _range(where: str, value: Any) -> Interval | Choices:
+def _range(where: str, value: Any) -> Range | Choices:
     """The range that plain values describe: {low, high, log} or {choices}."""
     if isinstance(value, Mapping) and "choices" in value:
         return Choices(tuple(entries(f"{where}.choices", mapping(where, value, ["choices"])["choices"])))
@@ -218,7 +218,7 @@ def _range(where: str, value: Any) -> Interval | Choices:
     number(number()(f"{where}.low", low))(f"{where}.high", high)
     if log and low <= 0:
         raise ConfigError(f"{where}.low", low, "a number above zero, since the range is logarithmic")
-    return Interval(low, high, log)
+    return Range(low, high, log)
 
 
 def with_values(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:

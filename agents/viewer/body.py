@@ -13,7 +13,7 @@ from agents.viewer.solids import Strand, frames, solids
 from rj_gym.rendering import BASE, LINK, Color, tension_color
 
 
-class Body:
+class SceneMechanism:
     """The links and tendons of one mechanism, which take poses; made once, moved often.
 
     Args:

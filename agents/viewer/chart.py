@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.viewer.designs import Points
+from agents.viewer.designs import DesignPoints
 from agents.viewer.solids import Array
 from rj_gym.rendering import FAINT, GRID, Color
 
@@ -70,7 +70,7 @@ class Chart:
     """
 
     def __init__(
-        self, scene: Any, area: Area, points: Points, labels: tuple[str, str], chosen: Callable[[int], None]
+        self, scene: Any, area: Area, points: DesignPoints, labels: tuple[str, str], chosen: Callable[[int], None]
     ) -> None:
         self.scene, self.area, self.points, self.chosen = scene, area, points, chosen
         self.x = Axis(points.x, area.x, area.width)

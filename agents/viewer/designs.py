@@ -49,7 +49,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Points:
+class DesignPoints:
     """Feasible designs over two of the measured quantities.
 
     Args:
@@ -101,11 +101,11 @@ class Designs:
             return across, up
         return 0, min(1, len(self.quantities) - 1)
 
-    def points(self, across: int, up: int) -> Points:
+    def points(self, across: int, up: int) -> DesignPoints:
         """Designs over two quantities, given as places in `quantities`."""
         rows, values = self._rows, self.search.everything.measured[self._rows]
         kinds = np.where(self.search.front[rows], 2, np.where(self._archived[rows], 1, 0))
-        return Points(rows, values[:, across], values[:, up], kinds)
+        return DesignPoints(rows, values[:, across], values[:, up], kinds)
 
     def design(self, row: int) -> Design:
         """The design in a row of the search; raises InvalidInput for another row, MechanismError if it is none."""

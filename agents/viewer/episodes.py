@@ -27,7 +27,7 @@ SEEDS = range(10_000, 10_200)
 RANKS = ("best", "median", "worst")
 
 
-class Episodes(ABC):
+class EpisodeSet(ABC):
     """Episodes of one controller in one environment, one per seed.
 
     Attributes:
@@ -85,7 +85,7 @@ class Episodes(ABC):
             raise InvalidInput("seed", seed, f"one of the {len(self.seeds)} of {self.name}")
 
 
-class Driven(Episodes):
+class DrivenEpisodes(EpisodeSet):
     """Episodes that a controller drives when they are asked for."""
 
     def __init__(self, controller: OfferedController, seeds: Sequence[int] = SEEDS) -> None:
@@ -102,7 +102,7 @@ class Driven(Episodes):
         return self.controller.film(seed)
 
 
-class Recorded(Episodes):
+class RecordedEpisodes(EpisodeSet):
     """Recorded episodes of one controller in one environment, computed again from their actions.
 
     Args:
@@ -128,7 +128,7 @@ class Recorded(Episodes):
         return {seed: record.film() for seed, record in self.records.items()}
 
 
-def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> Driven:
+def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> DrivenEpisodes:
     """Episodes of the policy in a run folder, read as rj evaluate reads it.
 
     Args:
@@ -144,16 +144,16 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
         raise InvalidInput("run", str(path), "a run in a tracking environment", f"Its environment is {config.env.id}.")
     config.check_unused(range(min(seeds), max(seeds) + 1))
     load_driving(run, which)
-    return Driven(OfferedController(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
+    return DrivenEpisodes(OfferedController(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
 
 
-def of_shipped_policies() -> list[Episodes]:
+def of_shipped_policies() -> list[EpisodeSet]:
     """Episodes of all shipped policies, each in its own environment."""
     everyone = [one for env in worlds().values() for one in offered_controllers(env).values()]
-    return [Driven(one) for one in everyone if one.name.startswith(POLICY)]
+    return [DrivenEpisodes(one) for one in everyone if one.name.startswith(POLICY)]
 
 
-def episodes_of(name: str) -> list[Episodes]:
+def episodes_of(name: str) -> list[EpisodeSet]:
     """Episodes of the shipped policy of this name, or those recorded in this file or folder.
 
     Raises:
@@ -167,7 +167,7 @@ def episodes_of(name: str) -> list[Episodes]:
     return list(recorded_episodes(Path(name)))
 
 
-def recorded_episodes(path: Path) -> list[Recorded]:
+def recorded_episodes(path: Path) -> list[RecordedEpisodes]:
     """The episodes in a file that the viewer wrote, or in a folder that rj dataset wrote; one per controller.
 
     Raises:
@@ -176,9 +176,9 @@ def recorded_episodes(path: Path) -> list[Recorded]:
     return grouped(read_records(path))
 
 
-def grouped(records: Sequence[Record]) -> list[Recorded]:
+def grouped(records: Sequence[Record]) -> list[RecordedEpisodes]:
     """Recorded episodes, those of one controller in one environment together."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         groups.setdefault((record.name, episodes_key(record.env)), []).append(record)
-    return [Recorded(some) for some in groups.values()]
+    return [RecordedEpisodes(some) for some in groups.values()]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import begin_with, centred_view
 from agents.viewer.drive import Film
 from agents.viewer.scoreboard import legend
@@ -55,7 +55,7 @@ def sweep_page(mechanism: Any, name: str, rate: float = 20.0) -> str:
     with serving() as server:
         begin_with(server, centred_view(mechanism))
         add_grid(server.scene, "/grid", mechanism)
-        body = Body(server.scene, "/mechanism", mechanism)
+        body = SceneMechanism(server.scene, "/mechanism", mechanism)
         recording = server.get_scene_serializer()
         for each in (found.row(k) for k in range(len(tensions)) if found.ok[k]):
             body.show(each.poses, strands(mechanism, each.poses, each.tensions), (0.0, PULL))

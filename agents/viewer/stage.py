@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.evaluation.pictures import COLOURS
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
 from rj_gym.rendering import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
@@ -79,11 +79,13 @@ class Stage:
         """Take everything out of the scene."""
         self.root.remove()
 
-    def _body(self, place: int, film: Film) -> Body:
+    def _body(self, place: int, film: Film) -> SceneMechanism:
         solid = place == 0
         tint = blend(LINK, colour_of(place), 0.25 if solid else 0.75)
         behind = 0.008 * place * self.length if self.height else 0.0
-        return Body(self.scene, f"/episode/{place}", film.scenes[0].mechanism, tint, 1.0 if solid else FAINT, behind)
+        return SceneMechanism(
+            self.scene, f"/episode/{place}", film.scenes[0].mechanism, tint, 1.0 if solid else FAINT, behind
+        )
 
     def _tip(self, place: int) -> Any:
         return self.scene.add_icosphere(f"/episode/tip/{place}", 0.014 * self.length, colour_of(place))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from agents.search.pictures import TENSION
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import View, look
 from agents.viewer.chart import COLOURS, Area, Chart
 from agents.viewer.clock import Clock
@@ -47,7 +47,7 @@ class DesignsRoom:
         self.searches = {one.name: one for one in searches}
         self.clock = Clock(self._swing, RATE)
         self.chosen: dict[str, Design] = {}
-        self._bodies: dict[str, Body] = {}
+        self._bodies: dict[str, SceneMechanism] = {}
         self._chart: Chart | None = None
         self._lock = threading.RLock()
         self._phase = 0.0
@@ -139,7 +139,7 @@ class DesignsRoom:
         colour = blend(LINK, PLACES[place], 0.25 if solid else 0.75)
         behind = 0.0 if solid else 0.008 * design.mechanism.length
         opacity = 1.0 if solid else FAINT
-        self._bodies[place] = Body(self.client.scene, f"/{place}", design.mechanism, colour, opacity, behind)
+        self._bodies[place] = SceneMechanism(self.client.scene, f"/{place}", design.mechanism, colour, opacity, behind)
         self.chosen[place] = design
         self._mark(place)
         self._compare()

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import look, mechanism_view
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
 from agents.viewer.html import code_block
@@ -43,7 +43,7 @@ class Explore:
         self.client, self.gui, self.mechanisms = client, client.gui, tuple(mechanisms)
         self.explorer = Explorer(load_mechanism(self.mechanisms[0]), self.mechanisms[0])
         self._lock = threading.RLock()
-        self._bodies: dict[bool, Body] = {}  # by whether it is the equilibrium, or the last one
+        self._bodies: dict[bool, SceneMechanism] = {}  # by whether it is the equilibrium, or the last one
         self._parts: list[Any] = []  # of the panel and the scene, of this mechanism
         self._quiet = False  # while widgets follow, not lead
 
@@ -208,8 +208,8 @@ class Explore:
         for body in self._bodies.values():
             body.remove()
         scene, mechanism = self.client.scene, self.explorer.mechanism
-        self._bodies = {True: Body(scene, "/mechanism", mechanism, LINK)}
-        self._bodies[False] = Body(scene, "/before", mechanism, GREY, FAINT)
+        self._bodies = {True: SceneMechanism(scene, "/mechanism", mechanism, LINK)}
+        self._bodies[False] = SceneMechanism(scene, "/before", mechanism, GREY, FAINT)
 
     def _arrows(self) -> None:
         """The force, with a handle at its end, and the contact forces."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
 from agents.viewer.drive import Film
-from agents.viewer.episodes import RANKS, Episodes, grouped, of_shipped_policies
+from agents.viewer.episodes import RANKS, EpisodeSet, grouped, of_shipped_policies
 from agents.viewer.play import hidden_load
 from agents.viewer.record import episode_page
 from agents.viewer.recorded import file_of, records_in
@@ -29,7 +29,7 @@ class Replay:
 
     name: ClassVar[str] = "Replay"
 
-    def __init__(self, client: Any, shelf: Sequence[Episodes] = ()) -> None:
+    def __init__(self, client: Any, shelf: Sequence[EpisodeSet] = ()) -> None:
         self.client, self.gui = client, client.gui
         self.shelf = {_title(one): one for one in [*shelf, *of_shipped_policies()]}
         self.clock = Clock(self.forward, 10.0)
@@ -193,5 +193,5 @@ class Replay:
         self._parts, self.films = [], []
 
 
-def _title(episodes: Episodes) -> str:
+def _title(episodes: EpisodeSet) -> str:
     return f"{episodes.name}, {episodes.env.id.removeprefix('rj_gym/')}"
