@@ -76,24 +76,24 @@ class _PointValues(NamedTuple):
 
 
 class SlsqpDescent:
-    """One descent; `point` is to be evaluated next. SLSQP runs in a thread of its own and waits there for answers."""
+    """One descent; `point` is to be evaluated next. SLSQP runs in a separate thread and waits there for answers."""
 
     def __init__(self, start: Array) -> None:
         self.point = start
-        self.inside = _Inside()
-        threading.Thread(target=self.inside.minimise, args=(start,), daemon=True).start()
+        self.thread = _SlsqpThread()
+        threading.Thread(target=self.thread.minimise, args=(start,), daemon=True).start()
         self._wait()
 
     def __del__(self) -> None:
-        self.inside.answers.put(None)  # lets the thread end
+        self.thread.answers.put(None)  # lets the thread end
 
     def tell(self, answer: _PointValues) -> bool:
         """Go on to the next point; False where the descent is at rest."""
-        self.inside.answers.put(answer)
+        self.thread.answers.put(answer)
         return self._wait()
 
     def _wait(self) -> bool:
-        point = self.inside.asked.get()
+        point = self.thread.asked.get()
         if point is not None:
             self.point = np.clip(point, -1.0, 1.0)
         return point is not None
@@ -103,7 +103,7 @@ class _GivenUp(Exception):
     """No more answers will come."""
 
 
-class _Inside:
+class _SlsqpThread:
     """The thread in which SLSQP runs a descent."""
 
     def __init__(self) -> None:
@@ -116,17 +116,17 @@ class _Inside:
         """Minimise from a start, asking for every point; at rest at once where it has no equilibrium."""
         try:
             if self.answer(start).ok:
-                rest = self._minimise(start)
+                minimum = self._minimise(start)
                 if self.reserve > ROUNDING:
                     self.reserve = ROUNDING
-                    self._minimise(rest)
+                    self._minimise(minimum)
         except _GivenUp:
             return
         finally:
             self.asked.put(None)
 
     def _minimise(self, start: Array) -> Array:
-        """Where SLSQP comes to rest."""
+        """The point at which SLSQP comes to rest, (d,)."""
         from scipy.optimize import minimize
 
         steepest = np.abs(self.answer(start).jacobian[0]).max()
@@ -137,7 +137,7 @@ class _Inside:
             "jac": lambda x: self.answer(x).jacobian[1:],
         }
         options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
-        found = minimize(
+        solution = minimize(
             lambda x: scale * self.answer(x).worth,
             start,
             jac=lambda x: scale * self.answer(x).jacobian[0],
@@ -147,7 +147,7 @@ class _Inside:
             callback=self.stepped,
             options=options,
         )
-        return np.asarray(found.x)
+        return np.asarray(solution.x)
 
     def stepped(self, x: Array) -> None:
         """After every step: a smaller reserve, if all constraints are kept."""
@@ -158,8 +158,8 @@ class _Inside:
         """The evaluation of a point, asked for once."""
         if self.known is None or not np.array_equal(self.known[0], x):
             self.asked.put(x.copy())
-            found = self.answers.get()
-            if found is None:
+            values = self.answers.get()
+            if values is None:
                 raise _GivenUp
-            self.known = x.copy(), found
+            self.known = x.copy(), values
         return self.known[1]
