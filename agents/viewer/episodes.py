@@ -1,4 +1,4 @@
-"""Episodes to look at: those of a policy or run folder over many seeds, or recorded ones; best, median and worst."""
+"""Episodes of a policy or run folder over many seeds, or recorded ones; the best, the median and the worst."""
 
 from __future__ import annotations
 
@@ -73,12 +73,13 @@ class EpisodeSet(ABC):
     def films(self, seed: int, beside: Sequence[str] = ()) -> list[Film]:
         """One episode under this controller and under others; raises InvalidInput for a name that is not known."""
         others = self.beside()
-        chosen = [others[as_choice("beside", name, list(others))] for name in beside]
-        return [self.film(seed), *(one.film(seed) for one in chosen)]
+        controllers = [others[as_choice("beside", name, list(others))] for name in beside]
+        return [self.film(seed), *(controller.film(seed) for controller in controllers)]
 
     def beside(self) -> dict[str, OfferedController]:
-        """Others that can drive in the same episodes, by name."""
-        return {name: one for name, one in offered_controllers(self.env).items() if name != self.name}
+        """Other controllers that can drive in the same episodes, by name."""
+        offered = offered_controllers(self.env)
+        return {name: controller for name, controller in offered.items() if name != self.name}
 
     def _check(self, seed: int) -> None:
         if seed not in self.seeds:
@@ -86,7 +87,7 @@ class EpisodeSet(ABC):
 
 
 class DrivenEpisodes(EpisodeSet):
-    """Episodes that a controller drives when they are asked for."""
+    """Episodes that a controller drives on demand."""
 
     def __init__(self, controller: OfferedController, seeds: Sequence[int] = SEEDS) -> None:
         self.controller, self.name, self.env, self.seeds = controller, controller.name, controller.env, seeds
@@ -135,7 +136,7 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
         which: "best", "last" or the steps of a checkpoint.
     Raises:
         RunFolderError, PolicyError: no run, or a policy that cannot be read.
-        InvalidInput: a run whose task is not tracking.
+        InvalidInput: a run of another task than tracking.
         ConfigError: seeds that training has used.
     """
     run = RunFolder.open(path)
@@ -149,8 +150,8 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
 
 def of_shipped_policies() -> list[EpisodeSet]:
     """Episodes of all shipped policies, each in its own environment."""
-    everyone = [one for env in worlds().values() for one in offered_controllers(env).values()]
-    return [DrivenEpisodes(one) for one in everyone if one.name.startswith(POLICY)]
+    controllers = [controller for env in worlds().values() for controller in offered_controllers(env).values()]
+    return [DrivenEpisodes(controller) for controller in controllers if controller.name.startswith(POLICY)]
 
 
 def episodes_of(name: str) -> list[EpisodeSet]:
@@ -160,7 +161,7 @@ def episodes_of(name: str) -> list[EpisodeSet]:
         InvalidInput: neither.
     """
     if name in list_policies():
-        return [one for one in of_shipped_policies() if one.name == f"{POLICY}{name}"]
+        return [episodes for episodes in of_shipped_policies() if episodes.name == f"{POLICY}{name}"]
     if not Path(name).exists():
         allowed = f"a file or folder of episodes, or one of {', '.join(list_policies())}"
         raise InvalidInput("episodes", name, allowed, suggestion(name, list_policies()))
@@ -177,8 +178,8 @@ def recorded_episodes(path: Path) -> list[RecordedEpisodes]:
 
 
 def grouped(records: Sequence[Record]) -> list[RecordedEpisodes]:
-    """Recorded episodes, those of one controller in one environment together."""
+    """Recorded episodes as sets, one per controller and environment."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         groups.setdefault((record.name, episodes_key(record.env)), []).append(record)
-    return [RecordedEpisodes(some) for some in groups.values()]
+    return [RecordedEpisodes(group) for group in groups.values()]
