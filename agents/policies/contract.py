@@ -80,7 +80,7 @@ def _goal_entries(task: TrackingTask, name: str) -> Iterator[Entry]:
 
 
 def _actions(policy: ShippedPolicy) -> list[dict[str, Any]]:
-    """The actions: how far each tendon is pulled in, in units of action_scale_mm; negative ones let out."""
+    """The actions: the pull of each tendon, in units of action_scale_mm; negative ones let out."""
     scale = policy.settings.action_scale_mm
     bounds = zip(policy.network.low, policy.network.high, strict=True)
     return [

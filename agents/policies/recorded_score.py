@@ -17,7 +17,7 @@ from rollingjoint.errors import ConfigError
 
 ERRORS, SHARES = ("mean_mm", "median_mm", "p95_mm"), ("within_1_mm", "held_1_mm")
 LATER = ("last_10_mm",)  # an error, too; files of earlier versions lack it
-RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands: docs/policies.md says why
+RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands; reasons: docs/policies.md
 WITH_MEMORY = 4.0  # times as wide: a memory carries last bits through the whole episode
 
 

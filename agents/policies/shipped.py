@@ -246,5 +246,5 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
 
 
 def _numbers_of(mechanism: AnyChain) -> dict[str, Any]:
-    """All that makes up a mechanism, but its name."""
+    """A mechanism as plain values, without its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}

@@ -84,7 +84,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 
 def _merged(arguments: argparse.Namespace) -> Results:
-    """The content of the files; their animations come to the page, whose commands end with this one if they merge."""
+    """The content of the files, with their animations; if they merge, the page's last command is this one."""
     from agents.results.films import bring_films
     from agents.results.merging import merged
 

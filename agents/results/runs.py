@@ -56,7 +56,7 @@ class FinishedRun:
             return cls(folder, config, sum(stage.training_seconds for stage in stages(folder)), _curve(folder))
         except RollingJointError:
             raise
-        except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
+        except Exception as error:  # any error of SB3, torch, pickle and csv about damaged files
             raise RunFolderError("run folder", str(path), "files that can be read", repr(error)) from error
 
 
@@ -147,7 +147,7 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
 
 
 def stages(folder: RunFolder) -> list[RunFolder]:
-    """The run, and those that it began from, each the start of the one before it, as far as they are there."""
+    """The run and the earlier runs that it started from, the latest first, as far as their folders exist."""
     folders = [folder]
     while (start := folders[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
         folders.append(RunFolder(Path(start)))

@@ -90,7 +90,7 @@ class Learner:
 
 
 def score_benchmark(benchmark: Benchmark, plan: ScoringPlan, drive: Drive, runs_only: bool = False) -> BenchmarkRecord:
-    """All that the page says of a benchmark, or of its runs only, in the episodes of the plan."""
+    """The record of a benchmark, or of its runs only, in the episodes of the plan."""
     env, learners = common(benchmark.env), [_trained(recipe) for recipe in benchmark.recipes]
     record = _score(benchmark.title, env, learners, plan, drive, runs_only)
     if runs_only:
@@ -100,7 +100,7 @@ def score_benchmark(benchmark: Benchmark, plan: ScoringPlan, drive: Drive, runs_
 
 
 def score_shipped(policy: ShippedPolicy, title: str, plan: ScoringPlan, drive: Drive) -> BenchmarkRecord:
-    """The same of a shipped policy and its task, without curves: one training seed, trained earlier."""
+    """The record of a shipped policy and its task, without curves: one training seed, trained earlier."""
     details = policy.training
     training = {name: details[name] for name in ("steps", "config")} | {"algorithm": policy.algorithm, "shipped": True}
     run = (policy.environment, policy.name, lambda driven: RunRecord(driven, details["seed"]))
@@ -109,7 +109,7 @@ def score_shipped(policy: ShippedPolicy, title: str, plan: ScoringPlan, drive: D
 
 
 def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPolicy]:
-    """The shipped policies of tasks that are none of these, by a title for their task."""
+    """The shipped policies of other tasks than these benchmarks, by a title for their task."""
     keys, titles = (
         {episodes_key(benchmark.env) for benchmark in benchmarks},
         {benchmark.title for benchmark in benchmarks},

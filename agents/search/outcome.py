@@ -141,12 +141,12 @@ class Search:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of all that is measured."""
+        """The names of all measured values."""
         return names(self.problem)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of all that is measured."""
+        """The units of all measured values."""
         return tuple(objective.unit for objective in measured(self.problem))
 
     @property

@@ -71,12 +71,12 @@ def optimiser(run: SearchConfig, problem: Problem) -> Optimiser:
 
 
 def measured(problem: Problem) -> list[Objective]:
-    """All that is measured of a design: objectives, then limits."""
+    """The measured values of a design: objectives, then limits."""
     return [term.objective for term in problem.objectives] + [limit.objective for limit in problem.limits]
 
 
 def names(problem: Problem) -> tuple[str, ...]:
-    """Names of all that is measured; a second one of a kind is "kind 2"."""
+    """Names of all measured values; a second one of a kind is "kind 2"."""
     unique: list[str] = []
     for objective in measured(problem):
         name = objective.name
@@ -92,7 +92,7 @@ def reference(config: SearchConfig) -> RollingChain:
 
 
 def against(config: SearchConfig, problem: Problem) -> list[float]:
-    """All that is measured, of the reference mechanism, in the order of `names`; NaN where it has no equilibrium."""
+    """The measured values of the reference mechanism, in the order of `names`; NaN where it has no equilibrium."""
     return [_measured(config, objective) for objective in measured(problem)]
 
 

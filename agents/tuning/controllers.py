@@ -26,7 +26,7 @@ from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.checks import as_choice, as_integer
 from rollingjoint.errors import ConfigError
 
-_VALIDATED = 5  # how many of the best drive the validation seeds
+_VALIDATED = 5  # number of the best settings that drive the validation seeds
 _PARENTS = 3  # of the best, near which the others are tried
 
 

@@ -2,7 +2,7 @@
 
 Modules:
     server: separate rooms for every browser.
-    guard: who may talk to the viewer.
+    guard: the requests that the viewer answers.
     serving: silent servers of viser that answer only requests that a guard admits.
     rooms: the tabs of a browser.
     record: pages that play without a server.

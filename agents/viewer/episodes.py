@@ -58,7 +58,7 @@ class EpisodeSet(ABC):
         return float(self.errors[list(self.seeds).index(seed)])
 
     def seed_of(self, which: str) -> int:
-        """The seed of the "best", "median" or "worst" episode, or the number that it says.
+        """The seed of the "best", "median" or "worst" episode, or the seed in digits.
 
         Raises:
             InvalidInput: anything else.

@@ -1,4 +1,4 @@
-"""Who may talk to the viewer: its own page, at its own address, with the token of the printed address."""
+"""The requests that the viewer answers: of its own page, at its own address, with the printed token."""
 
 from __future__ import annotations
 

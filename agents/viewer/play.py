@@ -125,7 +125,7 @@ class Match:
         return task
 
     def step(self) -> None:
-        """One step of everyone."""
+        """One step of all controllers."""
         for drive in self.drives:
             drive.step()
 

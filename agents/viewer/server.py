@@ -108,7 +108,7 @@ class Visit:
                 self.room.stop()
 
     def _refused(self, error: InvalidInput) -> None:
-        """Tell that a file was refused."""
+        """Show that a file was refused."""
         if self.room is not None:
             self.room.messages.tell(error)
 

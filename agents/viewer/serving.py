@@ -163,7 +163,7 @@ class Uploads:
             self.gui._handle_file_transfer_part(client_id, message)
 
     def _refuse(self, message: Any, name: str, allowed: str, hint: str = "") -> None:
-        """Tell it, and end the transfer in the browser, which would wait for the rest."""
+        """Report the refusal, and end the transfer in the browser, which would wait for the rest."""
         end = _messages.FileTransferPartAck(message.source_component_uuid, message.transfer_uuid, 0, 0)
         self._connection.queue_message(end)
         self.refused(InvalidInput("file", name, allowed, hint))

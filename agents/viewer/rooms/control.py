@@ -87,7 +87,7 @@ class Control:
             self._commands = []
 
     def begin(self) -> None:
-        """Begin the chosen episode anew."""
+        """Restart the chosen episode."""
         self.stop()
         with self._lock, self.messages.told():
             self._clear()
@@ -103,7 +103,7 @@ class Control:
             self.show()
 
     def step(self) -> bool:
-        """One step of everyone; whether the episode goes on."""
+        """One step of all controllers; whether the episode continues."""
         with self._lock, self.messages.told():
             if self.match is not None and not self.match.over:
                 self.match.step()

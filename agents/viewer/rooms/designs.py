@@ -122,7 +122,7 @@ class DesignsRoom:
             self._put(self.place.value, self.designs.design(row))
 
     def show(self) -> None:
-        """Bend both as far as the slider says."""
+        """Bend both designs by the value of the slider."""
         with self._lock, self.messages.told(), self.client.atomic():
             for place, design in self.chosen.items():
                 shape: Any = design.bent(float(self.bend.value))

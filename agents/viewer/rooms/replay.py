@@ -82,7 +82,7 @@ class Replay:
             return True
 
     def show(self) -> None:
-        """Show the step that the slider says."""
+        """Show the step at the slider."""
         with self._lock:
             if not self.films:
                 return
