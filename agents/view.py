@@ -19,7 +19,7 @@ from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
 if TYPE_CHECKING:
-    from agents.viewer.episodes import Episodes
+    from agents.viewer.episodes import EpisodeSet
     from agents.viewer.server import Rooms
 
 EPISODES = "a file or dataset of recorded episodes, or a shipped policy by name; repeatable"
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_code(lambda: _command(arguments), consent_of(arguments))
 
 
-def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:
+def rooms(shelf: Sequence[EpisodeSet] = (), searches: Sequence[Path] = (), mechanisms: Sequence[str] = ()) -> Rooms:
     """All rooms, with these episodes, searches and mechanisms to choose from.
 
     Raises:
@@ -73,12 +73,12 @@ def rooms(shelf: Sequence[Episodes] = (), searches: Sequence[Path] = (), mechani
 def _command(arguments: argparse.Namespace) -> int:
     from agents.viewer.episodes import episodes_of, run_episodes_of
 
-    shelf: list[Episodes] = [run_episodes_of(path, arguments.policy) for path in arguments.run]
+    shelf: list[EpisodeSet] = [run_episodes_of(path, arguments.policy) for path in arguments.run]
     shelf += [item for name in arguments.episodes for item in episodes_of(name)]
     return _record(arguments, shelf) if arguments.record else _serve(arguments, shelf)
 
 
-def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
+def _serve(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
     from agents.viewer.camera import mechanism_view
     from agents.viewer.server import Viewer, check_host
 
@@ -95,7 +95,7 @@ def _serve(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
     return 0
 
 
-def _record(arguments: argparse.Namespace, shelf: Sequence[Episodes]) -> int:
+def _record(arguments: argparse.Namespace, shelf: Sequence[EpisodeSet]) -> int:
     from agents.viewer.record import episode_page, sweep_page
 
     if arguments.mechanism and not shelf:

@@ -1,4 +1,4 @@
-"""What networks of policies share: normalised observations, bounded actions, arrays that a file stores."""
+"""The base class of networks of policies: normalised observations, bounded actions, arrays for files."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ BOUNDS = ("low", "high")
 
 
 class PolicyNetwork(ABC):
-    """What networks of policies share: normalised observations, m bounded actions, arrays that a file stores.
+    """The network of a policy: normalised observations, m bounded actions, arrays for files.
 
     An observation that is a dictionary is concatenated first. Entry i becomes
     clip((x_i - mean_i) / scale_i, -clip_i, clip_i) in float64; from there on all is float32.
     """
 
     KIND: ClassVar[str]
-    DESCRIBED: ClassVar[tuple[str, ...]]  # what from_tensors needs beside the arrays
+    DESCRIBED: ClassVar[tuple[str, ...]]  # arguments of from_tensors besides the arrays
 
     inputs: Mapping[str, int]
     mean: NDArray[np.float64]
@@ -37,12 +37,12 @@ class PolicyNetwork(ABC):
 
     @abstractmethod
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name: what a policy file stores."""
+        """All arrays of a policy file, by name."""
 
     @classmethod
     @abstractmethod
     def from_tensors(cls, tensors: Mapping[str, NDArray[Any]], **described: Any) -> Self:
-        """The network whose tensors() and description() these are; raises PolicyError if they do not fit together."""
+        """The network with these tensors() and description(); raises PolicyError if they do not fit together."""
 
     @property
     @abstractmethod
@@ -59,19 +59,19 @@ class PolicyNetwork(ABC):
 
         Args:
             observation: (entries,) or (B, entries), or a dictionary of such arrays by key.
-            memory: that after the step before; None begins as many episodes as there are observations.
+            memory: after the step before; None begins one episode per observation.
         Raises:
             PolicyError: another shape, a missing key, or numbers that are not finite.
         """
 
     def description(self) -> dict[str, Any]:
-        """Plain values, ready for JSON: what makes up the network beside its arrays."""
+        """Plain values, ready for JSON: the network without its arrays."""
         values = {name: getattr(self, name) for name in self.DESCRIBED}
         return values | {"inputs": dict(self.inputs)}
 
     @property
     def entries(self) -> int:
-        """Number of entries of an observation, those of a dictionary taken together."""
+        """Number of entries of an observation, of a dictionary their sum."""
         return self.mean.size
 
     def normalised(self, observation: Any) -> Vectors:
@@ -117,29 +117,29 @@ class PolicyNetwork(ABC):
 
     @abstractmethod
     def _head_entries(self) -> int:
-        """Number of entries that the first of `layers` sees; raises PolicyError if what is before does not fit."""
+        """Number of entries that the first of `layers` sees; raises PolicyError if earlier parts do not fit."""
 
 
 def memory_after_reset(network: PolicyNetwork, memory: Vectors | None, mask: NDArray[np.bool_]) -> Vectors | None:
-    """The memory (B, width) with that of new episodes where the mask (B,) is true; None without memory."""
+    """The memory (B, width), restarted where the mask (B,) is true; None without memory."""
     start = network.start(len(mask))
     return start if start is None or memory is None or mask.all() else np.where(mask[:, None], start, memory)
 
 
 def arrays_of(part: Any, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """These attributes by name."""
+    """These attributes of a part, by name."""
     return {name: getattr(part, name) for name in names}
 
 
-def _checked_part(what: str, values: Any, entries: int) -> NDArray[Any]:
+def _checked_part(name: str, values: Any, entries: int) -> NDArray[Any]:
     allowed = f"finite numbers ({entries},) or (B, {entries})"
     try:
         array = np.asarray(values)
         fits = array.ndim in (1, 2) and array.shape[-1] == entries and bool(np.isfinite(array).all())
     except (TypeError, ValueError):
-        raise PolicyError(what, values, allowed) from None
+        raise PolicyError(name, values, allowed) from None
     if not fits:
-        raise PolicyError(what, array.shape if array.shape[-1:] != (entries,) else values, allowed)
+        raise PolicyError(name, array.shape if array.shape[-1:] != (entries,) else values, allowed)
     return array
 
 

@@ -1,4 +1,4 @@
-"""The network in a policy file, from plain values and arrays; complaints about a file that name it."""
+"""The network in a policy file, from plain values and arrays; errors that name the file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KINDS: dict[str, type[PolicyNetwork]] = {kind.KIND: kind for kind in (Network, R
 
 
 def network_in(described: Any, tensors: Mapping[str, Any]) -> PolicyNetwork:
-    """The network of this description, whose `kind` is that of the first policy files where there is none."""
+    """The network of this description; without `kind`, as in the first policy files, a Network."""
     kind = choice(*KINDS)("network.kind", described.get("kind", Network.KIND))
     described = mapping("network", described, ("kind", *KINDS[kind].DESCRIBED), KINDS[kind].DESCRIBED)
     return KINDS[kind].from_tensors(tensors, **{name: described[name] for name in KINDS[kind].DESCRIBED})
@@ -25,11 +25,11 @@ def network_in(described: Any, tensors: Mapping[str, Any]) -> PolicyNetwork:
 
 @contextmanager
 def located(source: str) -> Iterator[None]:
-    """Makes every complaint about the content of a file a PolicyError that names the file."""
+    """A context that turns every error about the content of a file into a PolicyError that names the file."""
     try:
         with prefixed(f"{source}: ", PolicyError):
             yield
     except PolicyError:
         raise
-    except Exception as error:  # whatever unexpected values lead to, such as 1e999
+    except Exception as error:  # any error of unexpected values, such as 1e999
         raise PolicyError(source, f"{type(error).__name__}: {error}", "the content of a policy file") from error

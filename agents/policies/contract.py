@@ -1,4 +1,4 @@
-"""What a policy in a foreign format expects and gives: its contract, as plain values."""
+"""The contract of a policy in a foreign format: its inputs and outputs, as plain values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VECTOR, ACTION, MEMORY, NEXT_MEMORY = "observation", "action", "memory", "next_m
 def contract(policy: ShippedPolicy) -> dict[str, Any]:
     """Inputs, outputs and origin of a policy, ready for JSON; docs/interchange.md lists the keys.
 
-    A physical quantity is `scale` times the entry, in `unit`. What the normaliser makes of an entry x is
+    A physical quantity is `scale` times the entry, in `unit`. The normaliser turns an entry x into
     clip((x - mean) / scale of the normaliser, -clip, clip); files in foreign formats have it inside.
     """
     content = policy.to_dict()
@@ -45,21 +45,21 @@ def contract(policy: ShippedPolicy) -> dict[str, Any]:
 
 
 def contract_text(values: Any, indent: str = "") -> str:
-    """A contract as JSON for people: what is short, such as an entry, in one line."""
+    """A contract as JSON for people: short values, such as an entry, in one line."""
     text = json.dumps(values)
     if not isinstance(values, (dict, list)) or len(indent) + len(text) <= WIDTH:
         return text
     inner = f"{indent}  "
     if isinstance(values, dict):
-        lines = [f"{inner}{json.dumps(key)}: {contract_text(each, inner)}" for key, each in values.items()]
+        lines = [f"{inner}{json.dumps(key)}: {contract_text(value, inner)}" for key, value in values.items()]
     else:
-        lines = [f"{inner}{contract_text(each, inner)}" for each in values]
+        lines = [f"{inner}{contract_text(value, inner)}" for value in values]
     first, last = "{}" if isinstance(values, dict) else "[]"
     return "\n".join([first, ",\n".join(lines), f"{indent}{last}"])
 
 
 def _observations(policy: ShippedPolicy) -> list[dict[str, Any]]:
-    """The inputs that an environment gives: one vector, or those of a dictionary in the order of concatenation."""
+    """The inputs that an environment gives: one vector, or the parts of a dictionary in the order of concatenation."""
     task, network, first = task_of(policy.settings), policy.network, 0
     parts = []
     for name, size in (dict(network.inputs) or {VECTOR: network.entries}).items():
@@ -73,14 +73,14 @@ def _observations(policy: ShippedPolicy) -> list[dict[str, Any]]:
 
 def _goal_entries(task: TrackingTask, name: str) -> Iterator[Entry]:
     """The entries of a goal: a position in units of the length, and, where the task has one, an orientation."""
-    what = "target" if name.startswith("desired") else "tip"
+    point = "target" if name.startswith("desired") else "tip"
     for i, bound in enumerate(task.goal_bounds()):
         axis = "xyz"[i] if i < task.dimension else f"orientation {i - task.dimension}"
-        yield Entry(f"{what} {axis}", "L" if i < task.dimension else "1", -float(bound), float(bound))
+        yield Entry(f"{point} {axis}", "L" if i < task.dimension else "1", -float(bound), float(bound))
 
 
 def _actions(policy: ShippedPolicy) -> list[dict[str, Any]]:
-    """The actions: how far each tendon is pulled in, in units of action_scale_mm; negative ones let out."""
+    """The actions: the pull of each tendon, in units of action_scale_mm; negative ones let out."""
     scale = policy.settings.action_scale_mm
     bounds = zip(policy.network.low, policy.network.high, strict=True)
     return [

@@ -76,7 +76,7 @@ def network_of(model: BaseAlgorithm, normaliser: Any = None) -> PolicyNetwork:
 
 
 def recurrent_network(actor: Any, normaliser: Any = None) -> RecurrentNetwork:
-    """The forward pass of a RecurrentActor, whose actions are in [-1, 1].
+    """The forward pass of a RecurrentActor, with actions in [-1, 1].
 
     Args:
         actor: an agents.learners.recurrent.RecurrentActor.
@@ -85,8 +85,8 @@ def recurrent_network(actor: Any, normaliser: Any = None) -> RecurrentNetwork:
     (encoder, *head), activation = _layers([actor.encoder, actor.head])
     mean, scale, clip = _normaliser(normaliser, {}, encoder[0].shape[1])
     cell = Gru(*_cell_arrays(actor.cell))
-    one = np.ones(head[-1][1].shape, np.float32)
-    return RecurrentNetwork({}, mean, scale, clip, [encoder], cell, head, activation, True, -one, one)
+    bound = np.ones(head[-1][1].shape, np.float32)
+    return RecurrentNetwork({}, mean, scale, clip, [encoder], cell, head, activation, True, -bound, bound)
 
 
 def actor_arrays(network: RecurrentNetwork) -> dict[str, Vectors]:
@@ -100,8 +100,8 @@ def actor_arrays(network: RecurrentNetwork) -> dict[str, Vectors]:
         or not network.shortcut
         or (len(network.encoder), len(network.layers)) != (1, 2)
     ):
-        found = network.cell.KIND, network.shortcut, len(network.encoder), len(network.layers)
-        raise PolicyError("network", found, "what agents.learners trains: one layer, a GRU, two layers, a shortcut")
+        parts = network.cell.KIND, network.shortcut, len(network.encoder), len(network.layers)
+        raise PolicyError("network", parts, "what agents.learners trains: one layer, a GRU, two layers, a shortcut")
     layers = {"encoder.0": network.encoder[0], "head.0": network.layers[0], "head.2": network.layers[1]}
     arrays = {f"{name}.{kind}": a for name, pair in layers.items() for kind, a in zip(_LINEAR, pair, strict=True)}
     cell = (getattr(network.cell, name) for name in NAMES)
@@ -109,17 +109,17 @@ def actor_arrays(network: RecurrentNetwork) -> dict[str, Vectors]:
 
 
 def observations_behind(normaliser: Any) -> float:
-    """How many observations the statistics of a VecNormalize, or None, come from; 0 where it normalises none."""
+    """Number of observations behind the statistics of a VecNormalize, or None; 0 without normalisation."""
     if normaliser is None or not normaliser.norm_obs:
         return 0.0
     running = normaliser.obs_rms
-    return float(min(one.count for one in running.values()) if isinstance(running, Mapping) else running.count)
+    return float(min(average.count for average in running.values()) if isinstance(running, Mapping) else running.count)
 
 
 def _check_spaces(model: BaseAlgorithm) -> None:
     """Raise PolicyError unless observations are vectors, or dictionaries of vectors, and actions are vectors."""
-    seen: Any = model.observation_space
-    for space in (*getattr(seen, "spaces", {"": seen}).values(), model.action_space):
+    observations: Any = model.observation_space
+    for space in (*getattr(observations, "spaces", {"": observations}).values(), model.action_space):
         if type(space).__name__ != "Box" or len(space.shape or ()) != 1:
             raise PolicyError("space", str(space), "a Box of one dimension, or a dictionary of such")
 
@@ -133,7 +133,7 @@ def _without_clip(modules: Iterable[Any], output: str) -> tuple[list[Any], str]:
 
 
 def actor_of(network: RecurrentNetwork) -> Any:
-    """The RecurrentActor whose forward pass the network is, to be trained on; it sees normalised observations."""
+    """The RecurrentActor with this forward pass, for further training; it sees normalised observations."""
     import torch
 
     from agents.learners.recurrent import RecurrentActor
@@ -145,8 +145,8 @@ def actor_of(network: RecurrentNetwork) -> Any:
 
 def with_actor(network: RecurrentNetwork, actor: Any) -> RecurrentNetwork:
     """The network with the layers of a RecurrentActor of its size, and its own normaliser."""
-    found = recurrent_network(actor)
-    return replace(network, encoder=found.encoder, cell=found.cell, layers=found.layers)
+    trained = recurrent_network(actor)
+    return replace(network, encoder=trained.encoder, cell=trained.cell, layers=trained.layers)
 
 
 def _cell_arrays(module: Any) -> list[Vectors]:
@@ -200,7 +200,7 @@ def _folded(linear: Any, renorm: Any) -> tuple[Vectors, Vectors]:
 
 
 def _inputs(extractor: Any) -> dict[str, int]:
-    """Entries by key of a dictionary observation, in SB3's order of concatenation; nothing for a vector.
+    """Entries by key of a dictionary observation, in SB3's order of concatenation; empty for a vector.
 
     ActorsPart, of a policy with a privileged critic, sees the vector alone, and so does PastConvolution.
     """
@@ -213,7 +213,7 @@ def _inputs(extractor: Any) -> dict[str, int]:
 
 
 def _normaliser(normaliser: Any, inputs: Mapping[str, int], entries: int) -> tuple[Array, Array, Array]:
-    """Mean, scale and clip of every entry, (entries,) each: those that change nothing where nothing is normalised."""
+    """Mean, scale and clip of every entry, (entries,) each; without normalisation the identity."""
     if normaliser is None or not normaliser.norm_obs:
         return np.zeros(entries), np.ones(entries), np.full(entries, UNCLIPPED)
     if not inputs:

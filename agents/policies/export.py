@@ -34,8 +34,8 @@ MACHINE = ("platform", "processor", "cores", "imported")  # keys of versions.jso
 def export_run(run: RunFolder, which: str, name: str) -> ShippedPolicy:
     """One of the policies of a run folder, without a score.
 
-    One that was saved by Stable-Baselines3 alone is unpickled, where that is allowed, and compared with what torch
-    computes.
+    A policy that was saved by Stable-Baselines3 alone is unpickled, where that is allowed, and compared with its
+    actions in torch.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
@@ -85,7 +85,7 @@ def export_policy(
     Args:
         model: as for network_of.
         normaliser: the VecNormalize that it was trained with, or None.
-        environment: what it was trained for.
+        environment: of its training.
         training: plain values: `config`, `steps`, `seed`, `versions`.
     Raises:
         PolicyError: a kind of policy that has no form in NumPy, or another environment than rj_gym's.
@@ -122,8 +122,8 @@ def check_against_torch(policy: ShippedPolicy, model: BaseAlgorithm, normaliser:
     state: Any = None
     largest = 0.0
     for _ in range(policy.settings.episode_steps):
-        seen = model_input(model, normaliser, observation)
-        expected, state = model.predict(seen, state, deterministic=True)
+        inputs = model_input(model, normaliser, observation)
+        expected, state = model.predict(inputs, state, deterministic=True)
         action = policy(observation)
         largest = max(largest, float(np.abs(action - expected).max()))
         observation = envs.step(action)[0]
@@ -135,7 +135,7 @@ def check_against_torch(policy: ShippedPolicy, model: BaseAlgorithm, normaliser:
 
 
 def _training(run: RunFolder, config: TrainConfig, steps: int) -> dict[str, Any]:
-    """What a policy file says about training; the settings of the environment stand elsewhere in it."""
+    """The training in a policy file, without the settings of the environment, which are elsewhere in the file."""
     plain = config.to_dict()
     del plain["env"]["settings"]
     path = run.path / "versions.json"

@@ -1,4 +1,4 @@
-"""The container of a shipped policy: one safetensors file, of which nothing is ever executed.
+"""The container of a shipped policy: one safetensors file; no part of it is ever executed.
 
 Arrays are its tensors; everything else is one JSON text in its metadata, together with a SHA-256 over both. One file,
 because two can be mixed up, and weights without their description are useless. The hash detects damage and careless
@@ -45,7 +45,7 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
         content = dict(parse_json(header["__metadata__"]["policy"], "metadata"))
         version, recorded = content.pop("format"), content.pop("sha256")
         expected, actual = _format_of(content), content_hash(content, tensors)
-    except Exception as error:  # whatever a parser makes of foreign bytes
+    except Exception as error:  # any error of a parser of foreign bytes
         raise PolicyError("policy file", source, "a file that rj export-policy wrote", _reason(error)) from error
     if version != expected:
         raise PolicyError(f"{source}: format", version, str(expected), "Another version of this package may read it.")
@@ -55,7 +55,7 @@ def unpack(data: bytes, source: str) -> tuple[dict[str, Any], dict[str, NDArray[
 
 
 def read_bytes(path: Path, largest: int | None = None) -> bytes:
-    """The bytes of a file of at most so many (None: LARGEST_FILE); PolicyError for a larger or an unreadable one."""
+    """The bytes of a file of at most `largest` (None: LARGEST_FILE); PolicyError for a larger or unreadable one."""
     largest = largest or LARGEST_FILE
     try:
         with path.open("rb") as stream:
@@ -78,7 +78,7 @@ def content_hash(content: Mapping[str, Any], tensors: Tensors) -> str:
 
 
 def _format_of(content: Mapping[str, Any]) -> int:
-    """2 where the network says what kind it is, which began with those that have a memory; else 1."""
+    """The version of the format: 2 with the kind of the network, which came with recurrent networks; else 1."""
     network = content.get("network")
     return 2 if isinstance(network, Mapping) and "kind" in network else 1
 

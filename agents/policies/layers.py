@@ -26,19 +26,19 @@ ACTIVATIONS: dict[str, Callable[[Vectors], Vectors]] = {
 
 
 def through(layers: Layers, activate: Callable[[Vectors], Vectors], x: Vectors) -> Vectors:
-    """What linear layers make of x, with the activation between them."""
+    """The outputs of linear layers, with the activation between them, for the inputs x."""
     *hidden, (weights, biases) = layers
     for hidden_weights, hidden_biases in hidden:
         x = activate(x @ hidden_weights.T + hidden_biases)
     return x @ weights.T + biases
 
 
-def check_layers(what: str, layers: Layers, entries: int) -> int:
+def check_layers(name: str, layers: Layers, entries: int) -> int:
     """The width of the last layer; raises PolicyError unless they fit to each other and to their entries."""
     width = entries
     for i, (weights, biases) in enumerate(layers):
         if weights.ndim != 2 or weights.shape[1] != width or biases.shape != weights.shape[:1]:
-            raise PolicyError(f"{what} {i}", (weights.shape, biases.shape), f"weights (n, {width}) and biases (n,)")
+            raise PolicyError(f"{name} {i}", (weights.shape, biases.shape), f"weights (n, {width}) and biases (n,)")
         width = len(biases)
     return width
 
@@ -52,7 +52,7 @@ def arrays_of_layers(prefix: str, layers: Layers) -> dict[str, NDArray[Any]]:
 
 
 def layers_in(tensors: Mapping[str, NDArray[Any]], prefix: str, at_least: int = 0) -> list[tuple[Vectors, Vectors]]:
-    """The layers whose arrays_of_layers are among the tensors; one that is missing is empty."""
+    """The layers from their arrays among the tensors; missing arrays are empty."""
     count = max(at_least, sum(name.startswith(f"{prefix}weights.") for name in tensors))
     missing = np.zeros(0, np.float32)
     names = [(f"{prefix}weights.{i}", f"{prefix}biases.{i}") for i in range(count)]

@@ -22,7 +22,7 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
     Args:
         name_or_path: one of list_policies(), a policy file that rj export-policy wrote, or policy.safetensors or
             policy.zip in a run folder.
-        trust_pickle: whether an SB3 zip may be loaded. That runs whatever code its author put there, and needs torch.
+        trust_pickle: whether an SB3 zip may be loaded. That runs any code that its author put there, and needs torch.
     Raises:
         PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
         RunFolderError: a run folder that cannot be read.
@@ -34,8 +34,8 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
         path = FOLDER / f"{name_or_path}{SUFFIX}"
     elif not path.is_file():
         hint = suggestion(str(name_or_path), list_policies())
-        known = f"a policy file or one of {', '.join(list_policies())}"
-        raise PolicyError("policy", str(name_or_path), known, hint)
+        allowed = f"a policy file or one of {', '.join(list_policies())}"
+        raise PolicyError("policy", str(name_or_path), allowed, hint)
     elif path.name == IN_A_RUN:
         from agents.policies.export import policy_in_run
 

@@ -1,4 +1,4 @@
-"""The network without memory in plain NumPy: what Stable-Baselines3 computes for its deterministic action."""
+"""The network without memory in plain NumPy, for the deterministic action of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from agents.policies.layers import ACTIVATIONS, Layers, Vectors, arrays_of_layer
 __all__ = ["Network", "PolicyError"]
 
 OUTPUTS = ("clip", "tanh", "clipped tanh")
-CLIP = 2.0  # of "clipped tanh": what Stable-Baselines3 does with state-dependent exploration
+CLIP = 2.0  # of "clipped tanh", the output of Stable-Baselines3 with state-dependent exploration
 
 
 @dataclass(frozen=True)
 class Network(PolicyNetwork):
-    """Fully connected layers without memory: what Stable-Baselines3 computes for its deterministic action.
+    """Fully connected layers without memory, for the deterministic action of Stable-Baselines3.
 
     Args:
         inputs: number of entries by key, in the order of concatenation; empty for an observation that is a vector.
         mean, scale, clip: the normaliser, (entries,) float64 each.
         layers: weights (outputs, inputs) and biases (outputs,) of every layer, float32.
         activation: of the hidden layers: "tanh", "relu" or "elu".
-        output: "clip" to [low, high]; or "tanh", scaled from [-1, 1] to [low, high]; or "clipped tanh", that of what
-            is clipped to [-2, 2] before.
+        output: "clip" to [low, high]; or "tanh", scaled from [-1, 1] to [low, high]; or "clipped tanh", the
+            same after a clip to [-2, 2].
         low, high: bounds of the action, (m,) float32 each.
     Raises:
         PolicyError: numbers that are not finite, shapes that do not fit together, an unknown activation or output.
@@ -62,7 +62,7 @@ class Network(PolicyNetwork):
         return [len(biases) for _, biases in self.layers[:-1]]
 
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name: what a policy file stores."""
+        """All arrays of a policy file, by name."""
         return arrays_of(self, NORMALISER) | arrays_of_layers("", self.layers) | arrays_of(self, BOUNDS)
 
     @classmethod

@@ -1,6 +1,6 @@
 """A policy as an ONNX file: the network with its normaliser and bounds, and the contract in the metadata.
 
-The graph is what agents.policies computes with NumPy: the normaliser in double precision, everything else in single.
+The graph repeats the computation in NumPy: the normaliser in double precision, everything else in single.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write_onnx(policy: ShippedPolicy, path: Path) -> None:
 
 
 def onnx_model(policy: ShippedPolicy) -> onnx.ModelProto:
-    """The policy as an ONNX model, whose metadata_props hold its contract as JSON under "contract".
+    """The policy as an ONNX model with its contract as JSON under "contract" in metadata_props.
 
     Inputs: `observation` (batch, entries) float32, or the parts of a dictionary observation by name; with memory
     `memory` (batch, memory) float32, zeros where an episode begins. Outputs: `action` (batch, m) float32, and with
@@ -48,8 +48,8 @@ def onnx_model(policy: ShippedPolicy) -> onnx.ModelProto:
     size = 0 if (start := policy.network.start(1)) is None else start.shape[1]
     action = _bounded(nodes, policy.network, _through_network(nodes, policy.network))
     nodes.add("Identity", [action], name=ACTION)
-    seen = dict(policy.network.inputs) or {VECTOR: policy.network.entries}
-    inputs = [_vectors(name, count) for name, count in [*seen.items(), *([(MEMORY, size)] if size else [])]]
+    sizes = dict(policy.network.inputs) or {VECTOR: policy.network.entries}
+    inputs = [_vectors(name, count) for name, count in [*sizes.items(), *([(MEMORY, size)] if size else [])]]
     outputs = [_vectors(ACTION, len(policy.network.low)), *([_vectors(NEXT_MEMORY, size)] if size else [])]
     graph = helper.make_graph(nodes.nodes, policy.name, inputs, outputs, nodes.constants)
     opset = [helper.make_opsetid("", OPSET)]
@@ -68,21 +68,21 @@ class _Nodes:
         self.constants: list[TensorProto] = []
 
     def add(self, operator: str, inputs: list[str], name: str = "", **attributes: Any) -> str:
-        """The name of what this operator makes of the inputs."""
+        """Add an operator; the name of its output."""
         return self.several(operator, inputs, [name or f"{operator.lower()}_{len(self.nodes)}"], **attributes)[0]
 
     def several(self, operator: str, inputs: list[str], names: list[str], **attributes: Any) -> list[str]:
-        """The names of all outputs of an operator that has more than one."""
+        """Add an operator with several outputs; their names."""
         self.nodes.append(helper.make_node(operator, inputs, names, **attributes))
         return names
 
     def constant(self, name: str, array: NDArray[Any]) -> str:
-        """The name of a constant."""
+        """Add a constant; its name."""
         self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
         return name
 
     def clipped(self, x: str, low: str, high: str) -> str:
-        """Each entry of x within bounds of its own."""
+        """Each entry of x within its bounds."""
         return self.add("Min", [self.add("Max", [x, low]), high])
 
     def linear(self, prefix: str, x: str, weights: NDArray[Any], biases: NDArray[Any]) -> str:
@@ -96,7 +96,7 @@ def _vectors(name: str, size: int) -> onnx.ValueInfoProto:
 
 
 def _through_network(nodes: _Nodes, network: PolicyNetwork) -> str:
-    """What the last layer of the network gives."""
+    """The output of the last layer of the network."""
     x = _normalised(nodes, network)
     if not isinstance(network, RecurrentNetwork):
         return _through(nodes, "", network.layers, network.activation, x)
@@ -104,8 +104,8 @@ def _through_network(nodes: _Nodes, network: PolicyNetwork) -> str:
         encoded = _through(nodes, "encoder.", network.encoder, network.activation, x)
         x = nodes.add(_ACTIVATIONS[network.activation], [encoded])
     output = _through_cell(nodes, network.cell, x)
-    seen = nodes.add("Concat", [output, x], axis=1) if network.shortcut else output
-    return _through(nodes, "", network.layers, network.activation, seen)
+    head_input = nodes.add("Concat", [output, x], axis=1) if network.shortcut else output
+    return _through(nodes, "", network.layers, network.activation, head_input)
 
 
 def _normalised(nodes: _Nodes, network: PolicyNetwork) -> str:
@@ -118,7 +118,7 @@ def _normalised(nodes: _Nodes, network: PolicyNetwork) -> str:
 
 
 def _through(nodes: _Nodes, prefix: str, layers: Layers, activation: str, x: str) -> str:
-    """What linear layers make of x, with the activation between them."""
+    """The outputs of linear layers, with the activation between them, for the inputs x."""
     for i, (weights, biases) in enumerate(layers):
         if i:
             x = nodes.add(_ACTIVATIONS[activation], [x])
@@ -133,27 +133,27 @@ def _through_cell(nodes: _Nodes, cell: Cell, x: str) -> str:
 
 def _through_gru(nodes: _Nodes, cell: Cell, x: str) -> str:
     """As Gru.step."""
-    seen = nodes.linear("cell.input_", x, cell.input_weights, cell.input_biases)
+    inputs = nodes.linear("cell.input_", x, cell.input_weights, cell.input_biases)
     remembered = nodes.linear("cell.memory_", MEMORY, cell.memory_weights, cell.memory_biases)
-    seen_r, seen_z, seen_n = _blocks(nodes, seen, ["seen_r", "seen_z", "seen_n"], cell.width)
+    seen_r, seen_z, seen_n = _blocks(nodes, inputs, ["seen_r", "seen_z", "seen_n"], cell.width)
     old_r, old_z, old_n = _blocks(nodes, remembered, ["remembered_r", "remembered_z", "remembered_n"], cell.width)
     r = nodes.add("Sigmoid", [nodes.add("Add", [seen_r, old_r])])
     z = nodes.add("Sigmoid", [nodes.add("Add", [seen_z, old_z])])
     n = nodes.add("Tanh", [nodes.add("Add", [seen_n, nodes.add("Mul", [r, old_n])])])
-    kept = nodes.add("Mul", [z, nodes.add("Sub", [MEMORY, n])])
-    return nodes.add("Add", [n, kept], name=NEXT_MEMORY)
+    memory_share = nodes.add("Mul", [z, nodes.add("Sub", [MEMORY, n])])
+    return nodes.add("Add", [n, memory_share], name=NEXT_MEMORY)
 
 
 def _through_lstm(nodes: _Nodes, cell: Cell, x: str) -> str:
     """As Lstm.step; the memory is the output and the cell state side by side."""
     h, c = _blocks(nodes, MEMORY, ["h", "c"], cell.width)
-    seen = nodes.linear("cell.input_", x, cell.input_weights, cell.input_biases)
+    inputs = nodes.linear("cell.input_", x, cell.input_weights, cell.input_biases)
     remembered = nodes.linear("cell.memory_", h, cell.memory_weights, cell.memory_biases)
-    i, f, g, o = _blocks(nodes, nodes.add("Add", [seen, remembered]), ["i", "f", "g", "o"], cell.width)
-    kept = nodes.add("Mul", [nodes.add("Sigmoid", [f]), c])
-    new = nodes.add("Add", [kept, nodes.add("Mul", [nodes.add("Sigmoid", [i]), nodes.add("Tanh", [g])])])
-    output = nodes.add("Mul", [nodes.add("Sigmoid", [o]), nodes.add("Tanh", [new])])
-    nodes.add("Concat", [output, new], name=NEXT_MEMORY, axis=1)
+    i, f, g, o = _blocks(nodes, nodes.add("Add", [inputs, remembered]), ["i", "f", "g", "o"], cell.width)
+    old_share = nodes.add("Mul", [nodes.add("Sigmoid", [f]), c])
+    state = nodes.add("Add", [old_share, nodes.add("Mul", [nodes.add("Sigmoid", [i]), nodes.add("Tanh", [g])])])
+    output = nodes.add("Mul", [nodes.add("Sigmoid", [o]), nodes.add("Tanh", [state])])
+    nodes.add("Concat", [output, state], name=NEXT_MEMORY, axis=1)
     return output
 
 
@@ -164,7 +164,7 @@ def _blocks(nodes: _Nodes, x: str, names: list[str], width: int) -> list[str]:
 
 
 def _bounded(nodes: _Nodes, network: PolicyNetwork, x: str) -> str:
-    """The action within [low, high], as the network says."""
+    """The action within [low, high], by the output of the network."""
     low, high = nodes.constant("low", network.low), nodes.constant("high", network.high)
     output = network.output if isinstance(network, Network) else "clip"
     if output == "clip":
@@ -172,6 +172,6 @@ def _bounded(nodes: _Nodes, network: PolicyNetwork, x: str) -> str:
     if output == "clipped tanh":
         bound = np.array([CLIP], np.float32)
         x = nodes.clipped(x, nodes.constant("minus_two", -bound), nodes.constant("two", bound))
-    one, half = np.ones(1, np.float32), np.float32(0.5) * (network.high - network.low)
-    share = nodes.add("Add", [nodes.add("Tanh", [x]), nodes.constant("one", one)])
+    unit, half = np.ones(1, np.float32), np.float32(0.5) * (network.high - network.low)
+    share = nodes.add("Add", [nodes.add("Tanh", [x]), nodes.constant("one", unit)])
     return nodes.add("Add", [low, nodes.add("Mul", [share, nodes.constant("half_range", half)])])

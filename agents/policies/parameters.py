@@ -18,7 +18,7 @@ _AVERAGES = ("mean", "var", "count")
 
 
 def parameters_of(model: Any, normaliser: Any) -> bytes:
-    """The file policy.parameters.safetensors of a model whose observations go through a VecNormalize, or None."""
+    """The file policy.parameters.safetensors of a model with this VecNormalize of its observations, or None."""
     return packed({"parameters": model.policy.state_dict(), "averages": running_averages(normaliser)})
 
 
@@ -29,12 +29,12 @@ def load_parameters(config: TrainConfig, path: Path) -> Policy:
 
     torch.set_num_threads(config.torch_threads)
     env = DummyVecEnv([lambda: make_env(config.env)])
-    seen: Any = env.observation_space
+    space: Any = env.observation_space
     try:
         state = unpacked(path.read_bytes(), str(path))
-        kind = algorithm_class(config.algorithm).policy_aliases[policy_name(config, seen)]
+        kind = algorithm_class(config.algorithm).policy_aliases[policy_name(config, space)]
         rough = bool(config.parameters.get("use_sde", False))
-        policy: Any = kind(seen, env.action_space, lambda _: 0.0, use_sde=rough, **network_arguments(config))
+        policy: Any = kind(space, env.action_space, lambda _: 0.0, use_sde=rough, **network_arguments(config))
         policy.load_state_dict(state["parameters"])
         normaliser = VecNormalize(env, training=False, norm_obs=config.normalise.observation)
         set_running_averages(normaliser, state["averages"])
@@ -71,23 +71,23 @@ def network_arguments(config: TrainConfig) -> dict[str, Any]:
 
 def running_averages(normaliser: Any) -> list[dict[str, Any]]:
     """The averages that a VecNormalize keeps: of observations, or of their parts by name, and of returns."""
-    return [{name: getattr(one, name) for name in _AVERAGES} for one in _running(normaliser)]
+    return [{name: getattr(average, name) for name in _AVERAGES} for average in _running(normaliser)]
 
 
 def set_running_averages(normaliser: Any, averages: list[dict[str, Any]]) -> None:
-    """Give a VecNormalize the averages of another one; raises ValueError for those of other observations."""
+    """Give a VecNormalize the averages of another one; raises ValueError for averages of other observations."""
     import numpy as np
 
-    for running, kept in zip(_running(normaliser), averages, strict=True):
+    for running, stored in zip(_running(normaliser), averages, strict=True):
         for name in _AVERAGES:
-            if np.shape(kept[name]) != np.shape(getattr(running, name)):
-                raise ValueError(f"{name} of shape {np.shape(kept[name])}")
-            setattr(running, name, kept[name])
+            if np.shape(stored[name]) != np.shape(getattr(running, name)):
+                raise ValueError(f"{name} of shape {np.shape(stored[name])}")
+            setattr(running, name, stored[name])
 
 
 def _running(normaliser: Any) -> list[Any]:
     if normaliser is None:
         return []
-    seen = getattr(normaliser, "obs_rms", None) or {}
-    parts = [seen[key] for key in sorted(seen)] if isinstance(seen, dict) else [seen]
+    averages = getattr(normaliser, "obs_rms", None) or {}
+    parts = [averages[key] for key in sorted(averages)] if isinstance(averages, dict) else [averages]
     return [*parts, normaliser.ret_rms]

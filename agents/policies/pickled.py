@@ -1,4 +1,4 @@
-"""Policies in the pickles of Stable-Baselines3: those of earlier run folders, and those without a form in NumPy."""
+"""Policies in the pickles of Stable-Baselines3: from earlier run folders, or without a form in NumPy."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def load_pickled(config: TrainConfig, files: PolicyFiles) -> Policy:
     import torch
 
     torch.set_num_threads(config.torch_threads)
-    objects = {"lr_schedule": None, **schedules(config.parameters)}  # whose classes may have moved since
+    objects = {"lr_schedule": None, **schedules(config.parameters)}  # their classes may have moved since
     try:
         model = algorithm_class(config.algorithm).load(files.model, device="cpu", custom_objects=objects)
         return Policy(model, _load_normaliser(files.normaliser))
-    except Exception as error:  # whatever SB3, torch and pickle make of a damaged file
+    except Exception as error:  # any error of SB3, torch and pickle about a damaged file
         allowed = "files that can be read: a zip that Stable-Baselines3 can load, its normaliser"
         raise RunFolderError("policy", str(files.model), allowed, repr(error)) from error
 
@@ -36,5 +36,5 @@ def _load_normaliser(path: Path) -> Any:
     with path.open("rb") as stream:
         normaliser = pickle.load(stream)
     normaliser.training = False
-    vars(normaliser).update(class_attributes={}, returns=None)  # which pickling takes away: policies go to workers
+    vars(normaliser).update(class_attributes={}, returns=None)  # pickling removes them: policies go to workers
     return normaliser

@@ -1,6 +1,6 @@
 """The score that a policy file records: a regression band of fixed episodes.
 
-The same episodes must score within the tolerances again, on any machine. A band says nothing about other episodes: the
+The same episodes must score within the tolerances again, on any machine. A band does not cover other episodes: the
 standard error of a mean of 200 episodes is several times as wide. docs/results.md has intervals.
 """
 
@@ -17,18 +17,18 @@ from rollingjoint.errors import ConfigError
 
 ERRORS, SHARES = ("mean_mm", "median_mm", "p95_mm"), ("within_1_mm", "held_1_mm")
 LATER = ("last_10_mm",)  # an error, too; files of earlier versions lack it
-RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands: docs/policies.md says why
+RELATIVE, ABSOLUTE_MM, SHARE = 0.02, 0.002, 0.01  # half widths of the bands; reasons: docs/policies.md
 WITH_MEMORY = 4.0  # times as wide: a memory carries last bits through the whole episode
 
 
 @dataclass(frozen=True)
 class RecordedScore:
-    """What a policy scored on the episodes with the seeds first_seed, first_seed + 1, ...
+    """The score of a policy on the episodes with the seeds first_seed, first_seed + 1, ...
 
     Args:
-        values: by the names ERRORS and LATER [mm] and SHARES, which mean what they mean in
+        values: by the names ERRORS and LATER [mm] and SHARES, as in
             agents.evaluation.score.Score.
-        tolerances: by the same names, how far a score of the same episodes may lie from the value.
+        tolerances: by the same names, the largest difference of a score of the same episodes.
     Raises:
         ConfigError: a missing name, or a number out of range.
     """
@@ -50,15 +50,15 @@ class RecordedScore:
     @classmethod
     def of(cls, score: Score, seeds: range, has_memory: bool = False) -> RecordedScore:
         """The record of a score of the episodes with these seeds, by a policy that has a memory or not."""
-        wide = WITH_MEMORY if has_memory else 1.0
+        factor = WITH_MEMORY if has_memory else 1.0
         values = {name: getattr(score, name) for name in ERRORS + LATER + SHARES}
-        errors = {name: wide * (RELATIVE * values[name] + ABSOLUTE_MM) for name in ERRORS + LATER}
-        tolerances = errors | dict.fromkeys(SHARES, wide * SHARE)
+        errors = {name: factor * (RELATIVE * values[name] + ABSOLUTE_MM) for name in ERRORS + LATER}
+        tolerances = errors | dict.fromkeys(SHARES, factor * SHARE)
         return cls(seeds.start, len(seeds), values, tolerances)
 
     @property
     def described(self) -> str:
-        """What it is, in words."""
+        """The kind of score, its episodes and seeds, in words."""
         last = self.first_seed + self.episodes - 1
         return f"regression band of {self.episodes} fixed episodes, seeds {self.first_seed} to {last}"
 

@@ -41,7 +41,7 @@ class RecurrentNetwork(PolicyNetwork):
         cell: the recurrent layer, with the memory.
         layers: the head, from the output of the cell to the actions.
         activation: of the encoder and of the hidden layers of the head: "tanh", "relu" or "elu".
-        shortcut: whether the head sees what the cell sees, too.
+        shortcut: whether the head sees the input of the cell, too.
         low, high: bounds of the action, (m,) float32 each.
     Raises:
         PolicyError: numbers that are not finite, shapes that do not fit together, an unknown activation.
@@ -67,9 +67,9 @@ class RecurrentNetwork(PolicyNetwork):
         self._check()
 
     def _head_entries(self) -> int:
-        seen = check_layers("encoder layer", self.encoder, self.entries)
-        self.cell.check(seen)
-        return self.cell.width + (seen if self.shortcut else 0)
+        entries = check_layers("encoder layer", self.encoder, self.entries)
+        self.cell.check(entries)
+        return self.cell.width + (entries if self.shortcut else 0)
 
     @property
     def hidden(self) -> list[int]:
@@ -78,11 +78,11 @@ class RecurrentNetwork(PolicyNetwork):
         return [*widths[: len(self.encoder)], self.cell.width, *widths[len(self.encoder) :]]
 
     def description(self) -> dict[str, Any]:
-        """Plain values, ready for JSON: what makes up the network beside its arrays."""
+        """Plain values, ready for JSON: the network without its arrays."""
         return {"kind": self.KIND} | super().description() | {"cell": self.cell.KIND}
 
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name: what a policy file stores."""
+        """All arrays of a policy file, by name."""
         before = arrays_of(self, NORMALISER) | arrays_of_layers(ENCODER, self.encoder) | self.cell.tensors()
         return before | arrays_of_layers("", self.layers) | arrays_of(self, BOUNDS)
 
@@ -105,7 +105,7 @@ class RecurrentNetwork(PolicyNetwork):
 
         Args:
             observation: (entries,) or (B, entries), or a dictionary of such arrays by key.
-            memory: that after the step before; None begins as many episodes as there are observations.
+            memory: after the step before; None begins one episode per observation.
         Raises:
             PolicyError: another shape, a missing key, numbers that are not finite, or another number of observations
                 than the memory has rows.
@@ -127,5 +127,5 @@ class RecurrentNetwork(PolicyNetwork):
             x = activate(through(self.encoder, activate, x))
         memory = self.cell.step(x, memory)
         output = memory[:, : self.cell.width]
-        seen = np.concatenate([output, x], axis=-1) if self.shortcut else output
-        return through(self.layers, activate, seen).clip(self.low, self.high), memory
+        head_input = np.concatenate([output, x], axis=-1) if self.shortcut else output
+        return through(self.layers, activate, head_input).clip(self.low, self.high), memory

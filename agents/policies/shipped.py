@@ -31,8 +31,8 @@ from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dic
 
 
 @dataclass
-class _Memory:
-    """What a policy remembers of the episodes that it drives, (B, memory); None before their first step."""
+class _EpisodeMemory:
+    """The memory of a policy in the episodes that it drives, (B, memory); None before their first step."""
 
     values: Vectors | None = None
 
@@ -45,14 +45,14 @@ class ShippedPolicy(Controller):
     object drives one batch of episodes at a time, and reset() begins the next.
 
     Args:
-        name: what it is called.
-        algorithm: what trained it, "ppo" for example.
+        name: of the policy.
+        algorithm: of its training, "ppo" for example.
         network: its forward pass.
         env_id: id of its environment, one of rj_gym.
         settings: of that environment, standalone.
         entries: of the observation vector, as entry_names gives them.
         training: plain values about its training: `config`, `steps`, `seed`, `versions`.
-        score: what it scored, where it was scored.
+        score: on fixed episodes; None for a policy without a score.
     Raises:
         PolicyError: a network that does not fit the environment, or an environment that rj_gym does not have.
     """
@@ -103,15 +103,15 @@ class ShippedPolicy(Controller):
 
     @property
     def has_memory(self) -> bool:
-        """Whether an action depends on what the policy saw since reset()."""
+        """Whether an action depends on earlier observations since reset()."""
         return self.network.start(1) is not None
 
     def reset(self, episodes: int | Mask | None = None) -> None:
-        """Begin an episode, or several side by side; without memory this changes nothing.
+        """Begin an episode, or several side by side; without effect on a policy without memory.
 
         Args:
-            episodes: how many observations every call will have, or a mask (B,) of those that begin; None leaves that
-                to the first call.
+            episodes: number of observations of every call, or a mask (B,) of the episodes that begin; None leaves
+                the number to the first call.
         Raises:
             PolicyError: a number of episodes below one.
         """
@@ -135,8 +135,8 @@ class ShippedPolicy(Controller):
         return action
 
     @cached_property
-    def _memory(self) -> _Memory:
-        return _Memory()
+    def _memory(self) -> _EpisodeMemory:
+        return _EpisodeMemory()
 
     def bind(self, task: TrackingTask | None) -> None:
         """Take over a task; raises PolicyError unless observation, action and mechanism are as trained."""
@@ -156,21 +156,21 @@ class ShippedPolicy(Controller):
         return self(plain(observations))
 
     def score_on(self, seeds: range) -> Score:
-        """What it scores in the episodes with these seeds."""
+        """Its score in the episodes with these seeds."""
         return Score.of(run_episodes(self.environment, self, seeds))
 
     def rescore(self) -> Score:
-        """What it scores now in the episodes of its recorded score; raises PolicyError if it has none."""
+        """Its present score in the episodes of its recorded score; raises PolicyError if it has none."""
         if self.score is None:
             raise PolicyError("score", None, "a policy that was scored when it was exported")
         return self.score_on(self.score.seeds)
 
     def _check_entries(self, settings: TaskConfig, hint: str = "") -> None:
-        found = entry_names(settings, self.goal)
-        if found != self.entries:
-            other = [one for one in found if one not in self.entries] or [f"{len(found)} entries"]
+        names = entry_names(settings, self.goal)
+        if names != self.entries:
+            differences = [name for name in names if name not in self.entries] or [f"{len(names)} entries"]
             allowed = f"the {len(self.entries)} observation entries that {self.name!r} was trained on"
-            raise PolicyError("observation", ", ".join(other), allowed, hint)
+            raise PolicyError("observation", ", ".join(differences), allowed, hint)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON: all but the arrays."""
@@ -195,7 +195,7 @@ class ShippedPolicy(Controller):
         Args:
             source: name of the file in messages.
         Raises:
-            PolicyError: no policy file, a damaged one, or one whose parts do not fit together.
+            PolicyError: no policy file, a damaged one, or one with parts that do not fit together.
         """
         content, tensors = unpack(data, source)
         with located(source):
@@ -203,7 +203,7 @@ class ShippedPolicy(Controller):
 
 
 def is_goal(env_id: str) -> bool:
-    """Whether an id of rj_gym is that of the environment with goals."""
+    """Whether an id of rj_gym names the environment with goals."""
     return IDS[env_id].endswith("Goal")
 
 
@@ -246,5 +246,5 @@ def _fields(content: Mapping[str, Any], tensors: Mapping[str, Any]) -> dict[str,
 
 
 def _numbers_of(mechanism: AnyChain) -> dict[str, Any]:
-    """All that makes up a mechanism, but its name."""
+    """A mechanism as plain values, without its name."""
     return mechanism_to_dict(mechanism) | {"name": ""}

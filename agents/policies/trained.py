@@ -30,11 +30,11 @@ LARGEST_FILE = 2**30
 
 @dataclass(eq=False)
 class TrainedPolicy(Controller):
-    """A policy as it acts, a controller that runs with NumPy alone. Its environment is that of its run.
+    """A policy as it acts, a controller that runs with NumPy alone. Its environment is its run's.
 
     Args:
         network: its forward pass, with the normaliser.
-        algorithm: what trained it, "ppo" for example.
+        algorithm: of its training, "ppo" for example.
         steps: of training.
         observations: behind the statistics of the normaliser; 0 where observations are not normalised.
     """
@@ -111,5 +111,5 @@ def read_trained(files: PolicyFiles) -> TrainedPolicy:
 
 
 def load_driving(run: RunFolder, which: str = "best") -> Controller:
-    """The policy of a run folder as the controller that it is, alone or on top of a guide; raises as load_trained."""
+    """The policy of a run folder as a controller, alone or added to its guide; raises as load_trained."""
     return controller_of(run.config(), load_trained(run, which))

@@ -33,7 +33,7 @@ from agents.runs.seeds import TEST, VALIDATION
 if TYPE_CHECKING:
     from agents.policies.shipped import ShippedPolicy
     from agents.results.runs import Benchmark
-    from agents.results.worlds import Plan
+    from agents.results.worlds import ScoringPlan
 
 OUT = Path("docs")
 SIZES = {
@@ -84,7 +84,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 
 def _merged(arguments: argparse.Namespace) -> Results:
-    """The content of the files; their animations come to the page, whose commands end with this one if they merge."""
+    """The content of the files, with their animations; if they merge, the page's last command is this one."""
     from agents.results.films import bring_films
     from agents.results.merging import merged
 
@@ -130,14 +130,16 @@ def _scored(arguments: argparse.Namespace) -> Results:
     return replace(results, films=_filmed([*benchmarks, *others.values()], results, arguments.out))
 
 
-def _plan(arguments: argparse.Namespace) -> Plan:
-    from agents.results.worlds import Plan
+def _plan(arguments: argparse.Namespace) -> ScoringPlan:
+    from agents.results.worlds import ScoringPlan
 
     episodes = episode_count("--episodes", arguments.episodes)
     first = seed_number("--seed", arguments.seed)
     choosing = episode_count("--validation", arguments.validation)
     validation = range(VALIDATION.start, VALIDATION.start + choosing)
-    return Plan(range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point))
+    return ScoringPlan(
+        range(first, first + episodes), validation, integer(0, 100_000)("--per-point", arguments.per_point)
+    )
 
 
 def _filmed(sources: Sequence[Benchmark | ShippedPolicy], results: Results, out: Path) -> dict[str, dict[str, str]]:

@@ -88,21 +88,21 @@ def _actuation(settings: Any) -> str:
     """How motors move tendons, where that is not exact."""
     if settings is None:
         return ""
-    (least, most), (low, high) = settings.play_mm, settings.sheath_friction
+    (smallest, largest), (low, high) = settings.play_mm, settings.sheath_friction
     parts = {
-        f"a play of {_between(least, most)} mm between motor and tendon": most,
+        f"a play of {_between(smallest, largest)} mm between motor and tendon": largest,
         f"sheath friction of {_between(low, high)} that its motor measures with the tension": high,
     }
     hidden = [text for text, size in parts.items() if size]
     slow = settings.rate_limit_mm is not None
     return " ".join(
         sentence
-        for sentence, there in (
+        for sentence, applies in (
             (f"Every tendon has {' and '.join(hidden)}, hidden.", bool(hidden)),
             (f"Motors move by at most {settings.rate_limit_mm or 0:g} mm in a step.", slow),
             (f"Actions act {settings.delay} steps late.", settings.delay > 0),
         )
-        if there
+        if applies
     )
 
 
@@ -117,14 +117,14 @@ def _sensing(settings: Any) -> str:
     motors = f"{settings.encoder_noise_mm:g} mm"
     return " ".join(
         sentence
-        for sentence, there in (
+        for sentence, applies in (
             (sight.get(settings.pose, ""), settings.pose in sight),
             (f"A picture of the pose comes {often}, {settings.delay} steps late.", late),
             (f"Measured poses are off by up to {biased}.", settings.position_bias_mm or settings.angle_bias_rad),
             (f"Measured tensions are noisy (standard deviation {settings.tension_noise:g} N).", settings.tension_noise),
             (f"Measured motor positions are noisy (standard deviation {motors}).", settings.encoder_noise_mm),
         )
-        if there
+        if applies
     )
 
 

@@ -16,7 +16,7 @@ from agents.results.record import (
     POLICY,
     BenchmarkRecord,
     ControllerRecord,
-    Driven,
+    EpisodeScores,
     Results,
     RunRecord,
     World,
@@ -45,7 +45,7 @@ def enter(
     """
     records = []
     for name, controller in controllers.items():
-        driven = Driven.of(run_episodes(env, controller, world.seeds), complete=True)
+        driven = EpisodeScores.of(run_episodes(env, controller, world.seeds), complete=True)
         run = RunRecord({world.name: driven}, training_seed)
         records.append(ControllerRecord(name, kind, [run], is_privileged(controller)))
     text = description(env.arguments()["config"])

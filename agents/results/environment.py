@@ -12,7 +12,7 @@ from rj_gym.registry import task_of
 from rollingjoint.io.mechanism_file import mechanism_from_dict, mechanism_to_dict
 
 OWN_MATTER = ("reward", "observe_history", "privileged")
-"""Settings that a learner chooses for itself: they change neither the episodes nor what can be known of them."""
+"""Settings that a learner chooses for itself: they change neither the episodes nor the information about them."""
 
 
 def common(env: EnvConfig) -> EnvConfig:
@@ -43,7 +43,7 @@ def environment_of(record: BenchmarkRecord) -> EnvConfig:
 
 
 def changed(env: EnvConfig, changes: Mapping[str, Any]) -> EnvConfig:
-    """The environment with these nested settings on top of its own; raises ConfigError for settings it refuses."""
+    """The environment with these nested settings changed; raises ConfigError for settings that it refuses."""
     return EnvConfig(env.id, env.n_envs, _merged(env.settings, changes))
 
 
@@ -56,7 +56,7 @@ def setting(env: EnvConfig, *keys: str) -> Any:
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    both = dict(below)
+    settings = dict(below)
     for key, value in above.items():
-        both[key] = _merged(both.get(key) or {}, value) if isinstance(value, Mapping) else value
-    return both
+        settings[key] = _merged(settings.get(key) or {}, value) if isinstance(value, Mapping) else value
+    return settings

@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.controller import Array
-from agents.results.record import BenchmarkRecord, ControllerRecord, Driven, Results, ResultsError, RunRecord, World
+from agents.results.record import (
+    BenchmarkRecord,
+    ControllerRecord,
+    EpisodeScores,
+    Results,
+    ResultsError,
+    RunRecord,
+    World,
+)
 from agents.runs.checked_json import PACKED, read_json
 from agents.runs.files import write_bytes
 from rollingjoint.errors import ConfigError, RollingJointError
@@ -145,19 +153,19 @@ def _read_run(values: Mapping[str, Any]) -> RunRecord:
 _CURVE = ("steps", "errors_mm", "processor_seconds")
 
 
-def _driven(driven: Driven) -> dict[str, Any]:
+def _driven(driven: EpisodeScores) -> dict[str, Any]:
     plain: dict[str, Any] = {"last_10_mm": _numbers(driven.last), "ended_early": driven.ended_early}
     if driven.final is not None and driven.held is not None:
         plain |= {"final_mm": _numbers(driven.final), "held": "".join("01"[int(held)] for held in driven.held)}
     return plain
 
 
-def _read_driven(values: Mapping[str, Any]) -> Driven:
+def _read_driven(values: Mapping[str, Any]) -> EpisodeScores:
     last, early = np.array(values["last_10_mm"], float), values["ended_early"]
     if "final_mm" not in values:
-        return Driven(last, ended_early=early)
+        return EpisodeScores(last, ended_early=early)
     held = np.array([bool("01".index(letter)) for letter in values["held"]])
-    return Driven(last, np.array(values["final_mm"], float), held, early)
+    return EpisodeScores(last, np.array(values["final_mm"], float), held, early)
 
 
 def _numbers(values: Array) -> list[float | int | None]:

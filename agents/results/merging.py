@@ -8,7 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from agents.results.environment import environment_of, episodes_key
-from agents.results.record import BenchmarkRecord, ControllerRecord, Driven, Results, ResultsError, RunRecord, World
+from agents.results.record import (
+    BenchmarkRecord,
+    ControllerRecord,
+    EpisodeScores,
+    Results,
+    ResultsError,
+    RunRecord,
+    World,
+)
 
 RELATIVE, ABSOLUTE_MM = 0.02, 0.002  # by how much a mean may differ on another machine
 
@@ -95,7 +103,7 @@ def _controller(first: ControllerRecord, second: ControllerRecord) -> Controller
 
 
 def _run(name: str, first: RunRecord, second: RunRecord) -> RunRecord:
-    driven: Mapping[str, Driven] = {**second.driven, **first.driven}
+    driven: Mapping[str, EpisodeScores] = {**second.driven, **first.driven}
     for world in (world for world in first.driven if world in second.driven):
         means = [float(np.mean(run.driven[world].last)) for run in (first, second)]
         if not np.isclose(means[0], means[1], rtol=RELATIVE, atol=ABSOLUTE_MM):

@@ -72,7 +72,7 @@ class World:
 
 
 @dataclass(frozen=True)
-class Driven:
+class EpisodeScores:
     """The E episodes of a world, driven by one run of a controller.
 
     Args:
@@ -102,7 +102,7 @@ class Driven:
         as_integer("ended_early", self.ended_early, 0, error=ResultsError)
 
     @classmethod
-    def of(cls, episodes: Episodes, complete: bool) -> Driven:
+    def of(cls, episodes: Episodes, complete: bool) -> EpisodeScores:
         """The record of these episodes; without `complete` only the errors over the last steps."""
         last, early = episodes.last_errors.mean(axis=1), int(episodes.terminated.sum())
         if not complete:
@@ -120,7 +120,7 @@ class RunRecord:
         curve: steps done, mean tip error [mm] and processor time [s] at every evaluation during training, (3, T).
     """
 
-    driven: Mapping[str, Driven]
+    driven: Mapping[str, EpisodeScores]
     training_seed: int | None = None
     seconds: float = 0.0
     seeds: Mapping[str, tuple[int, int]] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from rollingjoint.errors import InvalidInput
 
 
 def candidates(env_id: str) -> dict[str, Controller]:
-    """New controllers to compare learned ones with in the environment of that id, by name, whether they can or not."""
+    """New controllers to compare learned ones with in the environment of this id, by name; some cannot drive in it."""
     controllers = controllers_in(env_id)
     return controllers | {"privileged teacher": PrivilegedFeedback()} if env_id in WORLDS else controllers
 

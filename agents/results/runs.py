@@ -28,7 +28,7 @@ CHECKPOINT = "best"  # the one with the smallest error in the evaluations during
 
 
 @dataclass(frozen=True)
-class Run:
+class FinishedRun:
     """A finished run: its configuration, its seed, its processor time [s], its evaluations during training.
 
     Args:
@@ -42,7 +42,7 @@ class Run:
     curve: Array
 
     @classmethod
-    def read(cls, path: Path) -> Run:
+    def read(cls, path: Path) -> FinishedRun:
         """The run in the folder at `path`; raises RollingJointError if it is broken or not finished."""
         folder = RunFolder.open(path)
         config = folder.config()
@@ -56,7 +56,7 @@ class Run:
             return cls(folder, config, sum(stage.training_seconds for stage in stages(folder)), _curve(folder))
         except RollingJointError:
             raise
-        except Exception as error:  # whatever SB3, torch, pickle and csv make of damaged files
+        except Exception as error:  # any error of SB3, torch, pickle and csv about damaged files
             raise RunFolderError("run folder", str(path), "files that can be read", repr(error)) from error
 
 
@@ -65,7 +65,7 @@ class Recipe:
     """A configuration that was trained with one seed or several."""
 
     name: str
-    runs: Sequence[Run]
+    runs: Sequence[FinishedRun]
 
     @property
     def config(self) -> TrainConfig:
@@ -78,7 +78,7 @@ class Recipe:
         return [run.config.seed for run in self.runs]
 
     @property
-    def chosen(self) -> Run:
+    def chosen(self) -> FinishedRun:
         """The run with the smallest error in the evaluations during training, which also chose its `best/`."""
         same = {run.folder.judged_by for run in self.runs}
         column = same.pop() if len(same) == 1 else "mean_mm"
@@ -124,11 +124,11 @@ def file_name(title: str) -> str:
 
 def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
     """The benchmarks of all finished runs below `root`, simple ones first; why other run folders are left out."""
-    groups: dict[str, list[Run]] = {}
+    groups: dict[str, list[FinishedRun]] = {}
     left_out: dict[Path, str] = {}
     for path in _run_folders(root):
         try:
-            run = Run.read(path)
+            run = FinishedRun.read(path)
             same = groups.setdefault(_without_seed(run.config), [])
             if run.config.seed in [run_before.config.seed for run_before in same]:
                 raise RunFolderError("seed", run.config.seed, f"another one than that of {same[0].folder.path}")
@@ -147,7 +147,7 @@ def find_benchmarks(root: Path) -> tuple[list[Benchmark], dict[Path, str]]:
 
 
 def stages(folder: RunFolder) -> list[RunFolder]:
-    """The run, and those that it began from, each the start of the one before it, as far as they are there."""
+    """The run and the earlier runs that it started from, the latest first, as far as their folders exist."""
     folders = [folder]
     while (start := folders[-1].config().start_from) and (Path(start) / "config.yaml").is_file():
         folders.append(RunFolder(Path(start)))

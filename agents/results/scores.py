@@ -30,23 +30,23 @@ from agents.results.record import (
     TEST,
     BenchmarkRecord,
     ControllerRecord,
-    Driven,
+    EpisodeScores,
     RunRecord,
     World,
 )
 from agents.results.roster import candidates, is_privileged, opponents
-from agents.results.runs import CHECKPOINT, Benchmark, Recipe, Run, recipe_name, stages
+from agents.results.runs import CHECKPOINT, Benchmark, FinishedRun, Recipe, recipe_name, stages
 from agents.results.standings import FEEDBACK
-from agents.results.worlds import Plan, worlds_of
+from agents.results.worlds import ScoringPlan, worlds_of
 from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
 
-Drive = Callable[[Sequence["_Part"]], Iterator[Any]]
+Drive = Callable[[Sequence["_WorldUnit"]], Iterator[Any]]
 
 
 @dataclass(frozen=True)
-class _Part:
+class _WorldUnit:
     """One piece of work: the episodes of a run's policy or of a baseline, or (driver None) the floors."""
 
     env: EnvConfig
@@ -59,11 +59,13 @@ class _Part:
         """The run of the driving policy; None for a baseline and for floors."""
         return self.driver if isinstance(self.driver, RunFolder) else None
 
-    def __call__(self) -> Driven | Array:
+    def __call__(self) -> EpisodeScores | Array:
         if self.driver is None:
             has_floor = not why_no_floor(self.env)
             return episode_floor(self.env, self.seeds).errors if has_floor else np.full(len(self.seeds), np.nan)
-        return Driven.of(run_episodes(self.env, _controller(self.env.id, self.driver), self.seeds), self.complete)
+        return EpisodeScores.of(
+            run_episodes(self.env, _controller(self.env.id, self.driver), self.seeds), self.complete
+        )
 
 
 @lru_cache(maxsize=1)  # one controller after another drives in many worlds
@@ -84,11 +86,11 @@ class Learner:
 
     name: str
     training: Mapping[str, Any]
-    runs: Sequence[tuple[EnvConfig, RunFolder | str, Callable[[Mapping[str, Driven]], RunRecord]]]
+    runs: Sequence[tuple[EnvConfig, RunFolder | str, Callable[[Mapping[str, EpisodeScores]], RunRecord]]]
 
 
-def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive, runs_only: bool = False) -> BenchmarkRecord:
-    """All that the page says of a benchmark, or of its runs only, in the episodes of the plan."""
+def score_benchmark(benchmark: Benchmark, plan: ScoringPlan, drive: Drive, runs_only: bool = False) -> BenchmarkRecord:
+    """The record of a benchmark, or of its runs only, in the episodes of the plan."""
     env, learners = common(benchmark.env), [_trained(recipe) for recipe in benchmark.recipes]
     record = _score(benchmark.title, env, learners, plan, drive, runs_only)
     if runs_only:
@@ -97,8 +99,8 @@ def score_benchmark(benchmark: Benchmark, plan: Plan, drive: Drive, runs_only: b
     return replace(record, levels=_levels(benchmark, env, dict.fromkeys([*names, record.best(BASELINE)]), drive))
 
 
-def score_shipped(policy: ShippedPolicy, title: str, plan: Plan, drive: Drive) -> BenchmarkRecord:
-    """The same of a shipped policy and its task, without curves: one training seed, trained earlier."""
+def score_shipped(policy: ShippedPolicy, title: str, plan: ScoringPlan, drive: Drive) -> BenchmarkRecord:
+    """The record of a shipped policy and its task, without curves: one training seed, trained earlier."""
     details = policy.training
     training = {name: details[name] for name in ("steps", "config")} | {"algorithm": policy.algorithm, "shipped": True}
     run = (policy.environment, policy.name, lambda driven: RunRecord(driven, details["seed"]))
@@ -107,7 +109,7 @@ def score_shipped(policy: ShippedPolicy, title: str, plan: Plan, drive: Drive) -
 
 
 def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPolicy]:
-    """The shipped policies of tasks that are none of these, by a title for their task."""
+    """The shipped policies of other tasks than these benchmarks, by a title for their task."""
     keys, titles = (
         {episodes_key(benchmark.env) for benchmark in benchmarks},
         {benchmark.title for benchmark in benchmarks},
@@ -121,7 +123,12 @@ def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPoli
 
 
 def _score(
-    title: str, env: EnvConfig, learners: Sequence[Learner], plan: Plan, drive: Drive, learners_only: bool = False
+    title: str,
+    env: EnvConfig,
+    learners: Sequence[Learner],
+    plan: ScoringPlan,
+    drive: Drive,
+    learners_only: bool = False,
 ) -> BenchmarkRecord:
     able, impossible = ({}, {}) if learners_only else opponents(env)
     worlds = worlds_of(env, plan)
@@ -129,11 +136,11 @@ def _score(
     driven = [(own_env, driver) for learner in learners for own_env, driver, _ in learner.runs]
     driven += [(env_for(env, controller), name) for name, controller in able.items()]
     parts = [
-        _Part(changed(own_env, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
+        _WorldUnit(changed(own_env, world.changes), driver, world.seeds, world.role in (TEST, SHIFT))
         for own_env, driver in driven
         for world in worlds
     ]
-    values = drive([*parts, *(_Part(changed(env, world.changes), None, world.seeds) for world in on_floors)])
+    values = drive([*parts, *(_WorldUnit(changed(env, world.changes), None, world.seeds) for world in on_floors)])
     done = iter([{world.name: next(values) for world in worlds} for _ in driven])
     learned = [
         ControllerRecord(
@@ -175,7 +182,7 @@ def _trained(recipe: Recipe) -> Learner:
     return Learner(recipe.name, training, runs)
 
 
-def _run_record(run: Run, driven: Mapping[str, Driven]) -> RunRecord:
+def _run_record(run: FinishedRun, driven: Mapping[str, EpisodeScores]) -> RunRecord:
     used = {use: (seeds[0], seeds[-1]) for use, seeds in run.config.seeds.items()}
     return RunRecord(driven, run.config.seed, run.seconds, used, run.curve)
 
@@ -183,7 +190,7 @@ def _run_record(run: Run, driven: Mapping[str, Driven]) -> RunRecord:
 def _levels(benchmark: Benchmark, env: EnvConfig, names: Iterable[str | None], drive: Drive) -> dict[str, float]:
     """Mean errors at the end of these controllers and of the floor, in the evaluations during training [mm]."""
     during, drivers = benchmark.recipes[0].config.evaluation.seeds, list(filter(None, names))
-    *driven, floors = drive([_Part(env, name, during) for name in (*drivers, None)])
+    *driven, floors = drive([_WorldUnit(env, name, during) for name in (*drivers, None)])
     levels = {name: float(episodes.final.mean()) for name, episodes in zip(drivers, driven, strict=True)}
     finite = floors[np.isfinite(floors)]
     return levels | ({FLOOR: float(finite.mean())} if len(finite) else {})
@@ -194,7 +201,7 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
     """Works through parts, `jobs` at a time here or on a Ray cluster; their values come in the order of the parts."""
     with executor_of(cluster, jobs, inline=True) as executor:
 
-        def drive(parts: Sequence[_Part]) -> Iterator[Any]:
+        def drive(parts: Sequence[_WorldUnit]) -> Iterator[Any]:
             units = [PolicyUnit(str(place), _driven, (part,), part.run) for place, part in enumerate(parts)]
             with signals_seen() as signals, Progress(len(parts), "part") as progress:
                 values = values_of(executor, units, progress, signals)
@@ -203,6 +210,6 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
         yield drive
 
 
-def _driven(part: _Part, run: RunFolder | None) -> Driven | Array:
+def _driven(part: _WorldUnit, run: RunFolder | None) -> EpisodeScores | Array:
     """In a worker: the episodes of a part; its policy is in the folder of `run` on this machine."""
     return (part if run is None else replace(part, driver=run))()

@@ -142,7 +142,7 @@ class Bootstrap:
 
     @cached_property
     def _counts(self) -> NDArray[np.signedinteger[Any]]:
-        """How often every episode is in every resample, (E, R)."""
+        """The number of times that every episode is in every resample, (E, R)."""
         smallest = np.int16 if self.episodes < 2**15 else np.int32  # half the time of the larger one
         rng = np.random.default_rng([self.seed, 0])
         drawn = rng.integers(0, self.episodes, (self.resamples, self.episodes), dtype=np.int32)
@@ -196,22 +196,22 @@ def _order_statistics(values: Array, counts: NDArray[np.signedinteger[Any]]) -> 
     places = {share: (size - 1) * share / 100 for share in (50, HIGH)}
     ranks = [rank for place in places.values() for rank in (int(place), min(int(place) + 1, size - 1))]
     cut = size // 4
-    reached, kept = np.zeros_like(counts[0]), np.full_like(counts[0], cut)
+    reached, previous = np.zeros_like(counts[0]), np.full_like(counts[0], cut)
     smaller, total = np.zeros((len(ranks), counts.shape[1]), np.int32), np.zeros(counts.shape[1])
     for place in order:
         reached = reached + counts[place]
         for below, rank in zip(smaller, ranks, strict=True):
             below += reached <= rank
-        inside = np.clip(reached, cut, size - cut)
-        total += values[place] * (inside - kept)
-        kept = inside
-    found = values[order][smaller]
+        middle = np.clip(reached, cut, size - cut)
+        total += values[place] * (middle - previous)
+        previous = middle
+    ranked = values[order][smaller]
     parts = [place - int(place) for place in places.values()]
-    percentiles = [found[2 * i] + part * (found[2 * i + 1] - found[2 * i]) for i, part in enumerate(parts)]
+    percentiles = [ranked[2 * i] + part * (ranked[2 * i + 1] - ranked[2 * i]) for i, part in enumerate(parts)]
     return total / (size - 2 * cut), percentiles[0], percentiles[1]
 
 
-def _ratio(own: ArrayLike, other: ArrayLike) -> Array:
-    """own / other - 1, NaN where other is zero."""
-    ours, theirs = np.asarray(own, float), np.asarray(other, float)
-    return np.divide(ours, theirs, out=np.full(ours.shape, np.nan), where=theirs != 0) - 1
+def _ratio(value: ArrayLike, reference: ArrayLike) -> Array:
+    """value / reference - 1, NaN where the reference is zero."""
+    above, below = np.asarray(value, float), np.asarray(reference, float)
+    return np.divide(above, below, out=np.full(above.shape, np.nan), where=below != 0) - 1

@@ -29,11 +29,11 @@ def verdict_text(standings: Standings) -> str:
         return "No verdict: it takes a trained controller and an opponent, both chosen in validation episodes."
     names = [baseline] + ([FEEDBACK] if FEEDBACK in standings.names and baseline != FEEDBACK else [])
     against = "; with ".join(_compared(standings, policy, name) for name in names)
-    chosen = f"The best trained controller, {policy} ({with_interval(standings.mean(policy), mm)} mm), ends with"
+    result = f"The best trained controller, {policy} ({with_interval(standings.mean(policy), mm)} mm), ends with"
     runs = standings.runs(policy)
     head = _HEADS[standings.verdict]
     head = head if runs >= ENOUGH_RUNS else f"Preliminary: {head[0].lower()}{head[1:]}"
-    return f"**{head}** {chosen} {against}. {_how_sure(runs)}".rstrip()
+    return f"**{head}** {result} {against}. {_how_sure(runs)}".rstrip()
 
 
 def change_text(standings: Standings, before: Standings) -> str:
@@ -49,14 +49,14 @@ def change_text(standings: Standings, before: Standings) -> str:
     return f"From the task's own episodes to these the mean changes: {' and '.join(changes)}."
 
 
-def _compared(standings: Standings, policy: str, other: str) -> str:
-    comparison, best = standings.compare(policy, other), other == standings.baseline
+def _compared(standings: Standings, policy: str, opponent: str) -> str:
+    comparison, best = standings.compare(policy, opponent), opponent == standings.baseline
     less = "less" if comparison.difference.value <= 0 else "more"
     seeds = f" and with {comparison.runs_better} of {comparison.runs} training seeds" if comparison.runs > 1 else ""
     return (
         f"{with_interval(_size(comparison.difference), mm)} mm{_share(comparison.ratio)} {less} than "
-        f"{'the best opponent, ' if best else ''}{other} ({with_interval(standings.mean(other), mm)} mm), better in "
-        f"{with_interval(comparison.improvement, percent)} % of the episodes{seeds}"
+        f"{'the best opponent, ' if best else ''}{opponent} ({with_interval(standings.mean(opponent), mm)} mm), "
+        f"better in {with_interval(comparison.improvement, percent)} % of the episodes{seeds}"
     )
 
 
@@ -82,8 +82,8 @@ def _how_sure(runs: int) -> str:
 def in_short(standings: Standings) -> str:
     """The verdict for the summary, with the number of training seeds where they are too few for one."""
     runs = standings.runs(standings.policy) if standings.policy else ENOUGH_RUNS
-    few = "" if runs >= ENOUGH_RUNS else f" (preliminary: {runs} {'seed' if runs == 1 else 'seeds'})"
-    return standings.verdict + few
+    note = "" if runs >= ENOUGH_RUNS else f" (preliminary: {runs} {'seed' if runs == 1 else 'seeds'})"
+    return standings.verdict + note
 
 
 def with_interval(interval: Interval, form: Callable[[float], str]) -> str:

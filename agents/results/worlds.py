@@ -65,7 +65,7 @@ def task_note(record: BenchmarkRecord) -> str:
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """A setting that episodes draw from a range, and the label of its curve.
 
     Args:
@@ -89,15 +89,15 @@ class Axis:
 
 
 AXES = (
-    Axis("play", "play of every tendon [mm]", ("actuation", "play_mm")),
-    Axis("sheath friction", "sheath friction of every tendon", ("actuation", "sheath_friction")),
-    Axis("friction", "coefficient of friction in the holes", ("friction", "mu"), RUBBING.mu[1]),
-    Axis("load", "load [N]", ("load", "magnitude")),
+    SweepAxis("play", "play of every tendon [mm]", ("actuation", "play_mm")),
+    SweepAxis("sheath friction", "sheath friction of every tendon", ("actuation", "sheath_friction")),
+    SweepAxis("friction", "coefficient of friction in the holes", ("friction", "mu"), RUBBING.mu[1]),
+    SweepAxis("load", "load [N]", ("load", "magnitude")),
 )
 
 
 @dataclass(frozen=True)
-class Plan:
+class ScoringPlan:
     """Which episodes a page is made of.
 
     Args:
@@ -109,7 +109,7 @@ class Plan:
     per_point: int
 
 
-def worlds_of(env: EnvConfig, plan: Plan) -> list[World]:
+def worlds_of(env: EnvConfig, plan: ScoringPlan) -> list[World]:
     """The worlds of a benchmark with this environment, without floors."""
     worlds = [World(TEST, TEST, plan.test.start, len(plan.test))]
     if plan.validation:
@@ -135,7 +135,7 @@ def _load_varies(env: EnvConfig) -> bool:
     return bool(setting(env, "load", "magnitude")[1] > 0 and not setting(env, "observe_load"))
 
 
-def _points(env: EnvConfig, plan: Plan) -> Iterator[World]:
+def _points(env: EnvConfig, plan: ScoringPlan) -> Iterator[World]:
     """A world for every point of every curve; values that the environment refuses are left out."""
     for axis in AXES:
         end = axis.end(env)

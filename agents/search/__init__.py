@@ -1,7 +1,7 @@
 """Design search: rj search configs/search/demo.yaml --out runs/search/demo.
 
 Modules:
-    config: what a search file says, checked.
+    config: the checked content of a search file.
     problem: its space, objectives and limits as a Problem of rollingjoint.design.
     optimiser: the protocol of an optimiser: ask, tell.
     methods: the optimisers by name.
@@ -14,12 +14,12 @@ Modules:
     folder: the folder of a run, with its journal.
     run: a run from its beginning, or continued.
     spread: runs whose batches are scored in chunks by many workers.
-    outcome: what the runs below a folder found.
-    verdicts: what the runs say, in sentences.
+    outcome: the results of the runs below a folder.
+    verdicts: conclusions from the runs, in sentences.
     report: the report of a search.
     pictures: pictures of a search.
     compare: python -m agents.search.compare: the page docs/design_search.md.
     unseen: python -m agents.search.unseen: a design policy compared with the methods on unseen tasks.
 
-Nothing is imported here: torch and the libraries of single methods are loaded by the modules that need them.
+No module is imported here: torch and the libraries of single methods are loaded by the modules that need them.
 """

@@ -1,7 +1,7 @@
 """Search designs: rj search configs/search/demo.yaml --out runs/search/demo.
 
-Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md says what was found. The same
-command continues a search: finished runs are kept, interrupted ones continue after their last batch.
+Every method of the file runs with every seed into OUT/METHOD/seed_K; at the end report.md describes the results. The
+same command continues a search: finished runs are kept, interrupted ones continue after their last batch.
 """
 
 from __future__ import annotations
@@ -56,12 +56,13 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     config = _chosen(load_search(arguments.config), arguments.methods)
     check(config)
     out = arguments.out or Path("runs/search") / arguments.config.stem
-    runs = [SearchRun.begin(out / one.run_name, one, command, arguments.force) for one in config.runs()]
-    left = [run.path for run in runs if not run.is_finished]
+    configs = config.runs()
+    runs = [SearchRun.begin(out / run_config.run_name, run_config, command, arguments.force) for run_config in configs]
+    unfinished = [run.path for run in runs if not run.is_finished]
     where = f"{jobs} at a time" if arguments.cluster == LOCAL else f"on the cluster {arguments.cluster}"
-    print(f"{len(runs) - len(left)} runs are finished, {len(left)} are not; {where}", flush=True)
+    print(f"{len(runs) - len(unfinished)} runs are finished, {len(unfinished)} are not; {where}", flush=True)
     with executor_of(arguments.cluster, jobs) as executor, signals_seen() as signals, marked(out) as home:
-        failed = _work(executor, left, out, home, signals)
+        failed = _work(executor, unfinished, out, home, signals)
     code = finished(len(runs), failed, signals, " ".join(word for word in command if word != "--force"))
     if code == 0:
         write_report(out)
@@ -78,7 +79,7 @@ def _chosen(config: SearchConfig, methods: Sequence[str] | None) -> SearchConfig
 def _work(
     executor: Executor, paths: Sequence[Path], out: Path, home: Home, signals: MutableSequence[int]
 ) -> dict[Path, str]:
-    """Let the workers finish all runs; why some failed. `home` marks the folder `out`."""
+    """Let the workers finish all runs; the reasons of failures, by folder. `home` marks the folder `out`."""
     from agents.executors.folders import FolderUnit
     from agents.search.run import search_in
     from agents.search.spread import SpreadRuns

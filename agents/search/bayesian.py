@@ -1,7 +1,7 @@
 """Bayesian search: a model of the cost proposes the next designs; by Optuna.
 
 "tpe" models where good designs lie (Bergstra et al., "Algorithms for hyper-parameter optimization", NeurIPS 2011);
-"gp" models the cost itself by a Gaussian process, whose time grows with the cube of the evaluations.
+"gp" models the cost itself by a Gaussian process, in time that grows with the cube of the evaluations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""CMA-ES: a normal distribution that moves, stretches and turns towards the better half of what it draws.
+"""CMA-ES: a normal distribution that moves, stretches and turns towards the better half of its samples.
 
 Source: Hansen, "The CMA evolution strategy: a tutorial" (2016); once it has settled, again with twice the population:
 Auger and Hansen, "A restart CMA evolution strategy with increasing population size" (2005). By the package cma.

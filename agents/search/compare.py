@@ -32,18 +32,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(searches: Sequence[Path], page: Path) -> int:
     from agents.search.outcome import Search, words
-    from agents.search.report import Findings, draw
+    from agents.search.report import SearchReport, draw
 
     before, after = around(page, BEGIN, END)
-    found = [Findings(Search.read(out)) for out in searches]
+    reports = [SearchReport(Search.read(out)) for out in searches]
     sections = []
-    for one in found:
-        name, pictures = one.search.name, {}
-        for picture, content in draw(one.search).items():
+    for report in reports:
+        name, pictures = report.search.name, {}
+        for picture, content in draw(report.search).items():
             pictures[picture] = f"images/design_search_{name}_{picture}"
             write_bytes(page.parent / pictures[picture], content)
-        sections.append(one.markdown(3, pictures))
-    rows = [[f"[{words(one.search.name)}](#{one.search.name.replace('_', '-')})", *one.in_short()] for one in found]
+        sections.append(report.markdown(3, pictures))
+    links = [f"[{words(report.search.name)}](#{report.search.name.replace('_', '-')})" for report in reports]
+    rows = [[link, *report.in_short()] for link, report in zip(links, reports, strict=True)]
     head = ["search", "best value", "found by", "reference", "held out", "reference, held out"]
     write_text(page, "\n\n".join([before + BEGIN, markdown_table(head, rows), *map(str.strip, sections), END + after]))
     print(f"The page is {page}")
@@ -53,9 +54,9 @@ def _command(searches: Sequence[Path], page: Path) -> int:
 def around(page: Path, begin: str, end: str) -> tuple[str, str]:
     """The text of a page before and after its generated part; raises RunFolderError where it has no such part."""
     text = page.read_text("utf-8")
-    before, begun, rest = text.partition(begin)
-    _, ended, after = rest.partition(end)
-    if not begun or not ended:
+    before, begin_mark, remainder = text.partition(begin)
+    _, end_mark, after = remainder.partition(end)
+    if not begin_mark or not end_mark:
         raise RunFolderError("page", str(page), f"a page with the lines {begin} and {end}")
     return before, after
 

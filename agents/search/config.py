@@ -72,7 +72,7 @@ class SearchConfig:
 
     @property
     def run_name(self) -> str:
-        """What a run is called, and its folder: the only method and the only seed."""
+        """Name of a run and of its folder: the only method and the only seed."""
         (method,), (seed,) = self.methods, self.seeds
         return f"{method}/seed_{seed}"
 
@@ -85,9 +85,9 @@ KEYS = tuple(field.name for field in fields(SearchConfig))
 
 
 def load_search(path: Path) -> SearchConfig:
-    """The search in a YAML file; raises ConfigError naming file and key. What the keys of a part say is checked later.
+    """The search in a YAML file; raises ConfigError naming file and key.
 
-    agents.search.problem.check builds the problem and the optimisers.
+    Values inside the parts are checked by agents.search.problem.check, which builds the problem and the optimisers.
     """
     with prefixed(f"{path}: "):
         return SearchConfig(**mapping("top level", read_yaml(path), KEYS, ("objectives", "methods")))

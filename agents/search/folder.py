@@ -1,9 +1,9 @@
-"""A run of a search: one method with one seed, in a folder of its own.
+"""A run of a search: one method with one seed, in one folder.
 
 config.yaml          the search, with this method and this seed alone
-command.txt          what was typed; one more line whenever the run is continued
+command.txt          the typed command; one more line whenever the run is continued
 versions.json        Python, packages, platform
-evaluations.jsonl    a line per batch: designs, what was found, processor time; an incomplete one is ignored
+evaluations.jsonl    a line per batch: designs, their evaluation, processor time; an incomplete line is ignored
 lock                 held by the process that searches
 """
 
@@ -118,9 +118,9 @@ class SearchRun:
 
 
 def _not_begun(path: Path) -> bool:
-    """Whether a folder has nothing but what a process leaves that is killed before the configuration is written."""
+    """True for a folder with no more than the files of a process killed before it wrote the configuration."""
     partial = f".{VERSIONS}.", ".config.yaml."
-    return all(each.name == VERSIONS or each.name.startswith(partial) for each in path.iterdir())
+    return all(file.name == VERSIONS or file.name.startswith(partial) for file in path.iterdir())
 
 
 def _batch(values: dict[str, Any]) -> tuple[Evaluated, float]:

@@ -103,13 +103,13 @@ class Descent:
 
     def _without_curvature(self, slope: Array) -> Array:
         """The slope times the inverse of the second derivatives that the pairs stand for."""
-        left, shares = slope.copy(), list[float]()
+        product, shares = slope.copy(), list[float]()
         for step, change in reversed(self.pairs):
-            shares.append((step @ left).item() / (step @ change).item())
-            left -= shares[-1] * change
+            shares.append((step @ product).item() / (step @ change).item())
+            product -= shares[-1] * change
         if self.pairs:
             step, change = self.pairs[-1]
-            left *= (step @ change) / (change @ change)
+            product *= (step @ change) / (change @ change)
         for (step, change), share in zip(self.pairs, reversed(shares), strict=True):
-            left += (share - (change @ left) / (step @ change)) * step
-        return left
+            product += (share - (change @ product) / (step @ change)) * step
+        return product

@@ -24,8 +24,8 @@ class MapElites:
     """An archive of unlike designs, filled by two CMA-ES emitters and one that mixes designs of the archive.
 
     Args:
-        measures: names of the two measured values that say of what kind a design is.
-        ranges: (low, high) of each; what lies outside counts to the border cells.
+        measures: names of the two measured values that define the kind of a design.
+        ranges: (low, high) of each measure; designs outside count to the border cells.
         cells: of the archive along each.
         batch: designs of an emitter at a time.
         spread: first standard deviation of the CMA-ES emitters.
@@ -46,7 +46,7 @@ class MapElites:
                 raise ConfigError(what, getattr(self, what), "two entries, one per measure")
         for name in self.measures:
             choice(*self.setup.names)("measures", name)
-        for low, high in (point("ranges", one) for one in self.ranges):
+        for low, high in (point("ranges", ends) for ends in self.ranges):
             number(1e-12)("ranges", high - low)
         check_fields(self)
         self.columns = [self.setup.names.index(name) for name in self.measures]
@@ -72,12 +72,12 @@ class MapElites:
         self.scheduler = Scheduler(archive, [*improving, mixing])
 
     def ask(self, most: int) -> Array:
-        """The next designs of all emitters, (B, d), or as many as the budget leaves."""
+        """The next designs of all emitters, (B, d), cut to the rest of the budget."""
         self.asked = self.scheduler.ask()
         return np.clip(self.asked[:most], -1.0, 1.0)
 
     def tell(self, evaluated: Evaluated) -> None:
-        """Put the designs into the archive; failed ones, whose values mean nothing, into its first cell."""
+        """Put the designs into the archive; failed ones, which have no valid values, into its first cell."""
         if len(evaluated) == len(self.asked):
             lowest = np.array([low for low, _ in self.ranges])
             kinds = np.where(evaluated.ok[:, None], evaluated.measured[:, self.columns], lowest)

@@ -26,8 +26,8 @@ def make(name: str, setup: Setup, settings: Mapping[str, Any]) -> Optimiser:
     """The optimiser of that name; raises ConfigError for settings that it does not have, or that it does not take."""
     module, kind = METHODS[name].split(".")
     optimiser = getattr(import_module(f"agents.search.{module}"), kind)
-    own = [field for field in fields(optimiser) if field.name != "setup"]
-    needed = [field.name for field in own if field.default is MISSING]
-    checked = mapping(f"methods.{name}", settings, [field.name for field in own], needed)
+    settings_fields = [field for field in fields(optimiser) if field.name != "setup"]
+    needed = [field.name for field in settings_fields if field.default is MISSING]
+    checked = mapping(f"methods.{name}", settings, [field.name for field in settings_fields], needed)
     with prefixed(f"methods.{name}."):
         return optimiser(setup, **checked)

@@ -1,7 +1,7 @@
 """The protocol of an optimiser: it asks for designs to be evaluated and is told the results.
 
 An optimiser is deterministic: with the same setup, settings and answers it asks for the same designs. So an interrupted
-search is resumed by telling a new optimiser what the journal holds, which brings it to the state of the old one.
+search is resumed by telling a new optimiser the content of the journal, which brings it to the state of the old one.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Derivatives = Literal["", "gradient", "jacobian"]
 
 @dataclass(frozen=True)
 class Setup:
-    """What an optimiser is given at the start.
+    """The search space and the seed of an optimiser.
 
     Args:
         dimensions: d of the box [-1, 1]^d that is searched.
-        names: of what is measured of a design, objectives first, then limits.
-        seed: of everything random.
+        names: of the measured values of a design, objectives first, then limits.
+        seed: of all random numbers.
     """
 
     dimensions: int
@@ -40,7 +40,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """Designs and what was found about them; rows are designs, everything is finite.
+    """Evaluated designs; rows are designs, all values are finite.
 
     Args:
         x: (B, d), in the box.
@@ -48,7 +48,7 @@ class Evaluated:
         measured: (B, m) physical values, in the order of Setup.names; of no meaning where not `ok`.
         ok: (B,) the design can be built and all its equilibria were found.
         feasible: (B,) it keeps all limits, too.
-        worth, constraints: (B,), (B, c) what the cost is without penalty; the constraints, 0 or more where kept.
+        worth, constraints: (B,), (B, c) the cost without penalty; the constraints, 0 or more where kept.
         gradient: (B, d) of the cost, for optimisers that want it.
         jacobian: (B, 1 + c, d) of worth and constraints, likewise.
     """
@@ -90,17 +90,17 @@ class Evaluated:
 
 
 class Optimiser(Protocol):
-    """Searches the box. A dataclass whose first field is `setup` and whose others are settings with defaults.
+    """Searches the box. A dataclass: its first field is `setup`, the others are settings with defaults.
 
-    Failed designs, broken limits, equal costs and populations without one valid design raise nothing.
+    Failed designs, broken limits, equal costs and populations without one valid design raise no errors.
     """
 
     @property
     def wants(self) -> Derivatives:
-        """What `tell` needs besides the costs: the "gradient" of the cost, the "jacobian" of its parts, or ""."""
+        """The derivatives that `tell` needs: the "gradient" of the cost, the "jacobian" of its parts, "" for none."""
 
     def ask(self, most: int) -> Array:
-        """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is what is left of the budget."""
+        """Designs to be evaluated next, (B, d) in the box, 1 <= B <= most; `most` is the rest of the budget."""
 
     def tell(self, evaluated: Evaluated) -> None:
         """Receive the results of the designs that were asked for last, in their order."""

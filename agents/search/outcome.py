@@ -1,4 +1,4 @@
-"""What the runs below a folder found: curves, comparisons, the best designs scored again."""
+"""Results of the runs below a folder: curves, comparisons, the best designs scored again."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from agents.search.problem import against, design_problem, measured, names
 from rollingjoint.design import Problem, nondominated
 
 N = TypeVar("N", int, float)
-YARDSTICK = "cma_es"  # the other methods have to reach what it ends with
+YARDSTICK = "cma_es"  # the other methods have to reach its final cost
 BASELINE = "random"
 MAP_ELITES, CELLS = "map_elites", (20, 20)
 TITLES = {
@@ -37,7 +37,7 @@ TITLES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class SearchOutcome:
     """A finished run.
 
     Args:
@@ -51,7 +51,7 @@ class Outcome:
     seconds: Array
 
     @classmethod
-    def read(cls, run: SearchRun) -> Outcome:
+    def read(cls, run: SearchRun) -> SearchOutcome:
         """The outcome of a run; raises RunFolderError unless it is finished."""
         if not run.is_finished:
             allowed = f"a run of {run.config.budget} evaluations, not {run.evaluations}"
@@ -85,7 +85,7 @@ class Outcome:
         return int(below.argmax()) + 1 if below.any() else None
 
     def seconds_at(self, evaluations: float) -> float:
-        """Processor time when so many designs had been evaluated; infinite for infinitely many [s]."""
+        """Processor time after this number of evaluated designs [s]; infinite for an infinite number."""
         return float(self.seconds[int(evaluations) - 1]) if math.isfinite(evaluations) else math.inf
 
 
@@ -103,7 +103,7 @@ class Search:
 
     name: str
     config: SearchConfig
-    outcomes: Mapping[str, Sequence[Outcome]]
+    outcomes: Mapping[str, Sequence[SearchOutcome]]
     left_out: Mapping[Path, str]
     command: str
 
@@ -111,14 +111,14 @@ class Search:
     def read(cls, out: Path) -> Search:
         """The runs below a folder; raises RunFolderError where none is finished, or where they differ in the search."""
         runs = sorted((SearchRun(path.parent) for path in out.glob("*/seed_*/config.yaml")), key=_order)
-        outcomes: dict[str, list[Outcome]] = {}
+        outcomes: dict[str, list[SearchOutcome]] = {}
         left_out: dict[Path, str] = {}
         commons: list[SearchConfig] = []
         methods: dict[str, Mapping[str, object]] = {}
         seeds, command = set[int](), ""
         for run in runs:
             try:
-                outcome = Outcome.read(run)
+                outcome = SearchOutcome.read(run)
             except RunFolderError as error:
                 left_out[run.path] = str(error)
                 continue
@@ -136,17 +136,17 @@ class Search:
 
     @cached_property
     def problem(self) -> Problem:
-        """The design problem that was searched."""
+        """The design problem of the search."""
         return design_problem(self.config)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of all that is measured."""
+        """The names of all measured values."""
         return names(self.problem)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of all that is measured."""
+        """The units of all measured values."""
         return tuple(objective.unit for objective in measured(self.problem))
 
     @property
@@ -165,18 +165,18 @@ class Search:
         return "cost" if self.single is None else f"{words(self.names[self.single])} [{self.units[self.single]}]"
 
     @property
-    def all(self) -> list[Outcome]:
+    def all(self) -> list[SearchOutcome]:
         """All outcomes."""
-        return [outcome for some in self.outcomes.values() for outcome in some]
+        return [outcome for outcomes in self.outcomes.values() for outcome in outcomes]
 
     @property
-    def winner(self) -> Outcome:
+    def winner(self) -> SearchOutcome:
         """The run with the best design."""
         return min(self.all, key=lambda outcome: outcome.best)
 
     @cached_property
     def goal(self) -> float | None:
-        """The cost that methods have to reach: the median of what CMA-ES ends with; None where it was not run."""
+        """The cost that methods have to reach: the median of CMA-ES's final costs; None where it was not run."""
         if YARDSTICK not in self.outcomes:
             return None
         cost = median([outcome.best for outcome in self.outcomes[YARDSTICK]])
@@ -184,7 +184,7 @@ class Search:
 
     def reached(self, method: str) -> list[int | None]:
         """Evaluations until each run of a method costs no more than the goal; None where one never does."""
-        return [None if self.goal is None else one.reached(self.goal) for one in self.outcomes[method]]
+        return [None if self.goal is None else outcome.reached(self.goal) for outcome in self.outcomes[method]]
 
     def scored(self, held_out: bool) -> tuple[Evaluated, list[float]]:
         """The best designs of all runs, in the order of `all`, evaluated again, and the reference's measured values."""
@@ -201,12 +201,12 @@ class Search:
     def front(self) -> Mask:
         """Which feasible designs of `everything` are Pareto-optimal."""
         values = self.everything.measured[:, : len(self.problem.objectives)]
-        kept = np.zeros(len(values), bool)
+        optimal = np.zeros(len(values), bool)
         feasible = np.flatnonzero(self.everything.feasible)
         if len(feasible):
             maximise = [term.objective.maximise for term in self.problem.objectives]
-            kept[feasible[nondominated(values[feasible], maximise)]] = True
-        return kept
+            optimal[feasible[nondominated(values[feasible], maximise)]] = True
+        return optimal
 
     @cached_property
     def archive(self) -> Archive | None:
@@ -218,8 +218,9 @@ class Search:
         columns = [self.names.index(name) for name in settings["measures"]]
         share = (self.everything.measured[:, columns] - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0])
         places = np.clip(np.floor(share * cells).astype(int), 0, np.array(cells) - 1)
-        own = np.repeat([one.method == MAP_ELITES for one in self.all], [len(one.evaluated) for one in self.all])
-        rows = np.flatnonzero(own & self.everything.feasible)
+        counts = [len(outcome.evaluated) for outcome in self.all]
+        mask = np.repeat([outcome.method == MAP_ELITES for outcome in self.all], counts)
+        rows = np.flatnonzero(mask & self.everything.feasible)
         designs = np.full(cells, -1)
         for row in rows[np.argsort(-self.everything.cost[rows], kind="stable")].tolist():
             designs[tuple(places[row])] = row
@@ -260,8 +261,8 @@ def _for_all_methods(command: str) -> str:
     words = shlex.split(command)
     if "--methods" in words:
         begin = words.index("--methods")
-        chosen = itertools.takewhile(lambda word: not word.startswith("--"), words[begin + 1 :])
-        del words[begin : begin + 1 + len(list(chosen))]
+        names = itertools.takewhile(lambda word: not word.startswith("--"), words[begin + 1 :])
+        del words[begin : begin + 1 + len(list(names))]
     return shlex.join(words)
 
 

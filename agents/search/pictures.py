@@ -1,4 +1,4 @@
-"""Pictures of a search: best so far, the best design beside the reference, MAP-Elites' archive, the Pareto set."""
+"""Pictures of a search: best so far, the best design and the reference, MAP-Elites' archive, the Pareto set."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from agents.evaluation.pictures import COLOURS, figure_of, png, tidy
 from agents.search.methods import METHODS
 from agents.search.optimiser import Array
-from agents.search.outcome import Outcome, Search, words
+from agents.search.outcome import Search, SearchOutcome, words
 from agents.search.problem import reference
 from rollingjoint import RollingChain, solve_tensions
 from rollingjoint.errors import MechanismError
@@ -24,61 +24,63 @@ DPI = 110
 def progress(search: Search) -> bytes:
     """PNG: best feasible design so far over evaluations and over seconds, per method: median and range of the seeds."""
     figure = figure_of(10.5, 4.4)
-    left, right = figure.subplots(1, 2, sharey=True)
+    by_evaluations, by_seconds = figure.subplots(1, 2, sharey=True)
     lowest = min(outcome.seconds[0] for outcome in search.all)
-    seconds = np.geomspace(max(lowest, 1e-3), max(one.seconds[-1] for one in search.all), 300)
+    seconds = np.geomspace(max(lowest, 1e-3), max(outcome.seconds[-1] for outcome in search.all), 300)
     for method, outcomes in search.outcomes.items():
         colour = COLOURS[list(METHODS).index(method) % len(COLOURS)]
         evaluations = np.arange(1.0, len(outcomes[0].seconds) + 1)
-        _band(left, evaluations, [one.best_so_far for one in outcomes], search, colour, method)
-        _band(right, seconds, [_at(one, seconds) for one in outcomes], search, colour, method)
-    for axes, label in ((left, "evaluations"), (right, "seconds")):
+        _band(by_evaluations, evaluations, [outcome.best_so_far for outcome in outcomes], search, colour, method)
+        _band(by_seconds, seconds, [_at(outcome, seconds) for outcome in outcomes], search, colour, method)
+    for axes, label in ((by_evaluations, "evaluations"), (by_seconds, "seconds")):
         axes.set(xlabel=label, xscale="log")
         axes.xaxis.set_major_formatter("{x:,g}")
         tidy(axes)
-    left.set_ylabel(f"best {search.shown_name}")
-    _focus(left, search)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    by_evaluations.set_ylabel(f"best {search.shown_name}")
+    _focus(by_evaluations, search)
+    figure.legend(*by_evaluations.get_legend_handles_labels(), loc="outside right upper", frameon=False)
     return png(figure, DPI)
 
 
 def _band(axes: Axes, x: Array, curves: Sequence[Array], search: Search, colour: str, method: str) -> None:
     costs = np.sort(np.array(curves), axis=0)
     curves = (costs[len(costs) // 2], costs[0], costs[-1])
-    middle, low, high = (search.shown(np.where(np.isfinite(one), one, np.nan)) for one in curves)
+    middle, low, high = (search.shown(np.where(np.isfinite(curve), curve, np.nan)) for curve in curves)
     axes.plot(x, middle, color=colour, linewidth=1.8, label=words(method))
     axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
 
 
-def _at(outcome: Outcome, seconds: Array) -> Array:
+def _at(outcome: SearchOutcome, seconds: Array) -> Array:
     """Best so far at given times, infinite before the first batch."""
     place = np.searchsorted(outcome.seconds, seconds, side="right")
     return np.where(place > 0, outcome.best_so_far[place - 1], np.inf)
 
 
 def _focus(axes: Axes, search: Search) -> None:
-    """Show the best, and what four runs in five are better than after a twentieth of the budget."""
-    early = [one.best_so_far[len(one.seconds) // 20] for one in search.all]
-    known = [cost for cost in early if np.isfinite(cost)]
-    if not known or not np.isfinite(search.winner.best):
+    """Show the best cost, and the cost that four runs in five are below after a twentieth of the budget."""
+    early = [outcome.best_so_far[len(outcome.seconds) // 20] for outcome in search.all]
+    finite = [cost for cost in early if np.isfinite(cost)]
+    if not finite or not np.isfinite(search.winner.best):
         return
-    ends = search.shown(np.array([search.winner.best, np.quantile(known, 0.8)]))
+    ends = search.shown(np.array([search.winner.best, np.quantile(finite, 0.8)]))
     room = 0.05 * abs(ends[1] - ends[0]) or 1e-3
     axes.set_ylim(ends.min() - room, ends.max() + room)
 
 
 def shapes(search: Search, best: RollingChain | None) -> bytes:
-    """PNG: the best design beside the reference, each under the same five pairs of tensions."""
+    """PNG: the best design and the reference, each under the same five pairs of tensions."""
     drawn = [mechanism for mechanism in (best, reference(search.config)) if mechanism is not None]
     figure = figure_of(5.2 * len(drawn), 5.0)
     panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
     for axes, mechanism in zip(panels, drawn, strict=True):
         tensions = [(TENSION * ratio / (1 + ratio), TENSION / (1 + ratio)) for ratio in RATIOS]
-        found = [solve_tensions(mechanism, pair) for pair in tensions]
-        labels = [f"{left:.1f} N, {right:.1f} N" for left, right in tensions]
-        kept = [(one, label) for one, label in zip(found, labels, strict=True) if one.ok]
-        if kept:
-            plot_family([one for one, _ in kept], [label for _, label in kept], axes, tendons=True, legend=False)
+        equilibria = [solve_tensions(mechanism, pair) for pair in tensions]
+        labels = ["{:.1f} N, {:.1f} N".format(*pair) for pair in tensions]
+        shapes = [(shape, label) for shape, label in zip(equilibria, labels, strict=True) if shape.ok]
+        if shapes:
+            plot_family(
+                [shape for shape, _ in shapes], [label for _, label in shapes], axes, tendons=True, legend=False
+            )
         axes.set_title("best design" if mechanism is best else words(mechanism.name or "reference"))
     handles = panels[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside right upper", frameon=False, title="left, right tendon")

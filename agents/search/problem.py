@@ -40,17 +40,17 @@ REFERENCE = "reference"
 
 
 def design_problem(config: SearchConfig, held_out: bool = False) -> Problem:
-    """The problem of a search, or that of its held-out scores; raises ConfigError that names the key."""
-    other = config.held_out if held_out else {}
-    mapping("held_out", other, tuple(KINDS))
+    """The problem of a search, or of its held-out scores; raises ConfigError that names the key."""
+    changes = config.held_out if held_out else {}
+    mapping("held_out", changes, tuple(KINDS))
     keys = [field.name for field in fields(DesignSpace)]
     space = mapping("space", config.space, keys)
     with _located("space"):
-        made = DesignSpace(**{key: _frozen(value) for key, value in space.items()})
-    terms = tuple(_term(f"objectives[{i}]", item, config, other) for i, item in enumerate(config.objectives))
-    limits = tuple(_limit(f"limits[{i}]", item, config, other) for i, item in enumerate(config.limits))
+        design_space = DesignSpace(**{key: _frozen(value) for key, value in space.items()})
+    terms = tuple(_term(f"objectives[{i}]", item, config, changes) for i, item in enumerate(config.objectives))
+    limits = tuple(_limit(f"limits[{i}]", item, config, changes) for i, item in enumerate(config.limits))
     with _located("objectives"):
-        return Problem(made, terms, limits)
+        return Problem(design_space, terms, limits)
 
 
 def check(config: SearchConfig) -> None:
@@ -71,18 +71,18 @@ def optimiser(run: SearchConfig, problem: Problem) -> Optimiser:
 
 
 def measured(problem: Problem) -> list[Objective]:
-    """All that is measured of a design: objectives, then limits."""
+    """The measured values of a design: objectives, then limits."""
     return [term.objective for term in problem.objectives] + [limit.objective for limit in problem.limits]
 
 
 def names(problem: Problem) -> tuple[str, ...]:
-    """Names of all that is measured; a second one of a kind is "kind 2"."""
-    found: list[str] = []
+    """Names of all measured values; a second one of a kind is "kind 2"."""
+    unique: list[str] = []
     for objective in measured(problem):
         name = objective.name
-        count = sum(other.split()[0] == name for other in found)
-        found.append(f"{name} {count + 1}" if count else name)
-    return tuple(found)
+        count = sum(earlier.split()[0] == name for earlier in unique)
+        unique.append(f"{name} {count + 1}" if count else name)
+    return tuple(unique)
 
 
 def reference(config: SearchConfig) -> RollingChain:
@@ -92,7 +92,7 @@ def reference(config: SearchConfig) -> RollingChain:
 
 
 def against(config: SearchConfig, problem: Problem) -> list[float]:
-    """All that is measured, of the reference mechanism, in the order of `names`; NaN where it has no equilibrium."""
+    """The measured values of the reference mechanism, in the order of `names`; NaN where it has no equilibrium."""
     return [_measured(config, objective) for objective in measured(problem)]
 
 
@@ -103,44 +103,44 @@ def _measured(config: SearchConfig, objective: Objective) -> float:
         return math.nan
 
 
-def _term(where: str, item: object, config: SearchConfig, other: Mapping[str, Any]) -> Term:
-    objective, rest = _objective(where, item, ("weight", "scale"), other)
-    values = _numbers(where, rest, config, objective)
+def _term(where: str, item: object, config: SearchConfig, changes: Mapping[str, Any]) -> Term:
+    objective, settings = _objective(where, item, ("weight", "scale"), changes)
+    values = _numbers(where, settings, config, objective)
     with _located(where):
         return Term(objective, **values)
 
 
-def _limit(where: str, item: object, config: SearchConfig, other: Mapping[str, Any]) -> Limit:
-    objective, rest = _objective(where, item, ("low", "high"), other)
-    bounds = _numbers(where, rest, config, objective)
+def _limit(where: str, item: object, config: SearchConfig, changes: Mapping[str, Any]) -> Limit:
+    objective, settings = _objective(where, item, ("low", "high"), changes)
+    bounds = _numbers(where, settings, config, objective)
     with _located(where):
         return Limit(objective, **bounds)
 
 
-def _numbers(where: str, given: Mapping[str, Any], config: SearchConfig, objective: Objective) -> dict[str, float]:
-    """The numbers of an entry; "reference", which no weight can be, is what the reference mechanism has."""
-    found = {}
-    for key, value in given.items():
-        theirs = value == REFERENCE and key != "weight"
-        found[key] = _measured(config, objective) if theirs else number(f"{where}.{key}", value)
-        if not math.isfinite(found[key]):
+def _numbers(where: str, settings: Mapping[str, Any], config: SearchConfig, objective: Objective) -> dict[str, float]:
+    """The numbers of an entry; "reference", which no weight can be, is the value of the reference mechanism."""
+    numbers = {}
+    for key, value in settings.items():
+        is_reference = value == REFERENCE and key != "weight"
+        numbers[key] = _measured(config, objective) if is_reference else number(f"{where}.{key}", value)
+        if not math.isfinite(numbers[key]):
             raise ConfigError(f"{where}.{key}", value, "a number", f"{config.reference} has no equilibrium there.")
-    return found
+    return numbers
 
 
 def _objective(
-    where: str, item: object, beside: tuple[str, ...], other: Mapping[str, Any]
+    where: str, item: object, keys: tuple[str, ...], changes: Mapping[str, Any]
 ) -> tuple[Any, Mapping[str, Any]]:
-    """The objective that an entry describes, and the values of the keys `beside` it."""
+    """The objective that an entry describes, with the `changes` of its kind, and the values of the other `keys`."""
     kind = mapping(where, item, list(item) if isinstance(item, Mapping) else (), ["kind"])["kind"]
     mapping(f"{where}.kind", {kind: None}, tuple(KINDS))
-    own = [field.name for field in fields(KINDS[kind])]
-    entry = mapping(f"{where} ({kind})", item, ["kind", *beside, *own])
-    changed = mapping(f"held_out.{kind}", other.get(kind), own)
-    values = {key: value for key, value in entry.items() if key in own} | dict(changed)
+    names = [field.name for field in fields(KINDS[kind])]
+    entry = mapping(f"{where} ({kind})", item, ["kind", *keys, *names])
+    changed = mapping(f"held_out.{kind}", changes.get(kind), names)
+    values = {key: value for key, value in entry.items() if key in names} | dict(changed)
     with _located(where):
-        made = KINDS[kind](**{key: _frozen(value) for key, value in values.items()})
-    return made, {key: entry[key] for key in beside if key in entry}
+        objective = KINDS[kind](**{key: _frozen(value) for key, value in values.items()})
+    return objective, {key: entry[key] for key in keys if key in entry}
 
 
 def _frozen(value: Any) -> Any:

@@ -32,15 +32,15 @@ def write_report(out: Path) -> None:
     """Write report.md, report.json, best.yaml and pictures into the folder of a search, from its runs alone."""
     from agents.search import pictures
 
-    findings = Findings(Search.read(out))
-    images = draw(findings.search)
+    report = SearchReport(Search.read(out))
+    images = draw(report.search)
     for name, content in images.items():
         write_bytes(out / name, content)
-    best = pictures.best_mechanism(findings.search)
+    best = pictures.best_mechanism(report.search)
     if best is not None:
         write_text(out / "best.yaml", dump_mechanism(best))
-    write_text(out / "report.md", findings.markdown(1, {name: name for name in images}))
-    write_json(out / "report.json", findings.to_dict())
+    write_text(out / "report.md", report.markdown(1, {name: name for name in images}))
+    write_json(out / "report.json", report.to_dict())
 
 
 def draw(search: Search) -> dict[str, bytes]:
@@ -57,14 +57,14 @@ def draw(search: Search) -> dict[str, bytes]:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """The findings of a search."""
+class SearchReport:
+    """The report of a search: verdicts and tables in Markdown, and plain values."""
 
     search: Search
 
     @cached_property
     def scores(self) -> tuple[Evaluated, list[float]]:
-        """The best designs and the reference, in what was searched."""
+        """The best designs and the reference, under the conditions of the search."""
         return self.search.scored(held_out=False)
 
     @cached_property
@@ -98,7 +98,7 @@ class Findings:
         return "\n\n".join(part for part in parts if part) + "\n"
 
     def in_short(self) -> list[str]:
-        """Best value, who found it, the reference's; the same on held-out cases."""
+        """Best value, its method, the reference's value; both values on held-out cases."""
         search, place = self.search, self.search.single
         cells = [f"{plain_number(search.shown(search.winner.best))}", words(search.winner.method)]
         if place is None:
@@ -113,10 +113,10 @@ class Findings:
         return [*cells, ours, plain_number(reference[place])]
 
     def verdicts(self) -> list[str]:
-        """What the numbers say, a sentence each."""
+        """The conclusions, one sentence each."""
         search = self.search
-        beside = verdicts.beside_reference(search, self.scores, self.held_out)
-        return [*beside, *verdicts.beside_yardstick(search), *verdicts.beside_baseline(search)]
+        sentences = verdicts.beside_reference(search, self.scores, self.held_out)
+        return [*sentences, *verdicts.beside_yardstick(search), *verdicts.beside_baseline(search)]
 
     def _about(self) -> str:
         search, problem = self.search, self.search.problem
@@ -145,18 +145,18 @@ class Findings:
             head.append(f"held out [{search.units[search.single]}]")
         rows = []
         for method, outcomes in search.outcomes.items():
-            costs = sorted(one.best for one in outcomes)
+            costs = sorted(outcome.best for outcome in outcomes)
             reached = [math.inf if count is None else count for count in search.reached(method)]
-            feasible = float(np.mean([one.evaluated.feasible.mean() for one in outcomes]))
+            feasible = float(np.mean([outcome.evaluated.feasible.mean() for outcome in outcomes]))
             row = [words(method), plain_number(search.shown(median(costs)))]
             row += [
                 " to ".join(plain_number(search.shown(cost)) for cost in (costs[0], costs[-1])),
                 f"{100 * feasible:.0f} %",
             ]
             row += [f"{median(reached):,}" if math.isfinite(median(reached)) else "–"]
-            until = median([one.seconds_at(count) for one, count in zip(outcomes, reached, strict=True)])
+            until = median([outcome.seconds_at(count) for outcome, count in zip(outcomes, reached, strict=True)])
             row += [f"{until:.1f}" if math.isfinite(until) else "–"]
-            row += [f"{median([float(one.seconds[-1]) for one in outcomes]):.1f}"]
+            row += [f"{median([float(outcome.seconds[-1]) for outcome in outcomes]):.1f}"]
             if len(head) > len(row):
                 row.append(self._held_out_median(method))
             rows.append(row)
@@ -164,7 +164,7 @@ class Findings:
 
     def _held_out_median(self, method: str) -> str:
         assert self.held_out is not None and self.search.single is not None
-        rows = [row for row, one in enumerate(self.search.all) if one.method == method]
+        rows = [row for row, outcome in enumerate(self.search.all) if outcome.method == method]
         evaluated = self.held_out[0]
         if not all(math.isfinite(self.search.all[row].best) for row in rows):
             return "–"
@@ -172,15 +172,15 @@ class Findings:
         return plain_number(median(values)) if len(values) == len(rows) else "fails"
 
     def _reading(self) -> str:
-        what = ""
+        note = ""
         if self.search.goal is not None:
             goal = plain_number(self.search.shown(self.search.goal))
-            what = (
+            note = (
                 f" The goal is the median of what {words(YARDSTICK)} ends with, {goal}; evaluations and seconds to it "
                 "are medians of the seeds, – where half of them or more do not reach it."
             )
         return (
-            f"Best feasible design of a run: median of the seeds, then the best and the worst.{what} A design with its "
+            f"Best feasible design of a run: median of the seeds, then the best and the worst.{note} A design with its "
             "gradient counts as one evaluation; seconds are processor time of a run, with what the method itself "
             "takes. Feasible: share of all designs that were evaluated."
         )
@@ -189,7 +189,10 @@ class Findings:
         search = self.search
         row = search.all.index(search.winner)
         columns = {"searched": self.scores} | ({"held out": self.held_out} if self.held_out is not None else {})
-        head = ["", *(f"{who}, {what}" for what in columns for who in ("best design", search.config.reference))]
+        head = [
+            "",
+            *(f"{who}, {conditions}" for conditions in columns for who in ("best design", search.config.reference)),
+        ]
         rows = []
         for place, (name, unit) in enumerate(zip(search.names, search.units, strict=True)):
             cells = [f"{words(name)} [{unit}]"]
@@ -200,7 +203,7 @@ class Findings:
         return head, rows
 
     def _front(self, heading: str) -> str:
-        """The Pareto set as a table, thinned out to SHOWN rows; nothing for one objective."""
+        """The Pareto set as a table, thinned out to SHOWN rows; empty for one objective."""
         search = self.search
         count = len(search.problem.objectives)
         if count < 2 or not search.front.any():
@@ -217,16 +220,16 @@ class Findings:
         search = self.search
         runs = [
             {
-                "method": one.method,
-                "seed": one.seed,
-                "cost": _finite(one.best),
-                "evaluations_to_goal": None if search.goal is None else one.reached(search.goal),
-                "seconds": float(one.seconds[-1]),
-                "x": one.best_x.tolist(),
+                "method": outcome.method,
+                "seed": outcome.seed,
+                "cost": _finite(outcome.best),
+                "evaluations_to_goal": None if search.goal is None else outcome.reached(search.goal),
+                "seconds": float(outcome.seconds[-1]),
+                "x": outcome.best_x.tolist(),
                 "measured": self.scores[0].measured[row].tolist(),
                 "held_out": None if self.held_out is None else self.held_out[0].measured[row].tolist(),
             }
-            for row, one in enumerate(search.all)
+            for row, outcome in enumerate(search.all)
         ]
         return {
             "command": search.command,

@@ -17,7 +17,7 @@ from agents.search.optimiser import Derivatives, Evaluated, Optimiser
 AGREEMENT = 1e-9  # largest difference between designs in the journal and those that a resumed optimiser asks for
 
 
-class Progress(NamedTuple):
+class RunProgress(NamedTuple):
     """Designs evaluated, the least cost of a feasible one (infinite before), seconds of processor time."""
 
     evaluations: int
@@ -25,8 +25,8 @@ class Progress(NamedTuple):
     seconds: float
 
 
-def search_in(folder: Path) -> Progress:
-    """Search the run in its folder to the end of its budget; where that is.
+def search_in(folder: Path) -> RunProgress:
+    """Search the run in its folder to the end of its budget; its last progress.
 
     Raises:
         RollingJointError: it cannot be searched.
@@ -48,36 +48,37 @@ def search_in(folder: Path) -> Progress:
     return now
 
 
-def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[Progress]:
+def search(run: SearchRun, problem: Any, optimiser: Optimiser, budget: int) -> Iterator[RunProgress]:
     """Run to the end of the budget; yields after every batch, and once before the first.
 
-    Its seconds are processor time of this process with all its threads: what other processes do does not count.
+    Its seconds are processor time of this process with all its threads; work of other processes does not count.
 
     Args:
         problem: `evaluate`, `with_gradient` and `with_jacobian`, as rollingjoint.design.Problem has them.
         optimiser: new.
         budget: designs of the whole run, kept exactly.
     Raises:
-        RunFolderError: the journal does not agree with what the optimiser asks for; another process holds the run.
+        RunFolderError: the journal does not agree with the designs that the optimiser asks for; another process holds
+            the run.
     """
     with run.locked():
         work = RunInWork(run, optimiser, budget)
         yield work.now
         while not work.is_finished:
-            x, begun = work.ask(), time.process_time()
+            x, start = work.ask(), time.process_time()
             parts = [evaluated_by(problem, optimiser.wants, part) for part in chunks(x, run.config.chunk)]
-            work.tell(Evaluated.whole(parts), time.process_time() - begun)
+            work.tell(Evaluated.whole(parts), time.process_time() - start)
             yield work.now
 
 
 class RunInWork:
-    """A run whose lock is held, after its last complete batch; what scores its designs is up to others.
+    """A locked run after its last complete batch; callers score its designs.
 
     Args:
-        optimiser: new; it is told what the journal holds.
+        optimiser: new; it is told the content of the journal.
         budget: designs of the whole run.
     Raises:
-        RunFolderError: the journal does not agree with what the optimiser asks for.
+        RunFolderError: the journal does not agree with the designs that the optimiser asks for.
     """
 
     def __init__(self, run: SearchRun, optimiser: Optimiser, budget: int) -> None:
@@ -93,30 +94,30 @@ class RunInWork:
 
     def ask(self) -> np.ndarray:
         """The next batch, (B, d)."""
-        begun = time.process_time()
+        start = time.process_time()
         x = self.optimiser.ask(self.budget - self.now.evaluations)
-        self._asking = time.process_time() - begun
+        self._asking = time.process_time() - start
         return x
 
     def tell(self, evaluated: Evaluated, seconds: float) -> None:
-        """Go on with what was found about the batch, which took `seconds` of processor time; it is in the journal."""
-        begun = time.process_time()
+        """Tell the optimiser the evaluation of the batch, which took `seconds` of processor time, and write it down."""
+        start = time.process_time()
         self.optimiser.tell(evaluated)
-        seconds += self.now.seconds + self._asking + time.process_time() - begun
+        seconds += self.now.seconds + self._asking + time.process_time() - start
         self.run.append(evaluated, seconds)
         self.now = _advanced(self.now, evaluated, seconds)
 
 
-def chunks(x: np.ndarray, least: int) -> list[np.ndarray]:
-    """A batch in as many equal parts of `least` designs or more as it has, at least one; 0: the whole.
+def chunks(x: np.ndarray, smallest: int) -> list[np.ndarray]:
+    """A batch in the largest number of equal parts of at least `smallest` designs; whole where that is 0.
 
-    What is found about a design depends, in its last bits, on those that it is scored with, but not on where.
+    The last bits of an evaluation depend on the other designs of the part, but not on where it is scored.
     """
-    return np.array_split(x, max(len(x) // least, 1)) if least else [x]
+    return np.array_split(x, max(len(x) // smallest, 1)) if smallest else [x]
 
 
 def evaluated_by(problem: Any, wants: Derivatives, x: np.ndarray) -> Evaluated:
-    """What the problem says of designs, with these derivatives."""
+    """The evaluation of designs by the problem, with these derivatives."""
     if wants == "gradient":
         evaluation, gradient = problem.with_gradient(x)
         return Evaluated.of(evaluation, gradient=gradient)
@@ -126,12 +127,12 @@ def evaluated_by(problem: Any, wants: Derivatives, x: np.ndarray) -> Evaluated:
     return Evaluated.of(problem.evaluate(x))
 
 
-def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
-    """Tell the optimiser all that the journal holds."""
-    now = Progress(0, np.inf, 0.0)
+def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> RunProgress:
+    """Tell the optimiser all batches of the journal; the progress after the last one."""
+    now = RunProgress(0, np.inf, 0.0)
     for batch, seconds in run.batches():
-        asked = optimiser.ask(budget - now.evaluations) if now.evaluations < budget else np.empty(0)
-        if asked.shape != batch.x.shape or np.abs(asked - batch.x).max() > AGREEMENT:
+        designs = optimiser.ask(budget - now.evaluations) if now.evaluations < budget else np.empty(0)
+        if designs.shape != batch.x.shape or np.abs(designs - batch.x).max() > AGREEMENT:
             hint = "Other versions of the packages may have written it (versions.json); --force begins the run anew."
             allowed = f"after {now.evaluations} evaluations the designs that the method asks for"
             raise RunFolderError("journal", str(run.journal), allowed, hint)
@@ -140,6 +141,6 @@ def _replay(run: SearchRun, optimiser: Optimiser, budget: int) -> Progress:
     return now
 
 
-def _advanced(now: Progress, evaluated: Evaluated, seconds: float) -> Progress:
+def _advanced(now: RunProgress, evaluated: Evaluated, seconds: float) -> RunProgress:
     best = min([now.best, *evaluated.cost[evaluated.feasible].tolist()])
-    return Progress(now.evaluations + len(evaluated), best, seconds)
+    return RunProgress(now.evaluations + len(evaluated), best, seconds)

@@ -34,7 +34,7 @@ class RandomSearch:
 class LatinHypercube:
     """One Latin hypercube of the whole budget, `batch` designs at a time.
 
-    Every coordinate's range is cut into as many strips as there are designs, one design in each.
+    Every coordinate's range is cut into one strip per design, and every strip holds one.
     """
 
     setup: Setup
@@ -44,17 +44,17 @@ class LatinHypercube:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        self.left: Array | None = None
+        self.remaining: Array | None = None
 
     def ask(self, most: int) -> Array:
         """The next designs, (B, d); the first call, whose `most` is the budget, draws them all."""
-        if self.left is None:
+        if self.remaining is None:
             from scipy.stats.qmc import LatinHypercube as Sampler
 
-            self.left = 2.0 * Sampler(self.setup.dimensions, rng=self.setup.generator).random(most) - 1.0
+            self.remaining = 2.0 * Sampler(self.setup.dimensions, rng=self.setup.generator).random(most) - 1.0
         count = min(self.batch, most)
-        asked, self.left = self.left[:count], self.left[count:]
-        return asked
+        designs, self.remaining = self.remaining[:count], self.remaining[count:]
+        return designs
 
     def tell(self, evaluated: Evaluated) -> None:
         """Ignored."""

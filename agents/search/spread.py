@@ -1,6 +1,6 @@
-"""Runs whose batches are large: this process asks and tells, workers score the batches in chunks.
+"""Runs of large batches: this process asks and tells, workers score the batches in chunks.
 
-A chunk has the designs that it would have if its run were a unit of its own, so journals are the same to the bit.
+A chunk has the same designs as if its run were one unit, so journals are the same to the bit.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 
 from agents.executors.driver import Ended, Unit
 from agents.executors.folders import FolderUnit
-from agents.executors.progress import Progress as Display
+from agents.executors.progress import Progress
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Derivatives, Evaluated
 from agents.search.problem import design_problem, optimiser
-from agents.search.run import Progress, RunInWork, chunks, evaluated_by
+from agents.search.run import RunInWork, RunProgress, chunks, evaluated_by
 from rollingjoint.design import Problem
 from rollingjoint.errors import one_line
 
@@ -49,7 +49,7 @@ class SpreadRuns:
         units: named after the folders of the runs. progress: counts runs, not chunks.
     """
 
-    def __init__(self, units: Sequence[FolderUnit], progress: Display) -> None:
+    def __init__(self, units: Sequence[FolderUnit], progress: Progress) -> None:
         self._units = {Path(unit.name): unit for unit in units}
         self._large = [folder for folder in self._units if has_chunks(SearchRun(folder).config)]
         self._begun: dict[Path, _SpreadRun] = {}
@@ -65,27 +65,27 @@ class SpreadRuns:
     def units(self) -> Iterator[Unit | None]:
         """The units that stay whole, then chunks; None while none is ready."""
         yield from (unit for folder, unit in self._units.items() if folder not in self._large)
-        left = list(self._large)
-        while left or self._begun:
+        remaining = list(self._large)
+        while remaining or self._begun:
             waiting = next((run.waiting for run in self._begun.values() if run.waiting), None)
             if waiting:
                 yield waiting.pop(0)
-            elif left:
-                self._begin(left.pop(0))
+            elif remaining:
+                self._begin(remaining.pop(0))
             else:
                 yield None
 
     def runs(self, ended: Iterable[Ended[Any]]) -> Iterator[Ended[FolderUnit]]:
-        """Of what ends, the runs, with their Progress: whole units as they are, a run in chunks with its last one."""
-        for one in ended:
-            if isinstance(one.unit, ChunkUnit):
-                self._take(one, one.unit.folder, one.unit.place)
+        """The runs among the ended units, with their RunProgress; a run in chunks ends with its last chunk."""
+        for end in ended:
+            if isinstance(end.unit, ChunkUnit):
+                self._take(end, end.unit.folder, end.unit.place)
             else:
-                yield one
-            yield from self._told()
-        yield from self._told()
+                yield end
+            yield from self._ended_runs()
+        yield from self._ended_runs()
 
-    def _told(self) -> Iterator[Ended[FolderUnit]]:
+    def _ended_runs(self) -> Iterator[Ended[FolderUnit]]:
         while self._ended:
             yield self._ended.pop(0)
 
@@ -117,11 +117,11 @@ class SpreadRuns:
             if run.work.is_finished:
                 self._end(folder, run.work.now)
 
-    def _end(self, folder: Path, outcome: Progress | Exception) -> None:
-        """Say that a run has ended, where it is or why."""
+    def _end(self, folder: Path, outcome: RunProgress | Exception) -> None:
+        """Report that a run has ended, with its progress or its error."""
         if run := self._begun.pop(folder, None):
             run.held.close()
-        if isinstance(outcome, Progress):
+        if isinstance(outcome, RunProgress):
             self._progress.done += 1
             self._ended.append(Ended(self._units[folder], outcome))
         else:
@@ -139,7 +139,7 @@ def has_chunks(config: SearchConfig) -> bool:
 
 
 class _SpreadRun:
-    """A run in work: the chunks of its batch that wait for a worker, and what was found about the others."""
+    """A run in work: the chunks of its batch that wait for a worker, and the evaluations of the others."""
 
     def __init__(self, folder: Path) -> None:
         run = SearchRun(folder)
@@ -147,14 +147,14 @@ class _SpreadRun:
         self.problem = design_problem(run.config)
         self.work = RunInWork(run, optimiser(run.config, self.problem), run.config.budget)
         self.waiting: list[ChunkUnit] = []
-        self.found: list[tuple[Evaluated, float] | None] = []
+        self.evaluations: list[tuple[Evaluated, float] | None] = []
         self._ask()
 
     def take(self, place: int, evaluated: Evaluated, seconds: float) -> None:
-        """What was found about a chunk; with the last of a batch the optimiser is told, and asked for the next."""
-        self.found[place] = evaluated, seconds
-        complete = [part for part in self.found if part is not None]
-        if len(complete) == len(self.found):
+        """Store the evaluation of a chunk; after the last of a batch, tell the optimiser and ask for the next batch."""
+        self.evaluations[place] = evaluated, seconds
+        complete = [part for part in self.evaluations if part is not None]
+        if len(complete) == len(self.evaluations):
             self.work.tell(Evaluated.whole([part for part, _ in complete]), sum(used for _, used in complete))
             self._ask()
 
@@ -167,15 +167,15 @@ class _SpreadRun:
             self.waiting.append(
                 ChunkUnit(name, scored, (self.problem, wants, x), is_part=True, folder=self.folder, place=place)
             )
-        self.found = [None] * len(parts)
+        self.evaluations = [None] * len(parts)
 
 
 def scored(problem: Problem, wants: Derivatives, x: np.ndarray) -> tuple[Evaluated, float]:
-    """In a worker: what is found about designs, and the processor time that it took [s]."""
+    """In a worker: the evaluation of designs, and its processor time [s]."""
     _prepare(problem, wants)
-    begun = time.process_time()
+    start = time.process_time()
     evaluated = evaluated_by(problem, wants, x)
-    return evaluated, time.process_time() - begun
+    return evaluated, time.process_time() - start
 
 
 @cache

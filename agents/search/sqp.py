@@ -55,14 +55,14 @@ class Sqp:
         assert evaluated.constraints is not None and evaluated.jacobian is not None
         rows = zip(evaluated.worth, evaluated.constraints, evaluated.jacobian, evaluated.ok, strict=True)
         for place, row in enumerate(rows):
-            if not self.descents[place].tell(_Answer(*row)):
+            if not self.descents[place].tell(_PointValues(*row)):
                 self.descents[place] = self._descent()
 
-    def _descent(self) -> Descent:
-        return Descent(self.generator.uniform(-self.share, self.share, self.setup.dimensions))
+    def _descent(self) -> SlsqpDescent:
+        return SlsqpDescent(self.generator.uniform(-self.share, self.share, self.setup.dimensions))
 
 
-class _Answer(NamedTuple):
+class _PointValues(NamedTuple):
     """The evaluation of a point."""
 
     worth: float
@@ -75,25 +75,25 @@ class _Answer(NamedTuple):
         return self.constraints - np.where(self.jacobian[1:].any(1), reserve, 0.0)
 
 
-class Descent:
-    """One descent; `point` is to be evaluated next. SLSQP runs in a thread of its own and waits there for answers."""
+class SlsqpDescent:
+    """One descent; `point` is to be evaluated next. SLSQP runs in a separate thread and waits there for answers."""
 
     def __init__(self, start: Array) -> None:
         self.point = start
-        self.inside = _Inside()
-        threading.Thread(target=self.inside.minimise, args=(start,), daemon=True).start()
+        self.thread = _SlsqpThread()
+        threading.Thread(target=self.thread.minimise, args=(start,), daemon=True).start()
         self._wait()
 
     def __del__(self) -> None:
-        self.inside.answers.put(None)  # lets the thread end
+        self.thread.answers.put(None)  # lets the thread end
 
-    def tell(self, answer: _Answer) -> bool:
+    def tell(self, answer: _PointValues) -> bool:
         """Go on to the next point; False where the descent is at rest."""
-        self.inside.answers.put(answer)
+        self.thread.answers.put(answer)
         return self._wait()
 
     def _wait(self) -> bool:
-        point = self.inside.asked.get()
+        point = self.thread.asked.get()
         if point is not None:
             self.point = np.clip(point, -1.0, 1.0)
         return point is not None
@@ -103,30 +103,30 @@ class _GivenUp(Exception):
     """No more answers will come."""
 
 
-class _Inside:
+class _SlsqpThread:
     """The thread in which SLSQP runs a descent."""
 
     def __init__(self) -> None:
         self.asked: SimpleQueue[Array | None] = SimpleQueue()  # None: at rest
-        self.answers: SimpleQueue[_Answer | None] = SimpleQueue()  # None: given up
-        self.known: tuple[Array, _Answer] | None = None
+        self.answers: SimpleQueue[_PointValues | None] = SimpleQueue()  # None: given up
+        self.known: tuple[Array, _PointValues] | None = None
         self.reserve = RESERVE
 
     def minimise(self, start: Array) -> None:
         """Minimise from a start, asking for every point; at rest at once where it has no equilibrium."""
         try:
             if self.answer(start).ok:
-                rest = self._minimise(start)
+                minimum = self._minimise(start)
                 if self.reserve > ROUNDING:
                     self.reserve = ROUNDING
-                    self._minimise(rest)
+                    self._minimise(minimum)
         except _GivenUp:
             return
         finally:
             self.asked.put(None)
 
     def _minimise(self, start: Array) -> Array:
-        """Where SLSQP comes to rest."""
+        """The point at which SLSQP comes to rest, (d,)."""
         from scipy.optimize import minimize
 
         steepest = np.abs(self.answer(start).jacobian[0]).max()
@@ -137,7 +137,7 @@ class _Inside:
             "jac": lambda x: self.answer(x).jacobian[1:],
         }
         options: dict[str, Any] = {"ftol": SMALLEST_GAIN, "maxiter": MOST_STEPS}
-        found = minimize(
+        solution = minimize(
             lambda x: scale * self.answer(x).worth,
             start,
             jac=lambda x: scale * self.answer(x).jacobian[0],
@@ -147,19 +147,19 @@ class _Inside:
             callback=self.stepped,
             options=options,
         )
-        return np.asarray(found.x)
+        return np.asarray(solution.x)
 
     def stepped(self, x: Array) -> None:
         """After every step: a smaller reserve, if all constraints are kept."""
         if (self.answer(x).constraints >= 0).all():
             self.reserve = max(LEFT * self.reserve, ROUNDING)
 
-    def answer(self, x: Array) -> _Answer:
+    def answer(self, x: Array) -> _PointValues:
         """The evaluation of a point, asked for once."""
         if self.known is None or not np.array_equal(self.known[0], x):
             self.asked.put(x.copy())
-            found = self.answers.get()
-            if found is None:
+            values = self.answers.get()
+            if values is None:
                 raise _GivenUp
-            self.known = x.copy(), found
+            self.known = x.copy(), values
         return self.known[1]

@@ -1,8 +1,8 @@
 """A design policy compared with other methods on unseen tasks: python -m agents.search.unseen runs/design.
 
-Tasks are episodes of the policy's environment. Every method evaluates as many designs, the policy that with which the
-episode begins and those of its changes. A result is the smallest error of a valid design among them. With --page the
-table goes between the two marks of a page.
+Tasks are episodes of the policy's environment. Every method evaluates the same number of designs, the policy the
+first design of the episode and its changes. A result is the smallest error of a valid design among them. With --page
+the table goes between the two marks of a page.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from rj_gym import CurvatureDesignVectorEnv
 
 BEGIN, END = "<!-- begin: python -m agents.search.unseen -->", "<!-- end -->"
-FIRST_SEED = 3_000_000  # of the tasks; used by nothing else
-METHODS: Mapping[str, Mapping[str, Any]] = {  # and what suits a budget of a few designs
+FIRST_SEED = 3_000_000  # of the tasks; used for no other purpose
+METHODS: Mapping[str, Mapping[str, Any]] = {  # and settings for a budget of a few designs
     "random": {},
     "latin_hypercube": {},
     "cma_es": {},
@@ -80,11 +80,11 @@ def compared(run: RunFolder, env: EnvConfig, tasks: int, budget: int) -> str:
     import torch
 
     torch.set_num_threads(1)
-    found = {"policy": _timed(lambda: _policy_errors(run, env, tasks, budget))}
+    results = {"policy": _timed(lambda: _policy_errors(run, env, tasks, budget))}
     for name in METHODS:
-        found[name] = _timed(lambda name=name: _method_errors(name, env, tasks, budget))  # type: ignore[misc]
+        results[name] = _timed(lambda name=name: _method_errors(name, env, tasks, budget))  # type: ignore[misc]
     head = ["method", "mean", "median", "95 % below", "better than the policy", "seconds a task"]
-    rows = [_row(name, errors, found["policy"][0], seconds / tasks) for name, (errors, seconds) in found.items()]
+    rows = [_row(name, errors, results["policy"][0], seconds / tasks) for name, (errors, seconds) in results.items()]
     says = (
         f"Smallest error [mm] of a valid design among {budget}, on {tasks} tasks (seeds from {FIRST_SEED:,}); a method "
         "has the seed of its task. Seconds are processor time; the policy works on all tasks at once."
@@ -125,13 +125,13 @@ def _method_errors(name: str, env: EnvConfig, tasks: int, budget: int) -> Array:
     space, errors = envs.config.space, np.full(tasks, envs.config.largest_error_mm)
     for task in range(tasks):
         origins = np.pad(sampled["targets"][task], ((0, 0), (1, 0), (0, 0)))  # the base stays at the origin
-        wanted = (sampled["tensions"][task], origins, sampled["forces"][task])
-        problem = Problem(space, (Term(BendingShapes(*(part.tolist() for part in wanted))),))
-        optimiser, left = make(name, Setup(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
-        while left:
-            evaluated = evaluated_by(problem, optimiser.wants, optimiser.ask(left))
+        shapes = (sampled["tensions"][task], origins, sampled["forces"][task])
+        problem = Problem(space, (Term(BendingShapes(*(part.tolist() for part in shapes))),))
+        optimiser, remaining = make(name, Setup(space.dimensions, seed=FIRST_SEED + task), METHODS[name]), budget
+        while remaining:
+            evaluated = evaluated_by(problem, optimiser.wants, optimiser.ask(remaining))
             optimiser.tell(evaluated)
-            left -= len(evaluated)
+            remaining -= len(evaluated)
             errors[task] = min([errors[task], *evaluated.cost[evaluated.feasible].tolist()])
     return errors
 

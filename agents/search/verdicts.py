@@ -61,11 +61,11 @@ def _gain(search: Search, scores: Scores, place: int) -> str:
 
 
 def beside_yardstick(search: Search) -> Iterator[str]:
-    """After how many evaluations the other methods reach what CMA-ES ends with."""
+    """Number of evaluations after which the other methods reach the final cost of CMA-ES."""
     if search.goal is None:
         return
     goal = plain_number(float(search.shown(search.goal)))
-    what = f"what {words(YARDSTICK)} has after {search.config.budget:,} evaluations ({goal})"
+    goal_text = f"what {words(YARDSTICK)} has after {search.config.budget:,} evaluations ({goal})"
     for method in search.outcomes:
         if method == YARDSTICK:
             continue
@@ -73,21 +73,21 @@ def beside_yardstick(search: Search) -> Iterator[str]:
         seeds = f"{sum(map(math.isfinite, counts))} of {len(counts)} seeds"
         name = words(method).capitalize() if words(method).islower() else words(method)
         if not math.isfinite(min(counts)):
-            yield f"{name} does not reach {what} with any seed."
+            yield f"{name} does not reach {goal_text} with any seed."
         elif math.isfinite(median(counts)):
-            yield f"{name} reaches {what} after {median(counts):,} (median; {seeds} reach it)."
+            yield f"{name} reaches {goal_text} after {median(counts):,} (median; {seeds} reach it)."
         else:
-            yield f"{name} reaches {what} with {seeds}, after {min(counts):,} at best."
+            yield f"{name} reaches {goal_text} with {seeds}, after {min(counts):,} at best."
 
 
 def beside_baseline(search: Search) -> Iterator[str]:
     """Which methods end better than random search with every seed, and which do not."""
     if BASELINE not in search.outcomes:
         return
-    bar = min(one.best for one in search.outcomes[BASELINE])
-    beaten = {method: all(one.best < bar for one in some) for method, some in search.outcomes.items()}
+    bar = min(outcome.best for outcome in search.outcomes[BASELINE])
+    beaten = {method: all(outcome.best < bar for outcome in outcomes) for method, outcomes in search.outcomes.items()}
     del beaten[BASELINE]
-    for wanted, text in ((True, "Better with every seed"), (False, "Not better with every seed")):
-        some = [words(method) for method, better in beaten.items() if better is wanted]
-        if some:
-            yield f"{text} than {words(BASELINE)} with its best: {', '.join(some)}."
+    for is_better, text in ((True, "Better with every seed"), (False, "Not better with every seed")):
+        names = [words(method) for method, better in beaten.items() if better is is_better]
+        if names:
+            yield f"{text} than {words(BASELINE)} with its best: {', '.join(names)}."

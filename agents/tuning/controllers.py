@@ -1,8 +1,8 @@
 """Tune settings of controllers: python -m agents.tuning.controllers --world rj_gym/Instrument-v0 --tries 60.
 
 The first half of the tries are random settings, the others near the best so far; all drive the same episodes of the
-tuning seeds. The best few drive those of the validation seeds, and the best of these is kept in the file, with its
-scores and the number of tries. Scores are the mean tip error over the last 10 steps of an episode [mm].
+tuning seeds. The best few drive the episodes of the validation seeds, and the best of these is stored in the file,
+with its scores and the number of tries. Scores are the mean tip error over the last 10 steps of an episode [mm].
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from rollingjoint.checked_yaml import dump_yaml, read_yaml
 from rollingjoint.checks import as_choice, as_integer
 from rollingjoint.errors import ConfigError
 
-_VALIDATED = 5  # how many of the best drive the validation seeds
+_VALIDATED = 5  # number of the best settings that drive the validation seeds
 _PARENTS = 3  # of the best, near which the others are tried
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search found: settings, its scores [mm], and how many it tried."""
+    """The best settings of a search, their scores [mm], the number of tries and of episodes."""
 
     settings: Settings
     tuning_mm: float
@@ -57,42 +57,42 @@ def tune(env_id: str, controller: Tunable, tries: int, episodes: int, seed: int 
         seed: of the search.
         say: called with the score [mm] and the settings of every try, if given.
     """
-    rng, found = np.random.default_rng(seed), list[tuple[float, Settings]]()
+    rng, results = np.random.default_rng(seed), list[tuple[float, Settings]]()
     for number in range(tries):
         if number < (tries + 1) // 2:
             settings = drawn_settings(controller.space, rng)
         else:
-            parents = _best(found, _PARENTS)
+            parents = _best(results, _PARENTS)
             settings = settings_near(controller.space, parents[rng.integers(len(parents))][1], rng)
-        found.append((last_error(env_id, controller, settings, TUNING.start, episodes), settings))
+        results.append((last_error(env_id, controller, settings, TUNING.start, episodes), settings))
         if say:
-            say(*found[-1])
-    chosen = _best(found, _VALIDATED)
-    scores = [last_error(env_id, controller, settings, VALIDATION.start, episodes) for _, settings in chosen]
+            say(*results[-1])
+    candidates = _best(results, _VALIDATED)
+    scores = [last_error(env_id, controller, settings, VALIDATION.start, episodes) for _, settings in candidates]
     place = int(np.argmin(scores))
-    tuning, settings = chosen[place]
+    tuning, settings = candidates[place]
     return Tuned(with_settings(controller.fixed, settings), tuning, scores[place], tries, episodes)
 
 
-def scored_again(env_id: str, controller: Tunable, kept: Mapping[str, Any], episodes: int) -> Tuned:
-    """The entry of a controller in a file, scored again on as many seeds of tuning and of validation."""
-    settings = kept["settings"]
+def scored_again(env_id: str, controller: Tunable, entry: Mapping[str, Any], episodes: int) -> Tuned:
+    """The entry of a controller in a file, scored again on `episodes` seeds of tuning and of validation each."""
+    settings = entry["settings"]
     tuning, validation = (
         last_error(env_id, controller, settings, first, episodes) for first in (TUNING.start, VALIDATION.start)
     )
-    return Tuned(settings, tuning, validation, kept["tries"], episodes)
+    return Tuned(settings, tuning, validation, entry["tries"], episodes)
 
 
-def _best(found: Sequence[tuple[float, Settings]], count: int) -> list[tuple[float, Settings]]:
+def _best(results: Sequence[tuple[float, Settings]], count: int) -> list[tuple[float, Settings]]:
     """The settings with the smallest scores."""
-    return sorted(found, key=lambda each: each[0])[:count]
+    return sorted(results, key=lambda result: result[0])[:count]
 
 
 def last_error(env_id: str, controller: Tunable, settings: Settings, first: int, episodes: int) -> float:
     """Mean tip error over the last steps of the episodes of these seeds [mm]."""
-    made = controller.make(with_settings(controller.fixed, settings))
-    found = run_episodes(EnvConfig(env_id), made, range(first, first + episodes))
-    return float(found.last_errors.mean())
+    tuned = controller.make(with_settings(controller.fixed, settings))
+    results = run_episodes(EnvConfig(env_id), tuned, range(first, first + episodes))
+    return float(results.last_errors.mean())
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -117,16 +117,16 @@ def _command(arguments: argparse.Namespace) -> int:
         as_choice("--controller", name, list(world), error=ConfigError)
     for name in arguments.controller or world:
         content: Any = read_yaml(arguments.output) if arguments.output.is_file() else {}
-        kept = content.setdefault(env_id, {})
+        stored = content.setdefault(env_id, {})
         if tries > 0:
-            found = tune(env_id, world[name], tries, episodes, arguments.seed, _say)
-        elif name in kept:
-            found = scored_again(env_id, world[name], kept[name], episodes)
+            result = tune(env_id, world[name], tries, episodes, arguments.seed, _say)
+        elif name in stored:
+            result = scored_again(env_id, world[name], stored[name], episodes)
         else:
-            raise ConfigError("--controller", name, f"one of {list(kept)}", "It has not been tuned.")
-        kept[name] = found.to_dict()
+            raise ConfigError("--controller", name, f"one of {list(stored)}", "It has not been tuned.")
+        stored[name] = result.to_dict()
         arguments.output.write_text(dump_yaml(content), encoding="utf-8")
-        print(f"{env_id}, {name}: validation {found.validation_mm:.3f} mm, tuning {found.tuning_mm:.3f} mm")
+        print(f"{env_id}, {name}: validation {result.validation_mm:.3f} mm, tuning {result.tuning_mm:.3f} mm")
     return 0
 
 

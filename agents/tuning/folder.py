@@ -27,12 +27,12 @@ class StudyFolder:
     storage: str = ""
 
     def config(self, file: Path | None) -> StudyConfig:
-        """What the study searches; raises ConfigError where `file` says something else than the study that is there."""
-        begun = self.path / "study.yaml"
-        if file is None and not begun.is_file():
+        """The configuration of the study; raises ConfigError where `file` differs from the study in the folder."""
+        study = self.path / "study.yaml"
+        if file is None and not study.is_file():
             raise ConfigError("--config", None, f"a YAML file, since no study is in {self.path}")
-        config = load_study(begun if file is None else file)
-        if begun.is_file() and replace(load_study(begun), trials=config.trials) != config:
+        config = load_study(study if file is None else file)
+        if study.is_file() and replace(load_study(study), trials=config.trials) != config:
             hint = "Leave --config out to go on with the study, or give another --study."
             raise ConfigError("--config", str(file), f"what the study in {self.path} began with", hint)
         return config
@@ -40,8 +40,8 @@ class StudyFolder:
     def begin(self, config: StudyConfig) -> None:
         """Make the folder, unless the study is there; raises RunFolderError for a folder that holds something else."""
         if not (self.path / "study.yaml").is_file():
-            own = (".study.yaml", "lock")  # another process may just begin it
-            if self.path.exists() and not all(path.name.startswith(own) for path in self.path.iterdir()):
+            names = (".study.yaml", "lock")  # another process may just begin it
+            if self.path.exists() and not all(path.name.startswith(names) for path in self.path.iterdir()):
                 raise RunFolderError("study", str(self.path), "a new folder, or one with a study", "It stays as it is.")
             write_text(self.path / "study.yaml", dump_yaml(config.to_dict()))
 

@@ -1,4 +1,4 @@
-"""What a study found: best.yaml, report.md and two pictures."""
+"""The results of a study: best.yaml, report.md and two pictures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHOWN = 10
 
 
 def write_results(study: Study, config: StudyConfig, folder: Path, command: Sequence[str]) -> None:
-    """Write what is known so far into the folder of the study; best.yaml and pictures once a trial has a score."""
+    """Write the results so far into the folder of the study; best.yaml and pictures once a trial has a score."""
     done = sorted(_trials(study, TrialState.COMPLETE), key=lambda trial: trial.value or 0.0)
     importance = _importance(study)
     if done:
@@ -117,7 +117,7 @@ def _label_one_two_five(axis: Axis) -> None:
 
 
 def _importance(study: Study) -> dict[str, float]:
-    """Share of every parameter in what sets good trials apart; nothing for fewer than four finished ones."""
+    """Importance of every parameter for good trials, as a share; empty for fewer than four finished ones."""
     scores = {trial.value for trial in _trials(study, TrialState.COMPLETE)}
     if len(scores) < 4:
         return {}

@@ -1,4 +1,4 @@
-"""What a study searches: a training configuration, ranges of its keys, how a trial is scored; read from YAML."""
+"""The configuration of a study: a training configuration, ranges of its keys, how a trial is scored; read from YAML."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RESERVED = {"rj evaluate": range(10_000, 100_000), "evaluations of other runs": 
 
 
 @dataclass(frozen=True)
-class Interval:
+class Range:
     """Numbers from `low` to `high`, whole ones if both are; `log`: every factor is as likely."""
 
     low: float
@@ -103,8 +103,8 @@ class StudyConfig:
     """A study.
 
     Args:
-        train: what every trial trains, except for the keys in `space`.
-        space: what is searched, by dotted key of the training configuration (a number is an index of a list).
+        train: the training of every trial, except for the keys in `space`.
+        space: the searched ranges, by dotted key of the training configuration (a number is an index of a list).
         score: score of a trial, smaller is better: the mean tip error of its last evaluation over the last 10 steps,
             or the mean, the median or the 95th percentile of the errors at the end of the episodes. Without it
             `last_10_mm` in tracking tasks, else `mean_mm`.
@@ -118,7 +118,7 @@ class StudyConfig:
     """
 
     train: TrainConfig
-    space: Mapping[str, Interval | Choices]
+    space: Mapping[str, Range | Choices]
     score: Annotated[str, choice(*SCORES)] = ""
     training_seeds: Annotated[Sequence[int], integers(0, 2**31)] = (1,)
     episodes: Annotated[int, episode_count] = 100
@@ -153,7 +153,7 @@ class StudyConfig:
             raise ConfigError(f"space: {key}: {error.what}", error.value, error.allowed, hint) from error
 
     def trained(self, values: Mapping[str, Any], seed: int) -> TrainConfig:
-        """What a trial with these values by key trains with this seed; raises ConfigError if they do not fit."""
+        """The training of a trial with these values by key and this seed; raises ConfigError if they do not fit."""
         config = with_values(self.train, values)
         evaluation = replace(config.evaluation, episodes=self.episodes, seed=self.first_seed)
         return replace(config, seed=seed, evaluation=evaluation)
@@ -179,8 +179,8 @@ SETTINGS = ("score", "training_seeds", "episodes", "first_seed", "pruner", "star
 def load_study(path: Path) -> StudyConfig:
     """The study in a YAML file; raises ConfigError naming file and key.
 
-    Its keys: `train`, a training configuration, or `config`, the file of one, beside this file; changes to it in `set`;
-    `space`; and the settings of StudyConfig.
+    Its keys: `train`, a training configuration, or `config`, the file of one, relative to this file; changes
+    to it in `set`; `space`; and the settings of StudyConfig.
     """
     with prefixed(f"{path}: "):
         values = dict(mapping("top level", read_yaml(path), ["config", "train", "set", "space", *SETTINGS], ["space"]))
@@ -202,13 +202,13 @@ def _training(values: Mapping[str, Any], folder: Path) -> TrainConfig:
 
 
 def _keys(name: str, values: Mapping[str, Any]) -> dict[Any, Any]:
-    found = values.get(name) or {}
-    if not isinstance(found, Mapping):
-        raise ConfigError(name, found, "keys of the training configuration and values")
-    return dict(found)
+    section = values.get(name) or {}
+    if not isinstance(section, Mapping):
+        raise ConfigError(name, section, "keys of the training configuration and values")
+    return dict(section)
 
 
-def _range(where: str, value: Any) -> Interval | Choices:
+def _range(where: str, value: Any) -> Range | Choices:
     """The range that plain values describe: {low, high, log} or {choices}."""
     if isinstance(value, Mapping) and "choices" in value:
         return Choices(tuple(entries(f"{where}.choices", mapping(where, value, ["choices"])["choices"])))
@@ -218,7 +218,7 @@ def _range(where: str, value: Any) -> Interval | Choices:
     number(number()(f"{where}.low", low))(f"{where}.high", high)
     if log and low <= 0:
         raise ConfigError(f"{where}.low", low, "a number above zero, since the range is logarithmic")
-    return Interval(low, high, log)
+    return Range(low, high, log)
 
 
 def with_values(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:

@@ -1,4 +1,4 @@
-"""The trials of a study: claimed and recorded here, trained by an executor; those of killed processes queued again."""
+"""The trials of a study: claimed and recorded here, trained by an executor. Trials of killed processes are repeated."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class TrialUnit(FolderUnit):
     """The training of one trial, in its folder; the lock of the trial is held meanwhile.
 
     Args:
-        trial: as Optuna knows it. held: what to close when the trial has been told.
+        trial: as Optuna knows it. held: resources to close after the result of the trial is stored.
     """
 
     waits: bool = False
@@ -87,7 +87,7 @@ class TrialUnit(FolderUnit):
 
 
 class Tried(NamedTuple):
-    """What training found: the score, why there is none, or that the trial fell behind; reports by step; seconds."""
+    """The result of a training: its score, or its failure, or PRUNED; reports by step; seconds."""
 
     outcome: float | str
     reports: Mapping[int, float]
@@ -105,15 +105,15 @@ def _work(
     trials: int,
     signals: MutableSequence[int],
 ) -> None:
-    left, broken = max(trials - _begun(study), 0), None
-    with ExitStack() as held, marked(folder.path) as home, Progress(left, "trial") as progress:
+    missing, broken = max(trials - _begun(study), 0), None
+    with ExitStack() as held, marked(folder.path) as home, Progress(missing, "trial") as progress:
         units = _claimed(study, config, folder, trials, home, held)
         for ended in work_through(executor, units, progress, signals):
             if ended.failure and not isinstance(ended.error, WorkerLost):  # no fault of the trial: a full disk
                 broken = ended
                 signals.append(signal.SIGINT)  # the others end in good order
                 continue
-            progress.write(_told(study, ended.unit.trial, ended.value or Tried(ended.failure, {}, 0.0)))
+            progress.write(_store(study, ended.unit.trial, ended.value or Tried(ended.failure, {}, 0.0)))
             ended.unit.held.close()
     if broken is not None:
         raise UnitFailed(broken.failure) from broken.error
@@ -124,7 +124,7 @@ def _claimed(
 ) -> Iterator[TrialUnit]:
     """New trials, until the study has enough of them."""
     while True:
-        own = held.enter_context(ExitStack())
+        resources = held.enter_context(ExitStack())
         with file_lock(folder.path / "lock", wait=True):
             _put_lost_trials_back(study, folder)
             if _begun(study) >= trials:
@@ -133,23 +133,29 @@ def _claimed(
             study.sampler = optuna.samplers.TPESampler(n_startup_trials=config.startup, seed=1000 * config.seed + place)
             trial = study.ask()
             folder.trial(trial.number).mkdir(parents=True, exist_ok=True)
-            own.enter_context(file_lock(folder.trial(trial.number) / "lock"))
+            resources.enter_context(file_lock(folder.trial(trial.number) / "lock"))
         values = config.drawn(trial)
         at = f"trials/{trial.number:04d}"
-        there = StudyFolder(home.path, folder.storage)
+        remote = StudyFolder(home.path, folder.storage)
         yield TrialUnit(
-            f"trial {trial.number}", try_in, (config, values, there, trial._trial_id), home, at, trial=trial, held=own
+            f"trial {trial.number}",
+            try_in,
+            (config, values, remote, trial._trial_id),
+            home,
+            at,
+            trial=trial,
+            held=resources,
         )
 
 
 def _begun(study: Study) -> int:
-    """Trials that count: not those whose process ended under them."""
+    """Number of trials that count: all except the waiting and the killed ones."""
     trials = study.get_trials(deepcopy=False)
     return sum(t.state != TrialState.WAITING and t.user_attrs.get("reason") != KILLED for t in trials)
 
 
 def _put_lost_trials_back(study: Study, folder: StudyFolder) -> None:
-    """Mark trials whose process ended as failed, and queue their values again, once."""
+    """Mark trials of ended processes as failed, and queue their values again, once."""
     for lost in study.get_trials(deepcopy=False, states=[TrialState.RUNNING]):
         try:
             folder.trial(lost.number).mkdir(parents=True, exist_ok=True)
@@ -176,7 +182,7 @@ def try_in(path: Path, config: StudyConfig, values: Mapping[str, Any], study: St
     """
     trial = Trial(study.reached(config), trial_id) if config.pruner != "none" else None
     reports: dict[int, float] = {}
-    begun = time.monotonic()
+    start = time.monotonic()
     try:
         scores = [_train(path, config, values, place, trial, reports) for place in range(len(config.training_seeds))]
         outcome: float | str = sum(scores) / len(scores)
@@ -186,7 +192,7 @@ def try_in(path: Path, config: StudyConfig, values: Mapping[str, Any], study: St
         raise
     except Exception as error:
         outcome = " ".join(f"{type(error).__name__}: {error}".split())
-    return Tried(outcome, reports, round(time.monotonic() - begun, 1))
+    return Tried(outcome, reports, round(time.monotonic() - start, 1))
 
 
 def _train(
@@ -245,12 +251,12 @@ def _last_score(run: RunFolder, score: str) -> float:
     return float(last[score])
 
 
-def _told(study: Study, trial: Trial, tried: Tried) -> str:
-    """Tell the study how the trial ended; the line about it."""
+def _store(study: Study, trial: Trial, tried: Tried) -> str:
+    """Store the result of a trial in the study; the line about it."""
     trial.set_user_attr("seconds", tried.seconds)
-    known = study.get_trials(deepcopy=False)[trial.number].intermediate_values
+    reported = study.get_trials(deepcopy=False)[trial.number].intermediate_values
     for step, score in tried.reports.items():
-        if step not in known:
+        if step not in reported:
             trial.report(score, step)
     if isinstance(tried.outcome, float):
         study.tell(trial, tried.outcome)

@@ -1,16 +1,16 @@
-"""The browser viewer: models that know no browser, what draws them, and rooms that bind both.
+"""The browser viewer: models without a browser, drawing, and rooms that bind both.
 
 Modules:
-    server: one browser, one state of its own.
-    guard: who may talk to the viewer.
-    serving: servers of viser that print nothing and answer only whom a guard admits.
-    rooms: what a browser sees and does.
+    server: separate rooms for every browser.
+    guard: the requests that the viewer answers.
+    serving: silent servers of viser that answer only requests that a guard admits.
+    rooms: the tabs of a browser.
     record: pages that play without a server.
-    explorer: a mechanism and what a person sets of it.
-    drive: a controller in an episode, and all that is seen of it.
-    controllers: those that can drive in an environment.
+    explorer: a mechanism under inputs that a person sets.
+    drive: a controller in an episode, and a film of the episode.
+    controllers: the controllers that can drive in an environment.
     play: a person and others in the same episode.
-    steering: what keys mean to a person who steers.
+    steering: the keys by which a person steers.
     episodes: episodes to look at; best, median and worst.
     recorded: files of episodes.
     designs: designs of a search.

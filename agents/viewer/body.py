@@ -13,7 +13,7 @@ from agents.viewer.solids import Strand, frames, solids
 from rj_gym.rendering import BASE, LINK, Color, tension_color
 
 
-class Body:
+class SceneMechanism:
     """The links and tendons of one mechanism, which take poses; made once, moved often.
 
     Args:
@@ -35,9 +35,9 @@ class Body:
         """Move the links to these poses and draw the tendons, blue at the minimum tension, red at the maximum."""
         placed = frames(poses)
         for solid, handle in zip(self.solids, self.handles, strict=True):
-            some = placed[list(solid.links)]
-            handle.batched_positions = some[:, :3, 3].astype(np.float32)
-            handle.batched_wxyzs = viser.transforms.SO3.from_matrix(some[:, :3, :3]).wxyz.astype(np.float32)
+            link_frames = placed[list(solid.links)]
+            handle.batched_positions = link_frames[:, :3, 3].astype(np.float32)
+            handle.batched_wxyzs = viser.transforms.SO3.from_matrix(link_frames[:, :3, :3]).wxyz.astype(np.float32)
         self._draw(strands, tension_range)
 
     @property
@@ -71,8 +71,8 @@ class Body:
 
     def _draw(self, strands: Sequence[Strand], tension_range: tuple[float, float]) -> None:
         points = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line, _ in strands])
-        each = [tension_color(tension, tension_range) for _, tension in strands]
-        colours = np.repeat(np.array(each, np.uint8), [len(line) - 1 for line, _ in strands], axis=0)
+        strand_colours = [tension_color(tension, tension_range) for _, tension in strands]
+        colours = np.repeat(np.array(strand_colours, np.uint8), [len(line) - 1 for line, _ in strands], axis=0)
         colours = np.repeat(colours[:, None], 2, axis=1)
         if self.tendons is not None and self.tendons.points.shape == points.shape:
             self.tendons.points, self.tendons.colors = points.astype(np.float32), colours

@@ -1,4 +1,4 @@
-"""Where a browser looks from, so that a mechanism fills its picture beside the panel."""
+"""Camera views of a browser, in which a mechanism fills the picture next to the panel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FIELD = 0.5  # of view [rad]: small, so that lines that are parallel look so
 
 @dataclass(frozen=True)
 class View:
-    """A place that is looked at, and from where, as seen from it, (3,) each [mm]; and what is up."""
+    """A camera view: the centre, the vector from there to the camera, (3,) each [mm], and the upward direction."""
 
     at: Array
     away: Array
@@ -24,7 +24,7 @@ class View:
 
     @property
     def far(self) -> float:
-        """How far away things are still seen [mm]."""
+        """The largest visible distance from the camera [mm]."""
         return 20.0 * float(np.linalg.norm(self.away))
 
 
@@ -37,7 +37,7 @@ def mechanism_view(mechanism: Any) -> View:
 
 
 def episode_view(scene: TrackingScene) -> View:
-    """That of the mechanism of an episode."""
+    """The view of the mechanism of an episode."""
     return mechanism_view(scene.mechanism)
 
 
@@ -49,8 +49,8 @@ def centred_view(mechanism: Any) -> View:
 
 def look(client: Any, view: View) -> None:
     """Turn a client's camera, unless it looks there; one that has only just come would forget it."""
-    seen = [*client.camera.position, *client.camera.look_at]
-    if np.allclose(seen, [*(view.at + view.away), *view.at], atol=1e-3 * view.far):
+    current = [*client.camera.position, *client.camera.look_at]
+    if np.allclose(current, [*(view.at + view.away), *view.at], atol=1e-3 * view.far):
         return
     with client.atomic():
         client.camera.up_direction = view.up  # the scene's own would bring back the server's first view
@@ -61,7 +61,7 @@ def look(client: Any, view: View) -> None:
 
 
 def begin_with(server: Any, view: View) -> None:
-    """Let everybody who comes to a server, or opens its recording, look like this first."""
+    """The first view of all browsers of a server, and of its recording."""
     server.scene.set_up_direction(view.up)
     server.initial_camera.up = view.up
     server.initial_camera.position = view.at + view.away

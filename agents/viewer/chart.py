@@ -1,4 +1,4 @@
-"""A scatter plot that stands in the scene of a browser, whose points can be clicked."""
+"""A scatter plot in the scene of a browser, with points that can be clicked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.viewer.designs import Points
+from agents.viewer.designs import DesignPoints
 from agents.viewer.solids import Array
 from rj_gym.rendering import FAINT, GRID, Color
 
@@ -17,12 +17,12 @@ COLOURS: Sequence[Color] = ((176, 184, 196), (86, 180, 233), (213, 94, 0))
 
 SIZES = (0.9, 1.2, 1.7)  # radii of points of every kind, in hundredths of the width
 ROUND = (1.0, 2.0, 2.5, 5.0, 10.0)
-TICKS = 5  # about so many
+TICKS = 5  # approximate number along an axis
 
 
 @dataclass(frozen=True)
 class Area:
-    """Where a plot stands: its lower left corner (x, y) in the plane z = 0, its width and height [mm]."""
+    """The area of a plot: its lower left corner (x, y) in the plane z = 0, its width and height [mm]."""
 
     x: float
     y: float
@@ -43,7 +43,7 @@ class Axis:
         self.low, self.high, self.begin, self.size = low - room, high + room, begin, size
 
     def place(self, values: Array | float) -> Any:
-        """Where values are along the axis [mm]."""
+        """The places of values along the axis [mm]."""
         return self.begin + self.size * (np.asarray(values) - self.low) / (self.high - self.low)
 
     def value(self, place: float) -> float:
@@ -65,12 +65,12 @@ class Chart:
     """Points over two axes.
 
     Args:
-        scene: of a client. area: where it stands. points: what it shows, at least one. labels: of the two axes.
-        chosen: called with the row of the design whose point is nearest to a click.
+        scene: of a client. area: of the plot. points: one at least. labels: of the two axes.
+        chosen: called with the row of the design nearest to a click.
     """
 
     def __init__(
-        self, scene: Any, area: Area, points: Points, labels: tuple[str, str], chosen: Callable[[int], None]
+        self, scene: Any, area: Area, points: DesignPoints, labels: tuple[str, str], chosen: Callable[[int], None]
     ) -> None:
         self.scene, self.area, self.points, self.chosen = scene, area, points, chosen
         self.x = Axis(points.x, area.x, area.width)
@@ -117,17 +117,17 @@ class Chart:
         )
 
     def _clicked(self, event: Any) -> None:
-        """Choose the design nearest to where the ray of a click meets the plot, if it does."""
+        """Choose the design nearest to the point in which the ray of a click meets the plot, if it does."""
         origin, ray = np.array(event.ray_origin), np.array(event.ray_direction)
         x, y = (origin - ray * origin[2] / ray[2])[:2]
         if self.x.has(x) and self.y.has(y):
             self.chosen(self.points.nearest(self.x.value(x), self.y.value(y)))
 
     def _lines(self) -> None:
-        (left, right), (low, high) = (axis.begin + np.array([0.0, axis.size]) for axis in (self.x, self.y))
-        across = [((x, low), (x, high)) for x in self.x.place(self.x.ticks)]
-        up = [((left, y), (right, y)) for y in self.y.place(self.y.ticks)]
-        frame = [((left, low), (right, low)), ((left, low), (left, high))]
+        (west, east), (south, north) = (axis.begin + np.array([0.0, axis.size]) for axis in (self.x, self.y))
+        across = [((x, south), (x, north)) for x in self.x.place(self.x.ticks)]
+        up = [((west, y), (east, y)) for y in self.y.place(self.y.ticks)]
+        frame = [((west, south), (east, south)), ((west, south), (west, north))]
         for name, lines, colour in (("grid", across + up, GRID), ("axes", frame, FAINT)):
             pieces = np.append(np.array(lines), np.full((len(lines), 2, 1), -1.0), axis=2)
             self.scene.add_line_segments(f"/chart/{name}", pieces, colour, thickness=1.5, thickness_units="screen")
@@ -152,4 +152,4 @@ class Chart:
 
 def _round_step(step: float) -> float:
     power = 10.0 ** np.floor(np.log10(step))
-    return float(power * next(each for each in ROUND if each * power >= step * (1 - 1e-9)))
+    return float(power * next(factor for factor in ROUND if factor * power >= step * (1 - 1e-9)))

@@ -1,4 +1,4 @@
-"""Time that passes in a room: a function called again and again, in a thread of its own."""
+"""Time that passes in a room: a function called again and again in a separate thread."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Clock:
     """Calls `tick` at most `rate` times per second from start() on, until it returns False or stop() is called.
 
     Args:
-        tick: what happens, and whether it goes on.
+        tick: one step; returns whether the clock goes on.
         rate: per second; may be changed while the clock runs.
     """
 
@@ -25,7 +25,7 @@ class Clock:
         return self._stopping is not None and not self._stopping.is_set()
 
     def start(self) -> None:
-        """Let time pass; nothing changes where it does."""
+        """Start the clock, unless it runs."""
         if not self.running:
             self._stopping = threading.Event()
             threading.Thread(target=self._run, args=(self._stopping,), daemon=True).start()

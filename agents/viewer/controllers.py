@@ -25,7 +25,7 @@ class OfferedController:
     """A controller and its environment.
 
     Args:
-        name: of the controller. env: the environment, whose observation may differ from those of the others.
+        name: of the controller. env: the environment; controllers of one task may have different observations.
         make: a new controller.
     """
 
@@ -50,25 +50,25 @@ class OfferedController:
 
 @cache
 def worlds() -> Mapping[str, EnvConfig]:
-    """The tracking environments by a title: those of rj_gym as they are, and those that shipped policies are for."""
-    found = {each.removeprefix("rj_gym/"): EnvConfig(each) for each in IDS if not each.endswith("Goal-v0")}
-    known = {episodes_key(env) for env in found.values()}
+    """The tracking environments by a title: the environments of rj_gym, and the ones of shipped policies."""
+    environments = {name.removeprefix("rj_gym/"): EnvConfig(name) for name in IDS if not name.endswith("Goal-v0")}
+    keys = {episodes_key(env) for env in environments.values()}
     for policy in map(_policy, list_policies()):
-        if _key(policy.name) not in known:
+        if _key(policy.name) not in keys:
             title = f"{policy.env_id.removeprefix('rj_gym/')}: {policy.name.replace('_', ' ')}"
-            found[title] = policy.environment
-    return found
+            environments[title] = policy.environment
+    return environments
 
 
 def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
-    """Those that can drive in an environment, by name: shipped policies, then controllers that are not learned."""
+    """The controllers that can drive in an environment, by name: shipped policies, then those without learning."""
     key = episodes_key(env)
     policies = [_policy(name) for name in list_policies() if _key(name) == key]
     left_out = () if env.arguments()["config"].sees_all else NEED_POSES
     others = [name for name in candidates(env.id) if name not in left_out]
     learned = [OfferedController(f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name)) for p in policies]
     offered = [*learned, *(OfferedController(name, env, partial(_candidate, env.id, name)) for name in others)]
-    return {one.name: one for one in offered}
+    return {controller.name: controller for controller in offered}
 
 
 @cache

@@ -17,18 +17,18 @@ from agents.search.problem import against, reference
 from rollingjoint import Equilibrium, RollingChain, solve_tensions
 from rollingjoint.checks import as_integer, as_number
 
-SHOWN = 4000  # designs of which a scatter plot has a point, besides those of the Pareto set and the archive
+SHOWN = 4000  # designs with a point in a scatter plot, besides the Pareto set and the archive
 KINDS = ("feasible", "archive", "Pareto set")
 LARGEST_RATIO = max(RATIOS)
 
 
 @dataclass(frozen=True)
 class Design:
-    """A mechanism that was found, or the reference.
+    """A design of a search, or the reference mechanism.
 
     Args:
-        title: what it is called. mechanism: what it is.
-        values: of all that was measured of it, (k,). row: in the search; None of the reference.
+        title: its name. mechanism: the chain.
+        values: its measured values, (k,). row: in the search; None of the reference.
     """
 
     title: str
@@ -49,7 +49,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Points:
+class DesignPoints:
     """Feasible designs over two of the measured quantities.
 
     Args:
@@ -63,7 +63,7 @@ class Points:
     kinds: NDArray[np.int64]
 
     def nearest(self, x: float, y: float) -> int:
-        """The row of the design whose point is nearest to this place, distances in shares of the points' extents."""
+        """The row of the design nearest to this place, distances in shares of the points' extents."""
         spans = [max(float(np.ptp(values)), 1e-12) for values in (self.x, self.y)]
         return int(self.rows[np.hypot((self.x - x) / spans[0], (self.y - y) / spans[1]).argmin()])
 
@@ -85,27 +85,27 @@ class Designs:
 
     @property
     def name(self) -> str:
-        """What the search is called."""
+        """The name of the search."""
         return self.search.name
 
     @property
     def quantities(self) -> list[str]:
-        """All that was measured, with units: objectives first, then limits."""
+        """The measured quantities with units: objectives first, then limits."""
         return [f"{words(name)} [{unit}]" for name, unit in zip(self.search.names, self.search.units, strict=True)]
 
     @property
     def axes(self) -> tuple[int, int]:
-        """The quantities to begin with: two objectives, those of the archive where there is one, or the first two."""
+        """The quantities to begin with: two objectives, the archive's axes where there is one, or the first two."""
         if len(self.search.problem.objectives) < 2 and self.search.archive is not None:
             across, up = self.search.archive.columns
             return across, up
         return 0, min(1, len(self.quantities) - 1)
 
-    def points(self, across: int, up: int) -> Points:
+    def points(self, across: int, up: int) -> DesignPoints:
         """Designs over two quantities, given as places in `quantities`."""
         rows, values = self._rows, self.search.everything.measured[self._rows]
         kinds = np.where(self.search.front[rows], 2, np.where(self._archived[rows], 1, 0))
-        return Points(rows, values[:, across], values[:, up], kinds)
+        return DesignPoints(rows, values[:, across], values[:, up], kinds)
 
     def design(self, row: int) -> Design:
         """The design in a row of the search; raises InvalidInput for another row, MechanismError if it is none."""
@@ -128,7 +128,7 @@ class Designs:
         return Design(words(mechanism.name or "reference"), mechanism, values)
 
     def compared(self, designs: Sequence[Design]) -> list[list[str]]:
-        """What was measured of some designs: a row per quantity, its name and the value of every design."""
+        """The measured values of designs: a row per quantity, its name and the value of every design."""
         return [
             [quantity, *(plain_number(design.values[place]) for design in designs)]
             for place, quantity in enumerate(self.quantities)
@@ -136,16 +136,16 @@ class Designs:
 
     @cached_property
     def _archived(self) -> Mask:
-        chosen = np.zeros(len(self.search.everything), bool)
+        archived = np.zeros(len(self.search.everything), bool)
         if self.search.archive is not None:
             cells = self.search.archive.designs
-            chosen[cells[cells >= 0]] = True
-        return chosen
+            archived[cells[cells >= 0]] = True
+        return archived
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:
         """The designs that have a point: the Pareto set, the archive, and evenly of the other feasible ones."""
-        kept = self.search.front | self._archived
-        others = np.flatnonzero(self.search.everything.feasible & ~kept)
+        marked = self.search.front | self._archived
+        others = np.flatnonzero(self.search.everything.feasible & ~marked)
         every = max(1, -(-len(others) // SHOWN))
-        return np.sort(np.concatenate([np.flatnonzero(kept), others[::every]]))
+        return np.sort(np.concatenate([np.flatnonzero(marked), others[::every]]))

@@ -1,4 +1,4 @@
-"""One controller in one episode, step by step, and all that is seen of it."""
+"""One controller in one episode, step by step, and the film of it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rollingjoint.errors import InvalidInput
 
 @dataclass
 class Film:
-    """What is seen of an episode under one controller; of a running one until now.
+    """Scenes, errors and actions of an episode under one controller; of a running one until now.
 
     Args:
         name: of the controller. env: a tracking environment. seed: of its reset.
@@ -51,7 +51,7 @@ class Film:
         return self.scenes[min(step, self.steps)]
 
     def trail(self, step: int) -> Array:
-        """Where the tip has been until then, (K, d) [mm]."""
+        """The positions of the tip until then, (K, d) [mm]."""
         return np.array([scene.tip for scene in self.scenes[: step + 1]])
 
 
@@ -79,16 +79,16 @@ class Drive:
         return self._envs.task
 
     def step(self) -> None:
-        """The controller acts once; nothing happens after the end of the episode.
+        """One step of the controller; without effect after the end of the episode.
 
         Raises:
-            RollingJointError: a controller that cannot act on what the environment shows.
+            RollingJointError: a controller that cannot act on the observation.
         """
         if self.over:
             return
         space = self._envs.single_action_space
-        wanted = np.asarray(self.controller.act(self._observation), np.float32)
-        action = np.clip(wanted, space.low, space.high)
+        command = np.asarray(self.controller.act(self._observation), np.float32)
+        action = np.clip(command, space.low, space.high)
         self._observation, _, (ended,), (truncated,), info = self._envs.step(action)
         self.film.actions.append(action[0])
         self.film.ended, self.over = bool(ended), bool(ended or truncated)

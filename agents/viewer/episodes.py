@@ -1,4 +1,4 @@
-"""Episodes to look at: those of a policy or run folder over many seeds, or recorded ones; best, median and worst."""
+"""Episodes of a policy or run folder over many seeds, or recorded ones; the best, the median and the worst."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SEEDS = range(10_000, 10_200)
 RANKS = ("best", "median", "worst")
 
 
-class Episodes(ABC):
+class EpisodeSet(ABC):
     """Episodes of one controller in one environment, one per seed.
 
     Attributes:
@@ -58,7 +58,7 @@ class Episodes(ABC):
         return float(self.errors[list(self.seeds).index(seed)])
 
     def seed_of(self, which: str) -> int:
-        """The seed of the "best", "median" or "worst" episode, or the number that it says.
+        """The seed of the "best", "median" or "worst" episode, or the seed in digits.
 
         Raises:
             InvalidInput: anything else.
@@ -73,20 +73,21 @@ class Episodes(ABC):
     def films(self, seed: int, beside: Sequence[str] = ()) -> list[Film]:
         """One episode under this controller and under others; raises InvalidInput for a name that is not known."""
         others = self.beside()
-        chosen = [others[as_choice("beside", name, list(others))] for name in beside]
-        return [self.film(seed), *(one.film(seed) for one in chosen)]
+        controllers = [others[as_choice("beside", name, list(others))] for name in beside]
+        return [self.film(seed), *(controller.film(seed) for controller in controllers)]
 
     def beside(self) -> dict[str, OfferedController]:
-        """Others that can drive in the same episodes, by name."""
-        return {name: one for name, one in offered_controllers(self.env).items() if name != self.name}
+        """Other controllers that can drive in the same episodes, by name."""
+        offered = offered_controllers(self.env)
+        return {name: controller for name, controller in offered.items() if name != self.name}
 
     def _check(self, seed: int) -> None:
         if seed not in self.seeds:
             raise InvalidInput("seed", seed, f"one of the {len(self.seeds)} of {self.name}")
 
 
-class Driven(Episodes):
-    """Episodes that a controller drives when they are asked for."""
+class DrivenEpisodes(EpisodeSet):
+    """Episodes that a controller drives on demand."""
 
     def __init__(self, controller: OfferedController, seeds: Sequence[int] = SEEDS) -> None:
         self.controller, self.name, self.env, self.seeds = controller, controller.name, controller.env, seeds
@@ -102,7 +103,7 @@ class Driven(Episodes):
         return self.controller.film(seed)
 
 
-class Recorded(Episodes):
+class RecordedEpisodes(EpisodeSet):
     """Recorded episodes of one controller in one environment, computed again from their actions.
 
     Args:
@@ -128,14 +129,14 @@ class Recorded(Episodes):
         return {seed: record.film() for seed, record in self.records.items()}
 
 
-def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> Driven:
+def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEEDS) -> DrivenEpisodes:
     """Episodes of the policy in a run folder, read as rj evaluate reads it.
 
     Args:
         which: "best", "last" or the steps of a checkpoint.
     Raises:
         RunFolderError, PolicyError: no run, or a policy that cannot be read.
-        InvalidInput: a run whose task is not tracking.
+        InvalidInput: a run of another task than tracking.
         ConfigError: seeds that training has used.
     """
     run = RunFolder.open(path)
@@ -144,30 +145,30 @@ def run_episodes_of(path: Path, which: str = "best", seeds: Sequence[int] = SEED
         raise InvalidInput("run", str(path), "a run in a tracking environment", f"Its environment is {config.env.id}.")
     config.check_unused(range(min(seeds), max(seeds) + 1))
     load_driving(run, which)
-    return Driven(OfferedController(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
+    return DrivenEpisodes(OfferedController(path.resolve().name, config.env, partial(load_driving, run, which)), seeds)
 
 
-def of_shipped_policies() -> list[Episodes]:
+def of_shipped_policies() -> list[EpisodeSet]:
     """Episodes of all shipped policies, each in its own environment."""
-    everyone = [one for env in worlds().values() for one in offered_controllers(env).values()]
-    return [Driven(one) for one in everyone if one.name.startswith(POLICY)]
+    controllers = [controller for env in worlds().values() for controller in offered_controllers(env).values()]
+    return [DrivenEpisodes(controller) for controller in controllers if controller.name.startswith(POLICY)]
 
 
-def episodes_of(name: str) -> list[Episodes]:
+def episodes_of(name: str) -> list[EpisodeSet]:
     """Episodes of the shipped policy of this name, or those recorded in this file or folder.
 
     Raises:
         InvalidInput: neither.
     """
     if name in list_policies():
-        return [one for one in of_shipped_policies() if one.name == f"{POLICY}{name}"]
+        return [episodes for episodes in of_shipped_policies() if episodes.name == f"{POLICY}{name}"]
     if not Path(name).exists():
         allowed = f"a file or folder of episodes, or one of {', '.join(list_policies())}"
         raise InvalidInput("episodes", name, allowed, suggestion(name, list_policies()))
     return list(recorded_episodes(Path(name)))
 
 
-def recorded_episodes(path: Path) -> list[Recorded]:
+def recorded_episodes(path: Path) -> list[RecordedEpisodes]:
     """The episodes in a file that the viewer wrote, or in a folder that rj dataset wrote; one per controller.
 
     Raises:
@@ -176,9 +177,9 @@ def recorded_episodes(path: Path) -> list[Recorded]:
     return grouped(read_records(path))
 
 
-def grouped(records: Sequence[Record]) -> list[Recorded]:
-    """Recorded episodes, those of one controller in one environment together."""
+def grouped(records: Sequence[Record]) -> list[RecordedEpisodes]:
+    """Recorded episodes as sets, one per controller and environment."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         groups.setdefault((record.name, episodes_key(record.env)), []).append(record)
-    return [Recorded(some) for some in groups.values()]
+    return [RecordedEpisodes(group) for group in groups.values()]

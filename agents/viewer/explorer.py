@@ -1,4 +1,4 @@
-"""One mechanism in a person's hands: its inputs, its equilibrium, what follows from it, and how to write it down."""
+"""A mechanism under inputs that a person sets: its equilibrium, quantities derived from it, and files of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TENSIONS, LENGTHS = "tensions", "lengths"
 INPUTS = (TENSIONS, LENGTHS)
 HIGHEST = 15.0  # N, of every tendon
 MOST_PULL = 0.25  # of the length of the mechanism, that a tendon is pulled in or paid out
-REACHED = 11  # the logarithm of how many tensions are tried for what the tip reaches
+REACHED = 11  # binary logarithm of the number of tensions tried for the reach of the tip
 SHARE = 0.2  # of the length of the mechanism, at most, that the force of the ellipses moves the tip
 FORCES = np.outer(10.0 ** np.arange(-6, 4), (1.0, 2.0, 5.0)).ravel()  # N, to choose that force from
 TURN = 64  # points of an ellipse
@@ -45,13 +45,13 @@ TURN = 64  # points of an ellipse
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a person sets.
+    """The inputs that a person sets.
 
     Args:
-        drive: TENSIONS or LENGTHS. tensions: (m,) [N]. pulls: (m,), how far below the neutral lengths [mm].
-        link: the link whose origin the force acts on. force: in the base frame, (2,) or (3,) [N].
+        drive: TENSIONS or LENGTHS. tensions: (m,) [N]. pulls: (m,), distances below the neutral lengths [mm].
+        link: the force acts on its origin. force: in the base frame, (2,) or (3,) [N].
         friction: coefficient in all holes. curvatures: factors of the curvature of the contact surfaces,
-            those below and above joint 0 first, (2 J,); none for arms.
+            below and above joint 0 first, (2 J,); none for arms.
     """
 
     drive: str
@@ -88,24 +88,24 @@ class Explorer:
         """Set inputs and find the equilibrium.
 
         Raises:
-            MechanismError: there is no such chain; nothing has changed.
+            MechanismError: there is no such chain; the state is unchanged.
         """
         inputs = replace(self.inputs, **(self._held(changes.get("drive")) | changes))
         if (inputs.friction, inputs.curvatures) != (self.inputs.friction, self.inputs.curvatures):
             self.mechanism = self._built(inputs)
-            self.usable = None  # another mechanism remembers nothing of this one
+            self.usable = None  # another mechanism has no history
         self.inputs = inputs
         self.solve()
 
     def solve(self) -> None:
         """Find the equilibrium of the inputs from the last usable one."""
-        given: dict[str, Any] = {"start": self.usable}
+        arguments: dict[str, Any] = {"start": self.usable}
         if self.mechanism.has_friction:
-            given["history"] = self.usable or self._begun()
+            arguments["history"] = self.usable or self._without_history()
         if self.inputs.drive == TENSIONS:
-            self.found = solve_tensions(self.mechanism, self.inputs.tensions, self.loads, **given)
+            self.found = solve_tensions(self.mechanism, self.inputs.tensions, self.loads, **arguments)
         else:
-            self.found = solve_lengths(self.mechanism, self.lengths, self.loads, **given)
+            self.found = solve_lengths(self.mechanism, self.lengths, self.loads, **arguments)
         self.usable = self.found if self.found.ok else self.usable
 
     @property
@@ -121,7 +121,7 @@ class Explorer:
 
     @property
     def headline(self) -> str:
-        """How the solve ended, in a line; where a result is usable, with its smallest eigenvalue and margins."""
+        """The status of the solve, in a line; of a usable result also its smallest eigenvalue and margins."""
         if not self.found.ok:
             return f"⚠ **{self.found.status.name}**: {self.found.status.message}"
         parts = [f"**{self.found.status.name}**", f"smallest eigenvalue {self.found.smallest_eigenvalue:.3g} N·mm"]
@@ -148,7 +148,7 @@ class Explorer:
 
     @property
     def compliance(self) -> Array:
-        """How far a force moves the tip, (d, d) [mm/N]; NaN where that is not defined."""
+        """Displacement of the tip per force, (d, d) [mm/N]; NaN where it is not defined."""
         size = len(self.inputs.force)
         if not self.found.ok:
             return np.full((size, size), np.nan)
@@ -158,10 +158,10 @@ class Explorer:
         return np.asarray(moves @ np.linalg.solve(stiffness, moves.T))
 
     def ellipses(self) -> tuple[float, list[Array]]:
-        """A force [N], and where the tip goes under it in every direction of a plane, (TURN, d) [mm] for each plane."""
+        """A force [N], and the tip under it in every direction of a plane, (TURN, d) [mm] for each plane."""
         compliance = self.compliance
-        most = np.linalg.norm(compliance, 2) if np.isfinite(compliance).all() else 0.0
-        fitting = FORCES[most * FORCES < SHARE * self.mechanism.length] if most > 0.0 else []
+        largest = np.linalg.norm(compliance, 2) if np.isfinite(compliance).all() else 0.0
+        fitting = FORCES[largest * FORCES < SHARE * self.mechanism.length] if largest > 0.0 else []
         if not len(fitting):
             return 0.0, []
         turns, size = np.linspace(0.0, 2 * np.pi, TURN), len(compliance)
@@ -174,14 +174,14 @@ class Explorer:
         """Points that the tip reaches under the load with any tensions up to HIGHEST, without friction, (N, d) [mm]."""
         mechanism = self.mechanism.replace(friction=None) if self.mechanism.has_friction else self.mechanism
         tensions = HIGHEST * qmc.Sobol(mechanism.n_tendons, scramble=False).random_base2(REACHED)
-        found = solve_tensions_batch(mechanism, tensions, self.loads)
-        return np.asarray(found.tip[np.asarray(found.ok)])
+        equilibria = solve_tensions_batch(mechanism, tensions, self.loads)
+        return np.asarray(equilibria.tip[np.asarray(equilibria.ok)])
 
     @property
     def python(self) -> str:
-        """A program that solves the same; with friction, from a state without a past."""
+        """A program that solves the same; with friction, from a state without a history."""
         call = "solve_tensions" if self.inputs.drive == TENSIONS else "solve_lengths"
-        given = self.inputs.tensions if self.inputs.drive == TENSIONS else self.lengths
+        values = self.inputs.tensions if self.inputs.drive == TENSIONS else self.lengths
         loads = f", [WorldForce({self.inputs.link}, {_numbers(self.inputs.force)})]" if self.loads else ""
         source = f"{self.name}()" if self._is_preset else f"load_mechanism({json.dumps(self.file_name)})"
         names = [*(["WorldForce"] if loads else []), *([self.name] if self._is_preset else []), call]
@@ -189,14 +189,14 @@ class Explorer:
         lines += [] if self._is_preset else ["from rollingjoint.io.mechanism_file import load_mechanism"]
         lines += ["", f"mechanism = {source}"]
         if self.mechanism.has_friction:
-            lines += [f"begun = {call}(mechanism, {_numbers(given)})"]
+            lines += [f"begun = {call}(mechanism, {_numbers(values)})"]
         history = ", history=begun" if self.mechanism.has_friction else ""
-        lines += [f"found = {call}(mechanism, {_numbers(given)}{loads}{history})"]
+        lines += [f"found = {call}(mechanism, {_numbers(values)}{loads}{history})"]
         return "\n".join([*lines, "print(found.status.message, found.tip)", ""])
 
     @property
     def file_name(self) -> str:
-        """What the mechanism is saved as."""
+        """The name of the mechanism's file."""
         return f"{self.name}.yaml"
 
     @property
@@ -224,7 +224,7 @@ class Explorer:
 
     @property
     def surface_names(self) -> list[str]:
-        """What the factors of curvature belong to."""
+        """The names of the contact surfaces, in the order of Inputs.curvatures."""
         return [f"Link {link}, {'top' if side == 'child' else 'bottom'}" for link, side in self._surfaces]
 
     @property
@@ -234,7 +234,7 @@ class Explorer:
         return same and self.name in PRESETS
 
     def _held(self, drive: str | None) -> dict[str, Any]:
-        """The inputs that hold the mechanism where it is if it is driven otherwise from now on."""
+        """The inputs of another drive that hold the mechanism in its present equilibrium."""
         if drive is None or drive == self.inputs.drive or not self.found.ok:
             return {}
         if drive == TENSIONS:
@@ -262,8 +262,8 @@ class Explorer:
             changes["links"] = tuple(links)
         return self.nominal.replace(**changes) if changes else self.nominal
 
-    def _begun(self) -> Any:
-        """An equilibrium without a past."""
+    def _without_history(self) -> Any:
+        """The equilibrium without a history of friction."""
         return solve_tensions(self.mechanism, self.inputs.tensions, self.loads)
 
 

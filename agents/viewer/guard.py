@@ -1,4 +1,4 @@
-"""Who may talk to the viewer: its own page, at its own address, with the token of the printed address."""
+"""The requests that the viewer answers: of its own page, at its own address, with the printed token."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
     "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",  # whose address has the token
+    "Referrer-Policy": "no-referrer",  # the address has the token
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 """Of every response: no page of another origin shows this one, reads it or learns its address."""
@@ -41,7 +41,7 @@ class Guard:
         self._windows: set[Any] = set()
 
     def url(self, port: int) -> str:
-        """What a browser on this machine opens."""
+        """The address for a browser on this machine."""
         host = self.host
         if self.everywhere:
             host = "[::1]" if ":" in host else "127.0.0.1"
@@ -54,7 +54,7 @@ class Guard:
         return not self.host or (address is not None and address.is_unspecified)
 
     def hosts(self, address: str, port: int) -> set[str]:
-        """What the header Host may say.
+        """The allowed values of the header Host.
 
         Args:
             address, port: of this machine, at which the request arrived.
@@ -105,7 +105,7 @@ class Guard:
         could so open the viewer's page with an address that names another WebSocket.
         """
         tokens: Sequence[str] = parse_qs(request.path.partition("?")[2]).get("token", [])
-        if [each.lower() for each in request.headers.get_all("Upgrade")] == ["websocket"]:
+        if [value.lower() for value in request.headers.get_all("Upgrade")] == ["websocket"]:
             pieces = ";".join(request.headers.get_all("Cookie")).split(";")
             cookies = (piece.strip().partition("=") for piece in pieces)
             tokens = [*tokens, *(value for name, _, value in cookies if name == _cookie(port))]
@@ -113,7 +113,7 @@ class Guard:
 
 
 def _cookie(port: int) -> str:
-    """The name of the cookie; browsers send those of all ports of a host."""
+    """The name of the cookie; browsers send the cookies of all ports of a host."""
     return f"rj_view_{port}"
 
 

@@ -39,5 +39,5 @@ def code_block(text: str, language: str = "text") -> str:
 
 def _row(kind: str, cells: Sequence[str]) -> str:
     first, *others = (cell if isinstance(cell, Html) else escape(cell) for cell in cells)
-    rest = "".join(f"<{kind}>{cell}</{kind}>" for cell in others)
-    return f'<tr><{kind} style="text-align:left">{first}</{kind}>{rest}</tr>'
+    cells_text = "".join(f"<{kind}>{cell}</{kind}>" for cell in others)
+    return f'<tr><{kind} style="text-align:left">{first}</{kind}>{cells_text}</tr>'

@@ -1,4 +1,4 @@
-"""A person as the controller of a tracking environment, with others beside it in the same episode."""
+"""A person as the controller of a tracking environment, with other controllers in the same episode."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ PERSON = "you"
 
 
 class Hand(Controller):
-    """Pulls every tendon as a person says."""
+    """Pulls every tendon as a person sets it."""
 
     def reset(self, mask: Mask) -> None:
         """Hold still."""
         self.pulls = np.zeros(self.task.action_size)
 
     def pull(self, pulls: ArrayLike) -> None:
-        """Say how far each tendon is pulled in per step, (m,) in units of action_scale_mm; until said otherwise.
+        """Set the pull of each tendon per step, (m,) in units of action_scale_mm, until the next call.
 
         Raises:
             InvalidInput: anything but m finite numbers.
@@ -61,11 +61,11 @@ class Pointer(OpenLoop):
         self.point = _finite("point", point, self.task.dimension, "coordinates in mm")
 
     def act(self, observations: Any) -> Array:
-        """One step towards the point, (1, m); none before there is one."""
+        """One step towards the point, (1, m); zero before there is one."""
         return np.zeros((1, self.task.action_size)) if self.point is None else super().act(observations)
 
     def aim(self, reading: Reading) -> Array:
-        """Where the model's tip should go, (1, d) [mm]."""
+        """The target of the model's tip, (1, d) [mm]."""
         assert self.point is not None
         return self.point[None]
 
@@ -76,7 +76,7 @@ WAYS: Mapping[str, Callable[[], Any]] = {"point": Pointer, "tendons": Hand}
 
 @dataclass(frozen=True)
 class Seat:
-    """What a person can say before an episode.
+    """The choices of a person before an episode.
 
     Args:
         env: the environment. seed: of the episode. way: one of WAYS.
@@ -93,7 +93,7 @@ class Match:
     """A person and other controllers in the same episode: same mechanism, load and target; one step at a time.
 
     Args:
-        seat: what the person chose.
+        seat: the choices of the person.
     Raises:
         RollingJointError: an environment that cannot be made; a way or name that is not known.
     """
@@ -101,9 +101,12 @@ class Match:
     def __init__(self, seat: Seat) -> None:
         self.seat = seat
         self.person: Any = WAYS[as_choice("way", seat.way, list(WAYS))]()
-        known = offered_controllers(seat.env) if seat.beside else {}
-        others = [known[as_choice("controller", name, list(known))] for name in seat.beside]
-        self.drives = [Drive(PERSON, seat.env, self.person, seat.seed), *(one.drive(seat.seed) for one in others)]
+        offered = offered_controllers(seat.env) if seat.beside else {}
+        others = [offered[as_choice("controller", name, list(offered))] for name in seat.beside]
+        self.drives = [
+            Drive(PERSON, seat.env, self.person, seat.seed),
+            *(controller.drive(seat.seed) for controller in others),
+        ]
 
     @property
     def over(self) -> bool:
@@ -112,17 +115,17 @@ class Match:
 
     @property
     def films(self) -> list[Film]:
-        """What is seen of everyone so far; the person first."""
+        """The films of all controllers so far; the person first."""
         return [drive.film for drive in self.drives]
 
     @property
     def task(self) -> TrackingTask:
-        """The tracking task, without what is drawn for the episode."""
+        """The tracking task, without the random draws of the episode."""
         task: TrackingTask = self.drives[0].task
         return task
 
     def step(self) -> None:
-        """One step of everyone."""
+        """One step of all controllers."""
         for drive in self.drives:
             drive.step()
 
@@ -132,15 +135,15 @@ class Match:
             drive.close()
 
 
-def _finite(what: str, values: ArrayLike, size: int, meaning: str) -> Array:
-    numbers = as_vector(what, values, size, meaning)
+def _finite(name: str, values: ArrayLike, size: int, meaning: str) -> Array:
+    numbers = as_vector(name, values, size, meaning)
     if not np.isfinite(numbers).all():
-        raise InvalidInput(what, values, f"{size} finite numbers, {meaning}")
+        raise InvalidInput(name, values, f"{size} finite numbers, {meaning}")
     return numbers
 
 
 def hidden_load(film: Film, step: int) -> str:
-    """What pulls at the mechanism at this step, one line; controllers are not told."""
+    """The load on the mechanism at this step, one line; controllers do not observe it."""
     scene: Any = film.at(step)
     if hasattr(scene, "force"):
         return f"{np.hypot(*scene.force):.2f} N on link {scene.link}"

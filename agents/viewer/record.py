@@ -1,4 +1,4 @@
-"""A page that plays what was recorded, without a server and without network."""
+"""A page that plays a recording, without a server and without network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import begin_with, centred_view
 from agents.viewer.drive import Film
 from agents.viewer.scoreboard import legend
@@ -18,7 +18,7 @@ from agents.viewer.stage import Stage, add_grid
 from rollingjoint import trace
 
 TITLE = "<title>{}</title>"
-REST, PULL = 2.0, 9.0  # N, of tendons that do not pull, and most
+REST, PULL = 2.0, 9.0  # smallest and largest tension [N]
 POSES = 40  # while one tendon pulls and lets go
 CORNER = (
     '<div style="position:fixed;left:12px;bottom:56px;max-width:calc(100vw - 48px);padding:8px 12px;'
@@ -51,14 +51,14 @@ def sweep_page(mechanism: Any, name: str, rate: float = 20.0) -> str:
         mechanism: of either class. name: that the page shows. rate: poses per second.
     """
     tensions = _in_turn(mechanism.n_tendons)
-    found = trace(mechanism, tensions, given="tensions")
+    path = trace(mechanism, tensions, given="tensions")
     with serving() as server:
         begin_with(server, centred_view(mechanism))
         add_grid(server.scene, "/grid", mechanism)
-        body = Body(server.scene, "/mechanism", mechanism)
+        body = SceneMechanism(server.scene, "/mechanism", mechanism)
         recording = server.get_scene_serializer()
-        for each in (found.row(k) for k in range(len(tensions)) if found.ok[k]):
-            body.show(each.poses, strands(mechanism, each.poses, each.tensions), (0.0, PULL))
+        for pose in (path.row(k) for k in range(len(tensions)) if path.ok[k]):
+            body.show(pose.poses, strands(mechanism, pose.poses, pose.tensions), (0.0, PULL))
             recording.insert_sleep(1.0 / rate)
         page = recording.as_html()
     return _framed(page, name, f"<br>{mechanism.n_links} links, every tendon in turn up to {PULL:g} N")

@@ -1,4 +1,4 @@
-"""Recorded episodes in files: what was driven and how, from which the simulation computes the rest again.
+"""Recorded episodes in files: controller, environment, seed and actions, from which the simulation repeats them.
 
 {"rolling-joint episodes": 1, "episodes": [{"name": "you", "environment": {"id": ..., "settings": {...}},
  "seed": 3, "actions": [[0.2, -0.2], ...], "error_mm": 0.41}, ...]}
@@ -111,7 +111,7 @@ def records_in(content: bytes, source: str) -> list[Record]:
     if not isinstance(values, Mapping) or values.get(MARK) != VERSION:
         raise InvalidInput("episodes", source, WRITTEN)
     with prefixed(f"{source}: "):
-        return [Record.from_dict(each) for each in entries("episodes", values.get("episodes"))]
+        return [Record.from_dict(episode) for episode in entries("episodes", values.get("episodes"))]
 
 
 def _in_dataset(path: Path) -> Iterator[Record]:

@@ -51,16 +51,16 @@ class Scoreboard:
 
     def _scales(self, step: int) -> dict[str, Any]:
         """Whole decades around the errors until this step."""
-        most = max(max(film.errors[: step + 1]) for film in self.films)
-        highest = 10.0 ** np.ceil(np.log10(max(most, 1.0)))
+        largest = max(max(film.errors[: step + 1]) for film in self.films)
+        highest = 10.0 ** np.ceil(np.log10(max(largest, 1.0)))
         return {"x": {"time": False, "range": (0, self.steps)}, "y": {"distr": 3, "range": (SMALLEST_MM, highest)}}
 
     def _columns(self, step: int) -> tuple[Array, ...]:
         """Steps until now, and the error of every film after each; of one that ended before, its last error."""
-        known = max(len(film.errors[: step + 1]) for film in self.films)
-        errors = [film.errors[:known] for film in self.films]
-        padded = [np.pad(some, (0, known - len(some)), mode="edge") for some in errors]
-        return (np.arange(float(known)), *(np.maximum(some, SMALLEST_MM) for some in padded))
+        count = max(len(film.errors[: step + 1]) for film in self.films)
+        curves = [film.errors[:count] for film in self.films]
+        padded = [np.pad(errors, (0, count - len(errors)), mode="edge") for errors in curves]
+        return (np.arange(float(count)), *(np.maximum(errors, SMALLEST_MM) for errors in padded))
 
 
 def legend(films: Sequence[Film], step: int, when: str = "now") -> str:
@@ -80,9 +80,9 @@ def _hex(place: int) -> str:
 
 def _figures(film: Film, step: int) -> tuple[str, str]:
     """The error after a step, and the mean over the last 10 where the episode is over."""
-    known = film.errors[: step + 1]
-    whole = step >= film.steps > 0
-    return _millimetres(known[-1]), _millimetres(film.last_10_mm) if whole else "–"
+    errors = film.errors[: step + 1]
+    is_over = step >= film.steps > 0
+    return _millimetres(errors[-1]), _millimetres(film.last_10_mm) if is_over else "–"
 
 
 def _millimetres(error: float) -> str:

@@ -1,4 +1,4 @@
-"""The server of the viewer: one browser, one state of its own."""
+"""The server of the viewer: separate rooms for every browser."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agents.viewer.serving import Uploads, started, stop
 from rollingjoint.errors import InvalidInput
 
 Rooms = Mapping[str, Callable[[Any], Room]]
-"""What makes each room for a client, by name."""
+"""The function that makes a room for a client, by name of the room."""
 
 BRAND = (70, 110, 170)
 
@@ -53,7 +53,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """What a browser opens, with the token that it needs."""
+        """The address for a browser, with its token."""
         return self.guard.url(self.server.get_port())
 
     def stop(self) -> None:
@@ -108,7 +108,7 @@ class Visit:
                 self.room.stop()
 
     def _refused(self, error: InvalidInput) -> None:
-        """Tell that a file was refused."""
+        """Show that a file was refused."""
         if self.room is not None:
             self.room.messages.tell(error)
 

@@ -1,7 +1,7 @@
-"""Servers of viser that print nothing and answer only whom a guard admits; all that reaches into viser.
+"""Silent servers of viser that answer only requests that a guard admits; all uses of viser's private names.
 
-What begins with an underscore here is not viser's public interface, and was read in viser 1.1.0 and 1.1.1. A viser
-without it is refused when a server starts.
+Names with a leading underscore are not viser's public interface; they were read in viser 1.1.0 and 1.1.1. A viser
+without them is refused when a server starts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _infra: Any = import_module("viser.infra._infra")
 _REMOVED = (
     _messages.ShareUrlRequest,  # would open a public tunnel to the server
     _messages.ShareUrlDisconnect,
-    _messages.FileTransferStartUpload,  # to widgets that all browsers share; those of one browser: see Uploads
+    _messages.FileTransferStartUpload,  # to widgets that all browsers share; for the widgets of one browser see Uploads
     _messages.FileTransferPart,
 )
 _OF_UPLOADS = (
@@ -55,10 +55,10 @@ def started(guard: Guard, port: int = 0) -> viser.ViserServer:
     try:
         for message in _REMOVED:
             server._websock_server.unregister_handler(message)
-        known = bool(servers) and all(hasattr(server.gui, name) for name in _OF_UPLOADS)
+        is_known = bool(servers) and all(hasattr(server.gui, name) for name in _OF_UPLOADS)
     except (AttributeError, AssertionError, KeyError):
-        known = False
-    if not known:
+        is_known = False
+    if not is_known:
         stop(server)
         hint = f"Run pip install viser=={KNOWN}."
         raise InvalidInput("viser", viser.__version__, "a version whose requests can be checked", hint)
@@ -67,11 +67,11 @@ def started(guard: Guard, port: int = 0) -> viser.ViserServer:
 
 @contextmanager
 def _asked_first(guard: Guard) -> Iterator[list[Any]]:
-    """A context in which viser's servers ask the guard first; gives the list of those that do.
+    """A context in which viser's servers ask the guard first; gives the list of their handlers of requests.
 
     viser starts its server when it is made, by websockets' `serve`, and has no argument for a check of requests.
     """
-    module, asked = _infra.websockets.asyncio.server, []
+    module, handlers = _infra.websockets.asyncio.server, []
     serve = module.serve
 
     def guarded(*places: Any, **options: Any) -> Any:
@@ -79,13 +79,13 @@ def _asked_first(guard: Guard) -> Iterator[list[Any]]:
         if getattr(page, "__module__", None) == _infra.__name__:
             options["process_request"] = lambda connection, request: guard.answer(connection, request, page)
             options["max_size"] = LARGEST_MESSAGE
-            asked.append(page)
+            handlers.append(page)
         return serve(*places, **options)
 
     with _starting:
         module.serve = guarded
         try:
-            yield asked
+            yield handlers
         finally:
             module.serve = serve
 
@@ -110,7 +110,7 @@ def stop(server: viser.ViserServer) -> None:
 
 @contextmanager
 def serving() -> Iterator[viser.ViserServer]:
-    """A server for what is done inside, which no browser can enter."""
+    """A context with a server that no browser can enter."""
     server = started(Guard())
     try:
         yield server
@@ -163,7 +163,7 @@ class Uploads:
             self.gui._handle_file_transfer_part(client_id, message)
 
     def _refuse(self, message: Any, name: str, allowed: str, hint: str = "") -> None:
-        """Tell it, and end the transfer in the browser, which would wait for the rest."""
+        """Report the refusal, and end the transfer in the browser, which would wait for the rest."""
         end = _messages.FileTransferPartAck(message.source_component_uuid, message.transfer_uuid, 0, 0)
         self._connection.queue_message(end)
         self.refused(InvalidInput("file", name, allowed, hint))

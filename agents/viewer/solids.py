@@ -41,23 +41,23 @@ class Solid:
 def solids(mechanism: RollingChain | HingeChain) -> list[Solid]:
     """The shapes of all links that are drawn: all of a planar chain, the beads of an arm; equal ones once."""
     shapes = _arm(mechanism) if isinstance(mechanism, HingeChain) else _chain(mechanism)
-    found: dict[bytes, Solid] = {}
+    by_shape: dict[bytes, Solid] = {}
     for link, vertices, faces in shapes:
         key = vertices.tobytes()
-        links = found[key].links if key in found else ()
-        found[key] = Solid(vertices, faces, (*links, link))
-    return list(found.values())
+        links = by_shape[key].links if key in by_shape else ()
+        by_shape[key] = Solid(vertices, faces, (*links, link))
+    return list(by_shape.values())
 
 
 def frames(poses: ArrayLike) -> Array:
     """Frames of all links in space, (n, 4, 4), from poses (n, 3) of a chain or (n, 4, 4) of an arm."""
-    given = np.asarray(poses, float)
-    if given.ndim == 3:
-        return given
-    placed = np.tile(np.eye(4), (len(given), 1, 1))
-    cos, sin = np.cos(given[:, 2]), np.sin(given[:, 2])
+    array = np.asarray(poses, float)
+    if array.ndim == 3:
+        return array
+    placed = np.tile(np.eye(4), (len(array), 1, 1))
+    cos, sin = np.cos(array[:, 2]), np.sin(array[:, 2])
     placed[:, 0, 0], placed[:, 0, 1], placed[:, 1, 0], placed[:, 1, 1] = cos, -sin, sin, cos
-    placed[:, :2, 3] = given[:, :2]
+    placed[:, :2, 3] = array[:, :2]
     return placed
 
 
@@ -68,16 +68,16 @@ def front(mechanism: RollingChain | HingeChain) -> float:
 
 def in_space(points: ArrayLike, z: float = 0.0) -> Array:
     """Points (..., 2) in the plane at this height, or points (..., 3) as they are, (..., 3)."""
-    given = np.asarray(points, float)
-    if given.shape[-1] == 3:
-        return given
-    return np.concatenate([given, np.full((*given.shape[:-1], 1), z)], axis=-1)
+    array = np.asarray(points, float)
+    if array.shape[-1] == 3:
+        return array
+    return np.concatenate([array, np.full((*array.shape[:-1], 1), z)], axis=-1)
 
 
 def strands(mechanism: Any, poses: ArrayLike, tensions: Sequence[float] | Array) -> list[Strand]:
     """The lines of all tendons and their tensions, without friction."""
     lines = mechanism.tendon_polyline(poses)
-    return [(in_space(line, front(mechanism)), float(one)) for line, one in zip(lines, tensions, strict=True)]
+    return [(in_space(line, front(mechanism)), float(tension)) for line, tension in zip(lines, tensions, strict=True)]
 
 
 def strands_of(scene: TrackingScene) -> list[Strand]:
@@ -101,8 +101,10 @@ def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
     face = [(k, k + 1, last - k) for k in range(ALONG - 1)] + [
         (k + 1, last - k - 1, last - k) for k in range(ALONG - 1)
     ]
-    ahead = np.roll(np.arange(count), -1)
-    walls = [(k, k + count, j) for k, j in enumerate(ahead)] + [(k + count, j + count, j) for k, j in enumerate(ahead)]
+    successors = np.roll(np.arange(count), -1)
+    walls = [(k, k + count, j) for k, j in enumerate(successors)] + [
+        (k + count, j + count, j) for k, j in enumerate(successors)
+    ]
     faces = np.array([*face, *((c + count, b + count, a + count) for a, b, c in face), *walls], np.uint32)
     return _sharp(vertices, faces)
 
@@ -114,7 +116,7 @@ def _arm(arm: HingeChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
     ends = [
         (0.5 * bead.gap - bead.spacing, -0.5 * below) for bead, below in zip(arm.beads, [*gaps[1:], 0.0], strict=True)
     ]
-    return [(k + 1, *_tube(radius, *each)) for k, each in enumerate(ends)]
+    return [(k + 1, *_tube(radius, *heights)) for k, heights in enumerate(ends)]
 
 
 def _tube(radius: float, low: float, high: float) -> tuple[Array, NDArray[np.uint32]]:
@@ -128,5 +130,5 @@ def _tube(radius: float, low: float, high: float) -> tuple[Array, NDArray[np.uin
 
 
 def _sharp(vertices: Array, faces: NDArray[np.uint32]) -> tuple[Array, NDArray[np.uint32]]:
-    """The same triangles with corners of their own, so that edges are not smoothed."""
+    """The same triangles with separate corners, so that edges are not smoothed."""
     return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.uint32).reshape(-1, 3)

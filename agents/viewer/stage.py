@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.evaluation.pictures import COLOURS
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
 from rj_gym.rendering import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
@@ -47,7 +47,7 @@ def add_grid(scene: Any, name: str, mechanism: RollingChain | HingeChain) -> Any
 
 
 class Stage:
-    """What is seen of the same episode under several controllers: the first solid, the others faint.
+    """The scene of one episode under several controllers: the first solid, the others faint.
 
     Args:
         scene: of a client. films: of the same episode, at least one.
@@ -65,13 +65,13 @@ class Stage:
         add_grid(scene, "/episode/grid", first.mechanism)
 
     def show(self, step: int) -> None:
-        """Show all controllers after this many steps; those with fewer, as they ended."""
+        """Show all controllers after this many steps; episodes with fewer steps, at their end."""
         first = self.films[0].at(step)
         self.target.position = self._place(first.target)
         for film, body, tip, place in zip(self.films, self.bodies, self.tips, range(len(self.films)), strict=True):
-            seen = film.at(step)
-            body.show(seen.poses, strands_of(seen), seen.tension_range)
-            tip.position = self._place(seen.tip)
+            scene = film.at(step)
+            body.show(scene.poses, strands_of(scene), scene.tension_range)
+            tip.position = self._place(scene.tip)
             self._line(f"/episode/trail/{place}", film.trail(step), colour_of(place), 2.5)
         self._loads(first)
 
@@ -79,11 +79,13 @@ class Stage:
         """Take everything out of the scene."""
         self.root.remove()
 
-    def _body(self, place: int, film: Film) -> Body:
+    def _body(self, place: int, film: Film) -> SceneMechanism:
         solid = place == 0
         tint = blend(LINK, colour_of(place), 0.25 if solid else 0.75)
         behind = 0.008 * place * self.length if self.height else 0.0
-        return Body(self.scene, f"/episode/{place}", film.scenes[0].mechanism, tint, 1.0 if solid else FAINT, behind)
+        return SceneMechanism(
+            self.scene, f"/episode/{place}", film.scenes[0].mechanism, tint, 1.0 if solid else FAINT, behind
+        )
 
     def _tip(self, place: int) -> Any:
         return self.scene.add_icosphere(f"/episode/tip/{place}", 0.014 * self.length, colour_of(place))
@@ -102,9 +104,9 @@ class Stage:
         pieces = np.stack([corners[:-1], corners[1:]], axis=1)
         self.scene.add_line_segments(name, pieces, colour, thickness=thickness, thickness_units="screen")
 
-    def _loads(self, seen: TrackingScene) -> None:
+    def _loads(self, scene: TrackingScene) -> None:
         """The hidden loads as arrows, if they are shown: a force on a link, or payload and gravity."""
-        arrows = _arrows(seen, self.length) if self.shows_loads else []
+        arrows = _arrows(scene, self.length) if self.shows_loads else []
         points = np.array([[self._place(begin), self._place(end)] for begin, end, _ in arrows]).reshape(-1, 2, 3)
         colours = np.array([colour for *_, colour in arrows], np.uint8).reshape(-1, 3)
         unit = 0.01 * self.length
@@ -112,13 +114,15 @@ class Stage:
         self.scene.add_arrows("/episode/loads", points, colours, **sizes)
 
 
-def _arrows(seen: Any, length: float) -> list[tuple[Array, Array, Color]]:
-    if hasattr(seen, "force"):
-        begin = seen.poses[seen.link, :2]
-        return [(begin, begin + _stretched(seen.force, length), LOAD)] if np.any(seen.force) else []
-    beside = np.array([-0.3, 0.0, 0.1]) * length
-    arrows = [(beside, beside + 0.16 * length * seen.gravity, GRAVITY)]
-    return [*arrows, (seen.tip, seen.tip + _stretched(seen.payload, length), LOAD)] if np.any(seen.payload) else arrows
+def _arrows(scene: Any, length: float) -> list[tuple[Array, Array, Color]]:
+    if hasattr(scene, "force"):
+        begin = scene.poses[scene.link, :2]
+        return [(begin, begin + _stretched(scene.force, length), LOAD)] if np.any(scene.force) else []
+    begin = np.array([-0.3, 0.0, 0.1]) * length
+    arrows = [(begin, begin + 0.16 * length * scene.gravity, GRAVITY)]
+    return (
+        [*arrows, (scene.tip, scene.tip + _stretched(scene.payload, length), LOAD)] if np.any(scene.payload) else arrows
+    )
 
 
 def _stretched(force: Array, length: float) -> Array:

@@ -1,4 +1,4 @@
-"""What keys mean to a person who steers: directions in the picture as moves of a point or of tendons."""
+"""Keys by which a person steers: directions in the picture as moves of a point or of tendons."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ KEYS: Mapping[str, tuple[str, int]] = {
 PLANAR = {"right": (1.0, 0.0), "up": (0.0, 1.0)}
 HANGING = {"right": (1.0, 0.0, 0.0), "up": (0.0, 0.0, -1.0), "away": (0.0, -1.0, 0.0)}
 NUDGE = 0.02  # of the mechanism's length, by which one press of a key moves a point
-PULL = 0.25  # of the largest pull, by which one press changes that of a tendon
+PULL = 0.25  # of the largest pull, by which one press changes the pull of a tendon
 
 
 def nudge(task: TrackingTask, key: str) -> Array:
-    """How far a key moves a point, (d,) [mm]."""
+    """The displacement of a point by a key, (d,) [mm]."""
     direction, sign = KEYS[key]
     directions: Mapping[str, tuple[float, ...]] = PLANAR if task.dimension == 2 else HANGING
     return sign * NUDGE * task.length * np.array(directions.get(direction, np.zeros(task.dimension)))
 
 
 def pulls(task: TrackingTask, key: str) -> Array:
-    """How a key changes the pulls of all tendons, (m,): it bends the mechanism to that side, or tightens it (up)."""
+    """Changes of the pulls of all tendons by a key, (m,): it bends the mechanism to that side, or tightens it (up)."""
     direction, sign = KEYS[key]
     if direction == "up":
         return np.full(task.action_size, sign * PULL)
@@ -44,7 +44,7 @@ def pulls(task: TrackingTask, key: str) -> Array:
 
 
 def _sides(task: TrackingTask) -> Array:
-    """Where every tendon ends around the middle of its link, (m, 2) [mm]."""
+    """The end of every tendon relative to the middle of its link, (m, 2) [mm]."""
     mechanism: Any = task.mechanism
     if task.dimension == 2:
         return np.array([(holes[0, -1, 0], 0.0) for holes in mechanism.hole_points])

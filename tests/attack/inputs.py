@@ -13,7 +13,7 @@ import yaml
 
 from agents.policies.file import pack, unpack
 from agents.policies.loading import FOLDER, load_policy
-from agents.results.runs import Run
+from agents.results.runs import FinishedRun
 from agents.runs.config import load_config
 from agents.runs.folder import RunFolder
 from agents.search.config import load_search
@@ -215,7 +215,7 @@ def _run_folder(rng, report, folder):
             path.mkdir()
         case _:
             path.write_bytes(damaged(rng, content))
-    tried(report, "run folder", lambda: Run.read(run))
+    tried(report, "run folder", lambda: FinishedRun.read(run))
     tried(report, "run folder", lambda: RunFolder.open(run).config())
     from agents.policies.trained import load_driving
 

@@ -1,11 +1,11 @@
-"""The rooms of the viewer: each is what one browser sees and does in one of its tabs.
+"""The rooms of the viewer: each is one tab of one browser.
 
 Modules:
     explore: a mechanism under tendons, loads, friction and curvatures that a person sets.
     control: a person steers, others drive the same episode.
     replay: episodes step by step.
-    designs: what a search found.
-    messages: what goes wrong, in one line.
+    designs: the designs of a search.
+    messages: errors, in one line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from agents.viewer.rooms.messages import Messages
 
 
 class Room(Protocol):
-    """One room for one client: made when the client enters, stopped when it vanishes, closed, too, when it leaves."""
+    """One room for one client: made when the client enters, stopped when it vanishes; when it leaves, closed, too."""
 
     name: ClassVar[str]
     messages: Messages  # from build() on
@@ -28,7 +28,7 @@ class Room(Protocol):
         """Fill the scene; the room may run clocks from now on."""
 
     def stop(self) -> None:
-        """Let nothing go on running; nobody may be there to see the room."""
+        """Stop all clocks; the client may be gone."""
 
     def close(self) -> None:
         """Empty the scene of a room that has stopped."""

@@ -1,4 +1,4 @@
-"""The room Control: a person steers, and other controllers drive the same episode beside it."""
+"""The room Control: a person steers, and other controllers drive the same episode."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HOTKEYS = {"space": RUN, "enter": STEP, "R": AGAIN, "N": NEXT}
 
 
 class Control:
-    """A person in an episode of any tracking environment, with others beside it.
+    """A person in an episode of any tracking environment, with other controllers.
 
     Args:
         client: the browser.
@@ -48,7 +48,7 @@ class Control:
         self._choices: dict[str, Any] = {}
 
     def build(self) -> None:
-        """Add what a person chooses to the panel."""
+        """Add the widgets to the panel."""
         gui = self.gui
         self.world = gui.add_dropdown("World", tuple(worlds()))
         self.seed = gui.add_number("Episode", 0, min=0, max=2**31 - 1, step=1, hint="the seed")
@@ -79,7 +79,7 @@ class Control:
             self.match = None
 
     def close(self) -> None:
-        """Empty the scene; keys mean nothing any more."""
+        """Empty the scene and release the keys."""
         with self._lock:
             self._clear()
             for command in self._commands:
@@ -87,11 +87,11 @@ class Control:
             self._commands = []
 
     def begin(self) -> None:
-        """Begin the chosen episode anew."""
+        """Restart the chosen episode."""
         self.stop()
         with self._lock, self.messages.told():
             self._clear()
-            beside = [name for name, chosen in self._choices.items() if chosen.value]
+            beside = [name for name, choice in self._choices.items() if choice.value]
             self.match = Match(Seat(worlds()[self.world.value], int(self.seed.value), self.way.value, beside))
             films = self.match.films
             self.stage = Stage(self.client.scene, films)
@@ -103,7 +103,7 @@ class Control:
             self.show()
 
     def step(self) -> bool:
-        """One step of everyone; whether the episode goes on."""
+        """One step of all controllers; whether the episode continues."""
         with self._lock, self.messages.told():
             if self.match is not None and not self.match.over:
                 self.match.step()
@@ -124,7 +124,7 @@ class Control:
         self.note.content = f"Step {film.steps} of {self.match.task.config.episode_steps}.{load}"
 
     def press(self, key: str) -> None:
-        """What a key does."""
+        """Do the action of a key."""
         if key in HOTKEYS:
             self._do(HOTKEYS[key])
         else:
@@ -141,12 +141,12 @@ class Control:
             slider.value = float(np.clip(slider.value + more, -1.0, 1.0))
         self._pull()
 
-    def _do(self, what: str) -> None:
-        if what == NEXT:
+    def _do(self, action: str) -> None:
+        if action == NEXT:
             self.seed.value = int(self.seed.value) + 1
-        if what in (AGAIN, NEXT):
+        if action in (AGAIN, NEXT):
             self.begin()
-        elif what == STEP:
+        elif action == STEP:
             self.step()
         elif self.clock.running:
             self.clock.stop()
@@ -154,7 +154,7 @@ class Control:
             self.clock.start()
 
     def _steer(self, match: Match) -> None:
-        """Add what the person steers with."""
+        """Add the widgets by which the person steers."""
         with self.steering:
             more = IN_SPACE[self.way.value] if match.task.dimension == 3 else ""
             self._parts.append(self.gui.add_markdown(HELP[self.way.value].format(more)))
@@ -199,7 +199,7 @@ class Control:
                 self.match.person.pull([slider.value for slider in self.sliders])
 
     def _offer(self) -> None:
-        """List who can drive in the chosen world; a shipped policy is chosen."""
+        """List the controllers that can drive in the chosen world; a shipped policy is chosen."""
         with self._lock, self.messages.told(), self.beside:
             for choice in self._choices.values():
                 choice.remove()
@@ -210,8 +210,8 @@ class Control:
 
     def _bind(self) -> None:
         self.world.on_update(lambda _: self._move())
-        for chosen in (self.seed, self.way):
-            chosen.on_update(lambda event: self.begin() if event.client is not None else None)
+        for widget in (self.seed, self.way):
+            widget.on_update(lambda event: self.begin() if event.client is not None else None)
         self.loads.on_update(lambda _: self.show())
         self.rate.on_update(lambda _: setattr(self.clock, "rate", float(self.rate.value)))
         self.buttons.on_click(lambda _: self._do(self.buttons.value))

@@ -1,4 +1,4 @@
-"""The room Designs: what a search found as a scatter plot, and how chosen designs bend."""
+"""The room Designs: the designs of a search as a scatter plot, and chosen ones, which bend."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from agents.search.pictures import TENSION
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import View, look
 from agents.viewer.chart import COLOURS, Area, Chart
 from agents.viewer.clock import Clock
@@ -44,16 +44,16 @@ class DesignsRoom:
 
     def __init__(self, client: Any, searches: Sequence[Designs] = ()) -> None:
         self.client, self.gui = client, client.gui
-        self.searches = {one.name: one for one in searches}
+        self.searches = {designs.name: designs for designs in searches}
         self.clock = Clock(self._swing, RATE)
         self.chosen: dict[str, Design] = {}
-        self._bodies: dict[str, Body] = {}
+        self._bodies: dict[str, SceneMechanism] = {}
         self._chart: Chart | None = None
         self._lock = threading.RLock()
         self._phase = 0.0
 
     def build(self) -> None:
-        """Add what a person chooses to the panel."""
+        """Add the widgets to the panel."""
         gui = self.gui
         self.messages = Messages(gui)
         if not self.searches:
@@ -79,7 +79,7 @@ class DesignsRoom:
         return self.searches[self.search.value]
 
     def fill(self) -> None:
-        """Show the best design beside the reference."""
+        """Show the best design and the reference."""
         if self.searches:
             self.begin()
 
@@ -93,7 +93,7 @@ class DesignsRoom:
             self._clear()
 
     def begin(self) -> None:
-        """Show the chosen search from the start: its best design beside the reference."""
+        """Show the chosen search from the start: its best design and the reference."""
         with self._lock, self.messages.told():
             self._clear()
             self.plot()
@@ -101,8 +101,8 @@ class DesignsRoom:
             self._put(SECOND, reference)
             self._put(FIRST, best)
             length = best.mechanism.length
-            at, away = np.array([-0.3, 0.42, 0.0]), np.array([0.0, 0.0, 4.3])
-            look(self.client, View(at * length, away * length, (0.0, 1.0, 0.0)))
+            centre, offset = np.array([-0.3, 0.42, 0.0]), np.array([0.0, 0.0, 4.3])
+            look(self.client, View(centre * length, offset * length, (0.0, 1.0, 0.0)))
 
     def plot(self) -> None:
         """Draw the plot over the two chosen quantities."""
@@ -122,15 +122,15 @@ class DesignsRoom:
             self._put(self.place.value, self.designs.design(row))
 
     def show(self) -> None:
-        """Bend both as far as the slider says."""
+        """Bend both designs by the value of the slider."""
         with self._lock, self.messages.told(), self.client.atomic():
             for place, design in self.chosen.items():
-                found: Any = design.bent(float(self.bend.value))
-                if not found.ok:
-                    self.messages.show(f"⚠ {design.title}: {found.status.message}")
+                shape: Any = design.bent(float(self.bend.value))
+                if not shape.ok:
+                    self.messages.show(f"⚠ {design.title}: {shape.status.message}")
                     continue
-                lines = strands(design.mechanism, found.poses, found.tensions)
-                self._bodies[place].show(found.poses, lines, RANGE)
+                lines = strands(design.mechanism, shape.poses, shape.tensions)
+                self._bodies[place].show(shape.poses, lines, RANGE)
 
     def _put(self, place: str, design: Design) -> None:
         if place in self._bodies:
@@ -139,15 +139,15 @@ class DesignsRoom:
         colour = blend(LINK, PLACES[place], 0.25 if solid else 0.75)
         behind = 0.0 if solid else 0.008 * design.mechanism.length
         opacity = 1.0 if solid else FAINT
-        self._bodies[place] = Body(self.client.scene, f"/{place}", design.mechanism, colour, opacity, behind)
+        self._bodies[place] = SceneMechanism(self.client.scene, f"/{place}", design.mechanism, colour, opacity, behind)
         self.chosen[place] = design
         self._mark(place)
         self._compare()
         self.show()
 
     def _compare(self) -> None:
-        shown = {each: self.chosen[each] for each in PLACES if each in self.chosen}
-        head = [coloured(_css(PLACES[each]), design.title, RING) for each, design in shown.items()]
+        shown = {place: self.chosen[place] for place in PLACES if place in self.chosen}
+        head = [coloured(_css(PLACES[place]), design.title, RING) for place, design in shown.items()]
         self.comparison.content = html_table(["", *head], self.designs.compared(list(shown.values())))
 
     def _mark(self, place: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agents.viewer.body import Body
+from agents.viewer.body import SceneMechanism
 from agents.viewer.camera import look, mechanism_view
 from agents.viewer.explorer import HIGHEST, INPUTS, MOST_PULL, TENSIONS, Explorer
 from agents.viewer.html import code_block
@@ -25,8 +25,8 @@ CONTACT: Color = (0, 114, 178)
 ELLIPSE: Color = (120, 90, 160)
 REACH: Color = (150, 190, 150)
 RANGE = (0.0, HIGHEST)
-PER_NEWTON = 0.3  # lengths of the mechanism that an arrow of the force is long for 1 N
-PER_CONTACT = 0.015  # and that of a contact force
+PER_NEWTON = 0.3  # length of an arrow of the force, in lengths of the mechanism per newton
+PER_CONTACT = 0.015  # and of a contact force
 FILES = {"Python": "py", "YAML": "yaml", "STL": "stl.zip", "DXF": "dxf.zip"}
 
 
@@ -43,12 +43,12 @@ class Explore:
         self.client, self.gui, self.mechanisms = client, client.gui, tuple(mechanisms)
         self.explorer = Explorer(load_mechanism(self.mechanisms[0]), self.mechanisms[0])
         self._lock = threading.RLock()
-        self._bodies: dict[bool, Body] = {}  # by whether it is the equilibrium, or the last one
+        self._bodies: dict[bool, SceneMechanism] = {}  # by whether it is the equilibrium, or the last one
         self._parts: list[Any] = []  # of the panel and the scene, of this mechanism
         self._quiet = False  # while widgets follow, not lead
 
     def build(self) -> None:
-        """Add what a person sets to the panel."""
+        """Add the widgets to the panel."""
         gui = self.gui
         self.which = gui.add_dropdown("Mechanism", self.mechanisms)
         self.headline = gui.add_markdown("")
@@ -58,7 +58,7 @@ class Explore:
         self.load = gui.add_folder("Force")
         self.friction = gui.add_slider("Friction", 0.0, 0.3, 0.01, 0.0, hint="coefficient in all holes")
         self.curvatures = gui.add_folder("Curvatures", expand_by_default=False)
-        self.shown = {what: gui.add_checkbox(what, what == "Contact forces") for what in ("Contact forces", "Reach")}
+        self.shown = {name: gui.add_checkbox(name, name == "Contact forces") for name in ("Contact forces", "Reach")}
         self.ellipse = gui.add_checkbox("Compliance of the tip", True)
         with gui.add_folder("Numbers", expand_by_default=False):
             self.numbers = gui.add_markdown("")
@@ -72,7 +72,7 @@ class Explore:
         self.begin()
 
     def stop(self) -> None:
-        """Nothing goes on running here."""
+        """No clock runs in this room."""
 
     def close(self) -> None:
         """Empty the scene."""
@@ -90,7 +90,7 @@ class Explore:
             self.show()
 
     def change(self, **changes: Any) -> None:
-        """Set inputs; what is wrong is told, and the widgets stay as they are."""
+        """Set inputs; errors are shown, and the widgets stay as they are."""
         if self._quiet:
             return
         with self._lock, self.messages.told():
@@ -104,21 +104,21 @@ class Explore:
 
     def show(self) -> None:
         """Show the equilibrium, or in grey the last one where there is none."""
-        explorer, found = self.explorer, self.explorer.usable
+        explorer, equilibrium = self.explorer, self.explorer.usable
         self.headline.content = explorer.headline
         self.numbers.content = code_block(explorer.table)
         self.code.content = code_block(explorer.python, "python")
         with self.client.atomic():
             for usable, body in self._bodies.items():
-                body.visible = usable is bool(explorer.found.ok) and found is not None
-            if found is not None:
-                lines = strands(explorer.mechanism, found.poses, found.tensions)
-                self._bodies[bool(explorer.found.ok)].show(found.poses, lines, RANGE)
+                body.visible = usable is bool(explorer.found.ok) and equilibrium is not None
+            if equilibrium is not None:
+                lines = strands(explorer.mechanism, equilibrium.poses, equilibrium.tensions)
+                self._bodies[bool(explorer.found.ok)].show(equilibrium.poses, lines, RANGE)
             self._arrows()
             self._ellipses()
 
     def reach(self) -> None:
-        """Show what the tip reaches, or no longer."""
+        """Show or hide the reach of the tip."""
         with self._lock, self.messages.told():
             points = self.explorer.reached() if self.shown["Reach"].value else np.zeros((0, 3))
             places = in_space(points, -self._height)
@@ -126,7 +126,7 @@ class Explore:
             self.client.scene.add_point_cloud("/explore/reach", places, REACH, point_size=size, point_shape="circle")
 
     def drag(self, place: Array) -> None:
-        """Set the force to where the end of its arrow was dragged."""
+        """Set the force from the dragged end of its arrow."""
         begin = self._origin
         size = len(self.explorer.inputs.force)
         force = (np.asarray(place)[:size] - begin[:size]) / (PER_NEWTON * self.explorer.mechanism.length)
@@ -139,12 +139,12 @@ class Explore:
 
     @property
     def _height(self) -> float:
-        """Where lines are drawn, in front of the links of a planar chain [mm]."""
+        """The height of lines, in front of the links of a planar chain [mm]."""
         return front(self.explorer.mechanism) if self.explorer.flat else 0.0
 
     @property
     def _origin(self) -> Array:
-        """Where the force acts, (3,) [mm]."""
+        """The point of application of the force, (3,) [mm]."""
         poses = self.explorer.usable.poses if self.explorer.usable is not None else self.explorer.found.poses
         pose = poses[self.explorer.inputs.link]
         return in_space(pose[:2] if self.explorer.flat else pose[:3, 3], self._height)
@@ -166,9 +166,9 @@ class Explore:
         self.curvatures.visible = bool(surfaces)
         self.link.on_update(lambda _: self.change(link=int(self.link.value)))
         for number in self.forces:
-            number.on_update(lambda _: self.change(force=tuple(float(each.value) for each in self.forces)))
+            number.on_update(lambda _: self.change(force=tuple(float(widget.value) for widget in self.forces)))
         for surface in surfaces:
-            surface.on_update(lambda _: self.change(curvatures=tuple(float(each.value) for each in surfaces)))
+            surface.on_update(lambda _: self.change(curvatures=tuple(float(widget.value) for widget in surfaces)))
         self._quiet, self.friction.value = True, explorer.inputs.friction
         self._quiet = False
         self.handle = self.client.scene.add_transform_controls(
@@ -179,16 +179,18 @@ class Explore:
         self._parts += [self.link, *self.forces, *surfaces, self.handle]
 
     def _pull(self) -> None:
-        """Make the sliders of the tendons: tensions, or how far each is pulled in."""
+        """Make the sliders of the tendons: tensions, or pulls."""
         for slider in getattr(self, "pulls", []):
             slider.remove()
         inputs, length = self.explorer.inputs, self.explorer.mechanism.length
         pulls = inputs.drive != TENSIONS
-        values, most = (inputs.pulls, round(MOST_PULL * length)) if pulls else (inputs.tensions, HIGHEST)
-        name, least = ("Pull {} [mm]", -most) if pulls else ("Tension {} [N]", 0.0)
+        values, highest = (inputs.pulls, round(MOST_PULL * length)) if pulls else (inputs.tensions, HIGHEST)
+        name, lowest = ("Pull {} [mm]", -highest) if pulls else ("Tension {} [N]", 0.0)
         with self.tendons:
             self.pulls = [
-                self.gui.add_slider(name.format(j), least, most, 0.01, round(float(np.clip(value, least, most)), 2))
+                self.gui.add_slider(
+                    name.format(j), lowest, highest, 0.01, round(float(np.clip(value, lowest, highest)), 2)
+                )
                 for j, value in enumerate(values)
             ]
         for slider in self.pulls:
@@ -198,7 +200,7 @@ class Explore:
         return tuple(float(slider.value) for slider in self.pulls)
 
     def _drive(self, drive: str) -> None:
-        """Drive by tensions or lengths from now on, from where the mechanism is."""
+        """Drive by tensions or lengths from now on, from the present equilibrium."""
         if drive != self.explorer.inputs.drive:
             self.change(drive=drive)
             with self._lock:
@@ -208,8 +210,8 @@ class Explore:
         for body in self._bodies.values():
             body.remove()
         scene, mechanism = self.client.scene, self.explorer.mechanism
-        self._bodies = {True: Body(scene, "/mechanism", mechanism, LINK)}
-        self._bodies[False] = Body(scene, "/before", mechanism, GREY, FAINT)
+        self._bodies = {True: SceneMechanism(scene, "/mechanism", mechanism, LINK)}
+        self._bodies[False] = SceneMechanism(scene, "/before", mechanism, GREY, FAINT)
 
     def _arrows(self) -> None:
         """The force, with a handle at its end, and the contact forces."""
@@ -230,11 +232,11 @@ class Explore:
         self.client.scene.add_arrows("/explore/forces", points, colours, **sizes)
 
     def _ellipses(self) -> None:
-        """Where a force in any direction would move the tip."""
+        """Draw the positions of the tip under a force in any direction."""
         force, ellipses = self.explorer.ellipses() if self.ellipse.value else (0.0, [])
         self.ellipse.hint = f"where {force:g} N in any direction moves the tip" if ellipses else ""
         corners = [in_space(ellipse, self._height) for ellipse in ellipses]
-        pieces = [np.stack([each[:-1], each[1:]], axis=1) for each in corners]
+        pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in corners]
         points = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
         self.client.scene.add_line_segments(
             "/explore/ellipse", points, ELLIPSE, thickness=2.0, thickness_units="screen"

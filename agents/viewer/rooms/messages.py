@@ -1,4 +1,4 @@
-"""What goes wrong in a room, told to the person in one line."""
+"""Errors in a room, shown to the person in one line."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from rollingjoint.errors import RollingJointError, one_line
 
 
 class Messages:
-    """A line in the panel of a client, hidden while there is nothing to tell."""
+    """A line in the panel of a client, hidden while it is empty."""
 
     def __init__(self, gui: Any) -> None:
         self.line = gui.add_markdown("", visible=False)
 
     def show(self, text: str) -> None:
-        """Tell something, which is no Markdown; nothing hides the line."""
+        """Show plain text, without Markdown; an empty text hides the line."""
         self.line.content, self.line.visible = markdown(text), bool(text)
 
     def tell(self, error: RollingJointError) -> None:
-        """Tell an error."""
+        """Show an error."""
         self.show(f"⚠ {one_line(str(error))}")
 
     @contextmanager
     def told(self) -> Iterator[None]:
-        """Tells an error of what is done inside, which then ends; forgets the one before."""
+        """A context that ends with an error and shows it; the message before is removed."""
         self.show("")
         try:
             yield

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from agents.viewer.camera import episode_view, look
 from agents.viewer.clock import Clock
 from agents.viewer.drive import Film
-from agents.viewer.episodes import RANKS, Episodes, grouped, of_shipped_policies
+from agents.viewer.episodes import RANKS, EpisodeSet, grouped, of_shipped_policies
 from agents.viewer.play import hidden_load
 from agents.viewer.record import episode_page
 from agents.viewer.recorded import file_of, records_in
@@ -24,14 +24,14 @@ class Replay:
     """Episodes, step by step, with other controllers over them.
 
     Args:
-        client: the browser. shelf: episodes to choose from; those of shipped policies follow.
+        client: the browser. shelf: episodes to choose from; the ones of shipped policies follow.
     """
 
     name: ClassVar[str] = "Replay"
 
-    def __init__(self, client: Any, shelf: Sequence[Episodes] = ()) -> None:
+    def __init__(self, client: Any, shelf: Sequence[EpisodeSet] = ()) -> None:
         self.client, self.gui = client, client.gui
-        self.shelf = {_title(one): one for one in [*shelf, *of_shipped_policies()]}
+        self.shelf = {_title(episodes): episodes for episodes in [*shelf, *of_shipped_policies()]}
         self.clock = Clock(self.forward, 10.0)
         self.films: list[Film] = []
         self._lock = threading.RLock()
@@ -40,7 +40,7 @@ class Replay:
         self._known: dict[tuple[str, str, int], Film] = {}
 
     def build(self) -> None:
-        """Add what a person chooses to the panel."""
+        """Add the widgets to the panel."""
         gui = self.gui
         self.source = gui.add_dropdown("Episodes of", tuple(self.shelf))
         self.rank = gui.add_dropdown("Which one", (*RANKS, CHOSEN), initial_value="median")
@@ -82,7 +82,7 @@ class Replay:
             return True
 
     def show(self) -> None:
-        """Show the step that the slider says."""
+        """Show the step at the slider."""
         with self._lock:
             if not self.films:
                 return
@@ -104,7 +104,8 @@ class Replay:
             seed = int(self.seed.value)
             films = [self._film(self.source.value, episodes, seed)]
             beside = episodes.beside()
-            films += [self._film(name, beside[name], seed) for name, chosen in self._choices.items() if chosen.value]
+            names = [name for name, choice in self._choices.items() if choice.value]
+            films += [self._film(name, beside[name], seed) for name in names]
             self._show_films(films)
 
     @property
@@ -129,18 +130,18 @@ class Replay:
         self._parts = [self.stage, self.board]
         self.show()
 
-    def _do(self, what: str) -> None:
-        if what == "Play" and not self.clock.running:
+    def _do(self, action: str) -> None:
+        if action == "Play" and not self.clock.running:
             self.at.value = 0 if self.at.value >= self._steps else self.at.value
             self.clock.start()
             return
         self.clock.stop()
-        moved = {"Back": self.at.value - 1, "Ahead": self.at.value + 1, "Start": 0}.get(what, self.at.value)
+        moved = {"Back": self.at.value - 1, "Ahead": self.at.value + 1, "Start": 0}.get(action, self.at.value)
         self.at.value = min(max(moved, 0), self._steps)
         self.show()
 
     def _offer(self) -> None:
-        """List who else can drive in the chosen episodes."""
+        """List the other controllers that can drive in the chosen episodes."""
         with self._lock, self.messages.told(), self.others:
             for choice in self._choices.values():
                 choice.remove()
@@ -176,7 +177,8 @@ class Replay:
     def _opened(self, file: Any) -> None:
         """Put the episodes of an uploaded file on the shelf, and show them."""
         with self.messages.told():
-            opened = {f"{_title(one)} ({file.name})": one for one in grouped(records_in(file.content, file.name))}
+            sets = grouped(records_in(file.content, file.name))
+            opened = {f"{_title(episodes)} ({file.name})": episodes for episodes in sets}
             self.shelf = opened | self.shelf
             self.source.options = tuple(self.shelf)
             self.source.value = next(iter(opened))
@@ -193,5 +195,5 @@ class Replay:
         self._parts, self.films = [], []
 
 
-def _title(episodes: Episodes) -> str:
+def _title(episodes: EpisodeSet) -> str:
     return f"{episodes.name}, {episodes.env.id.removeprefix('rj_gym/')}"

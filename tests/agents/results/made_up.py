@@ -3,7 +3,16 @@
 import numpy as np
 
 from agents.results.environment import plain
-from agents.results.record import POLICY, TEST, VALIDATION, BenchmarkRecord, ControllerRecord, Driven, RunRecord, World
+from agents.results.record import (
+    POLICY,
+    TEST,
+    VALIDATION,
+    BenchmarkRecord,
+    ControllerRecord,
+    EpisodeScores,
+    RunRecord,
+    World,
+)
 from agents.runs.environment import EnvConfig
 
 E = 400
@@ -13,9 +22,9 @@ HARD = np.random.default_rng(0).uniform(1.0, 3.0, E)  # what all controllers hav
 CURVE = np.array([[10.0, 20.0], [3.0, 1.5], [4.0, 8.0]])
 
 
-def driven(errors) -> Driven:
+def driven(errors) -> EpisodeScores:
     errors = np.asarray(errors, float)
-    return Driven(errors, errors * 1.1, errors <= 1.0, 0)
+    return EpisodeScores(errors, errors * 1.1, errors <= 1.0, 0)
 
 
 def controller(name, kind, *offsets, worlds=(TEST, VALIDATION), noise=0.05, choose=0.0, **more) -> ControllerRecord:

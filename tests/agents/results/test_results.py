@@ -362,7 +362,7 @@ def test_shipped_policies_are_scored_for_tasks_without_runs(runs, records, monke
     assert scores.shipped_for_others(tasks) == {}
     assert list(scores.shipped_for_others(tasks[1:])) == ["near"]
     assert list(scores.shipped_for_others([replace(tasks[1], title="near")])) == ["near (shipped)"]
-    plan = worlds.Plan(range(FIRST, FIRST + 4), range(3_000_000, 3_000_002), 5)
+    plan = worlds.ScoringPlan(range(FIRST, FIRST + 4), range(3_000_000, 3_000_002), 5)
     with scores.driving(1) as drive:
         record = scores.score_shipped(policy, "near", plan, drive)
     expected = records["near"].controller("ppo_near").errors(TEST)[:1, :4]

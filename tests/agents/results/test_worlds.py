@@ -16,8 +16,8 @@ from agents.results.description import _actuation, _sensing, description
 from agents.results.environment import changed, episodes_key
 from agents.results.record import SHIFT, SWEEP, TEST, VALIDATION
 from agents.results.roster import opponents
-from agents.results.runs import Benchmark, Recipe, Run, _title, _without_seed
-from agents.results.worlds import AXES, NOTES, TASK_NOTES, Plan, task_note, worlds_of
+from agents.results.runs import Benchmark, FinishedRun, Recipe, _title, _without_seed
+from agents.results.worlds import AXES, NOTES, TASK_NOTES, ScoringPlan, task_note, worlds_of
 from agents.runs.config import TrainConfig
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
@@ -43,7 +43,7 @@ def test_a_task_without_poses_is_described_and_has_curves_of_play_and_friction()
     env = EnvConfig("rj_gym/InstrumentShift-v0")
     text = description(env.arguments()["config"])
     assert "Every tendon has a play of 0.5 to 2 mm" in text and "Neither pose nor tip is measured." in text
-    found = worlds_of(env, Plan(range(9_000_000, 9_000_004), range(2), 2))
+    found = worlds_of(env, ScoringPlan(range(9_000_000, 9_000_004), range(2), 2))
     assert [world.name for world in found if world.role == SHIFT][:2] == [
         "More play than in training, 2 to 3 mm",
         "More sheath friction than in training, 0 to 0.6",
@@ -57,7 +57,7 @@ def test_a_task_without_poses_is_described_and_has_curves_of_play_and_friction()
 @pytest.mark.parametrize("world", ["Instrument", "InstrumentShift", "SlowCamera", "LatePose"])
 def test_worlds_in_which_learning_is_needed_are_shown_with_capstan_friction_too(world):
     env = EnvConfig(f"rj_gym/{world}-v0")
-    found = worlds_of(env, Plan(range(9_000_000, 9_000_004), range(2), 2))
+    found = worlds_of(env, ScoringPlan(range(9_000_000, 9_000_004), range(2), 2))
     (shift,) = [one for one in found if one.role == SHIFT and "capstan" in one.heading]
     assert changed(env, shift.changes).arguments()["config"].friction == FrictionConfig()
     assert "No filter here has a state for that" in NOTES[shift.heading]
@@ -91,7 +91,7 @@ def test_a_task_is_described_by_its_settings():
 
 def test_the_goal_environment_s_policies_belong_to_the_same_task():
     goal = EnvConfig("rj_gym/FlexibleArmGoal-v0", settings={"mechanism": "small_arm"})
-    runs = [Run(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1))) for env in (goal, EnvConfig())]
+    runs = [FinishedRun(RunFolder(Path()), TrainConfig(env=env), 0.0, np.zeros((3, 1))) for env in (goal, EnvConfig())]
     arm, planar = (Benchmark("some", [Recipe("one", [run])]) for run in runs)
     assert arm.env == EnvConfig("rj_gym/FlexibleArm-v0", settings={"mechanism": "small_arm"})
     assert planar.complexity == (0, 0) and arm.complexity == (2, 1)
@@ -104,7 +104,7 @@ def test_a_benchmark_with_friction_is_described():
 
 
 def test_curves_are_drawn_for_what_the_task_varies_and_shifts_for_its_id():
-    plan = Plan(range(5), range(3), 2)
+    plan = ScoringPlan(range(5), range(3), 2)
     rubbing = worlds_of(EnvConfig(settings={"friction": {"mu": [0.0, 0.24]}}), plan)
     assert [world.value for world in rubbing if world.axis.startswith("coefficient")] == [0, 0.06, 0.12, 0.18, 0.24]
     loads = [world for world in rubbing if world.axis == "load [N]"]

@@ -23,7 +23,7 @@ from agents.search.folder import SearchRun
 from agents.search.methods import METHODS
 from agents.search.outcome import Search, median
 from agents.search.problem import KINDS, against, check, design_problem
-from agents.search.report import CAPTIONS, Findings
+from agents.search.report import CAPTIONS, SearchReport
 from rollingjoint.errors import ConfigError
 from rollingjoint.io.mechanism_file import load_mechanism
 
@@ -135,7 +135,7 @@ def test_every_method_keeps_to_the_same_budget_and_seeds(finished):
 def test_the_reference_sets_the_limit(finished):
     search = Search.read(finished)
     limit = search.problem.limits[1].high
-    assert limit == pytest.approx(Findings(search).scores[1][2])
+    assert limit == pytest.approx(SearchReport(search).scores[1][2])
     assert all(
         one.evaluated.measured[one.evaluated.feasible, 2].max() <= limit for one in search.all if one.best < np.inf
     )
@@ -156,7 +156,7 @@ def test_the_report_says_what_the_runs_hold(finished):
 
 
 def test_verdicts_follow_from_the_numbers(finished):
-    search, report = Search.read(finished), Findings(Search.read(finished))
+    search, report = Search.read(finished), SearchReport(Search.read(finished))
     ours, theirs = -search.winner.best, report.scores[1][0]
     share = 100 * abs(ours - theirs) / theirs
     assert f"beats five_link by {share:.0f} %: lateral stiffness {ours:.4g} N/mm" in report.verdicts()[0]
@@ -220,7 +220,7 @@ def test_unfinished_runs_are_left_out_and_named(finished, tmp_path):
     journal.write_bytes(journal.read_bytes().split(b"\n")[0] + b"\n")
     search = Search.read(copy)
     assert [path.name for path in search.left_out] == ["seed_2"]
-    assert "left out" in Findings(search).markdown(1, {})
+    assert "left out" in SearchReport(search).markdown(1, {})
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import torch
 from agents import campaign, evaluate, export, train, view
 from agents.adaptation.controllers import instrument_controller
 from agents.policies.trained import load_driving
-from agents.results.runs import Run
+from agents.results.runs import FinishedRun
 from agents.runs.files import seal
 from agents.runs.folder import RunFolder
 from agents.shipped import load_policy
@@ -75,7 +75,7 @@ USES = {
         [str(run), "--episodes", "2", "--out", str(out), "--policy", "last"]
     ),
     "export": lambda run, out: export.main([str(run), "--name", "own", "--episodes", "2", "--out", str(out)]),
-    "results": lambda run, out: Run.read(run) and load_driving(RunFolder.open(run)) and 0,
+    "results": lambda run, out: FinishedRun.read(run) and load_driving(RunFolder.open(run)) and 0,
     "resume": lambda run, out: train.main(
         ["--resume", str(shutil.copytree(run, out / "run")), "--set", "total_timesteps=120"]
     ),

@@ -16,7 +16,7 @@ import pytest
 from agents import evaluate, train
 from agents.evaluation.rollout import run_episodes
 from agents.policies.trained import load_trained
-from agents.results.runs import Run
+from agents.results.runs import FinishedRun
 from agents.runs.config import load_config
 from agents.runs.files import RunFolderError
 from agents.runs.folder import RunFolder
@@ -283,10 +283,10 @@ def test_a_policy_that_is_damaged_during_training_goes_into_no_checkpoint(whole,
 @pytest.mark.parametrize("name", ["evaluations.csv", "logs/progress.csv"])
 def test_a_flipped_bit_in_a_table_of_a_finished_run_is_refused(name, whole, tmp_path):
     run = shutil.copytree(whole["ppo"], tmp_path / "run")
-    assert Run.read(run).seconds > 0
+    assert FinishedRun.read(run).seconds > 0
     flip_a_bit(run / name)
     with pytest.raises(RunFolderError, match=f"{name}.*delete {Path(name).name}.sha256"):
-        Run.read(run)
+        FinishedRun.read(run)
 
 
 def test_a_finished_run_says_so_and_stays_as_it_is(whole, capsys):

@@ -14,7 +14,7 @@ from agents.runs.files import RunFolderError, write_hashed_bytes
 from agents.runs.folder import RunFolder
 from agents.viewer.controllers import OfferedController
 from agents.viewer.drive import Repeated, filmed
-from agents.viewer.episodes import Driven, recorded_episodes, run_episodes_of
+from agents.viewer.episodes import DrivenEpisodes, recorded_episodes, run_episodes_of
 from agents.viewer.recorded import file_of, read_records, records_in, write_records
 from rollingjoint.errors import ConfigError, InvalidInput
 
@@ -34,7 +34,7 @@ def run(tmp_path_factory):
 
 
 def test_best_median_and_worst_are_ranked_by_the_error_of_the_last_steps():
-    episodes = Driven(OfferedController("feedback", SHORT, JacobianFeedback), range(20, 27))
+    episodes = DrivenEpisodes(OfferedController("feedback", SHORT, JacobianFeedback), range(20, 27))
     ranked = episodes.ranked()
     errors = {seed: episodes.film(seed).last_10_mm for seed in range(20, 27)}
     ordered = sorted(errors, key=errors.get)
