@@ -54,8 +54,8 @@ class PlanarTask(TrackingTask):
 
     def pictured_values(self, poses: Array) -> Array:
         """Of poses (B, n, 3) x, y, cosine and sine of the angle of every observed link, (B, k) [mm, 1]."""
-        seen = poses[:, 1 + first_seen(self.config, self.mechanism) :]
-        columns = seen[..., 0], seen[..., 1], np.cos(seen[..., 2]), np.sin(seen[..., 2])
+        links = poses[:, 1 + first_seen(self.config, self.mechanism) :]
+        columns = links[..., 0], links[..., 1], np.cos(links[..., 2]), np.sin(links[..., 2])
         return np.stack(columns, axis=-1).reshape(len(poses), -1)
 
     def tips(self, poses: Array) -> Array:
@@ -66,11 +66,11 @@ class PlanarTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config, nominal = self.config, self.mechanism
         mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
-        own = own_series(config, "loads", uniforms, float(nominal.length), (2,))
+        series = own_series(config, "loads", uniforms, float(nominal.length), (2,))
         return PlanarDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
             links=load_links(config.load, nominal.n_links, uniforms["link"]),
-            forces=load_forces(config.load, uniforms) if own is None else own,
+            forces=load_forces(config.load, uniforms) if series is None else series,
             surface_offsets=offsets,
         )
 
@@ -149,8 +149,8 @@ def _mechanisms(
     """Mechanisms, designs and surface offsets of PlanarDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:
-        chosen = fixed.mechanism or nominal
-        return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
+        mechanism = fixed.mechanism or nominal
+        return (mechanism,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
     tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
     offsets = symmetric(np.array(tolerance), uniforms["surface"])
     factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])
