@@ -29,9 +29,8 @@ class LoadEstimate(JacobianFeedback):
         """Wanted tensions, (B, m) [N]."""
         start = np.clip(reading.tensions, *self.tension_range)
         tensions = np.full_like(start, self.tension_range[1]) if self.measured.stiffens else start
-        return nearest_tensions(
-            self.task.mechanism, reading.target, self.tension_range, tensions, start, loads, self.PLAN
-        )
+        aim = self.task.mechanism, reading.target, self.tension_range
+        return nearest_tensions(*aim, tensions, start, loads, self.PLAN)
 
 
 class Predictive(LoadEstimate):

@@ -9,7 +9,7 @@ With friction there is no floor: the equilibrium under a command then depends on
 would have to let every hole hold or slip as it likes; then too many tips are within reach for it to be of use.
 `why_no_floor` gives the reason, `episode_floor` refuses.
 
-Quasi-static: the floor is the best equilibrium at one step, not whether there was time to get there, and the errors of
+Quasi-static: the floor is the best equilibrium of one step, whether or not there was time to reach it, and errors of
 a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
 several starts; that it finds the global minimum is tested on samples, not proven: with four times the starts and eight
 times the candidates, `pytest -m slow -s tests/agents/evaluation/test_floor.py` finds no floor lower by over 5e-7 mm in
@@ -204,7 +204,7 @@ class _SearchPoints(NamedTuple):
     misses: Array  # (B, d) tip - target, mm
     tip_rates: Array  # (B, d, m) d tip / d tension, mm/N
     command_rates: Array  # (B, m, m) d command / d tension, mm/N
-    inside: Array  # (B, m) change of tension to the nearest one within the range, N
+    corrections: Array  # (B, m) change of tension to the nearest one within the range, N
     values: Array  # (B,) objective, mm: the tip error where the tensions are within the range
     status: NDArray[np.int64]  # (B,)
 
@@ -218,7 +218,7 @@ def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
     episodes, commands, angles = _starts(batch, starts, candidates)
     many = batch[episodes]
     points, ended = _descend(many, _visit(many, commands, angles, commands))
-    allowed = np.abs(points.inside).max(axis=1) <= _TENSION_TOLERANCE
+    allowed = np.abs(points.corrections).max(axis=1) <= _TENSION_TOLERANCE
     errors = np.where(allowed, np.linalg.norm(points.misses, axis=1), np.inf)
     order = np.lexsort((errors, episodes))
     best = order[np.unique(episodes[order], return_index=True)[1]]
@@ -318,7 +318,7 @@ def _bounded_change(points: _SearchPoints, tension_range: tuple[float, float], d
     tip, command = points.tip_rates, points.command_rates
     square = np.swapaxes(tip, 1, 2) @ tip + damping[:, None, None] * np.swapaxes(command, 1, 2) @ command
     square += _ROUNDING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
-    change, held = points.inside.copy(), np.zeros(points.inside.shape, bool)
+    change, held = points.corrections.copy(), np.zeros(points.corrections.shape, bool)
     for _ in range(change.shape[1] + 1):
         slope = _times(np.swapaxes(tip, 1, 2), points.misses) + _times(square, change)
         fixed = held | ((change <= low) & (slope > 0)) | ((change >= high) & (slope < 0))

@@ -72,7 +72,7 @@ def work_through(
             itself counts as Ctrl-C.
     """
     work = _Work[U](executor, progress)
-    queue, count, is_all = iter(units), 0, False
+    queue, n_signals, is_all = iter(units), 0, False
     while True:
         while not (is_all or signals or work.early) and len(work.running) < executor.slots:
             try:
@@ -83,8 +83,8 @@ def work_through(
             if unit is None:
                 break
             work.begin(unit)
-        if len(signals) > count:
-            count = len(signals)
+        if len(signals) > n_signals:
+            n_signals = len(signals)
             work.stop()
         yield from work.ended(signals)
         progress.running = min(len(work.running), executor.slots)

@@ -136,7 +136,7 @@ class TrainConfig:
         normalise: running normalisation.
         her: hindsight experience replay (`sac`, `tqc`); null: none.
         residual: name of the controller with actions to which the policy adds its own; null: the policy acts alone.
-        start_from: folder of an earlier run; this one starts with its best policy (`apg`, `distill`), relative to the
+        start_from: folder of an earlier run with the best policy to start from (`apg`, `distill`), relative to the
             working directory; null: a fresh policy.
         evaluation: evaluation during training.
         checkpoint_every: steps of all environments together between two checkpoints.
