@@ -7,12 +7,12 @@ Modules:
     checked_yaml: YAML files read strictly.
     checks: checks of single values.
     cli: the command `rj`.
-    compiled: the door for other packages to compiled code.
+    compiled: the interface of other packages to compiled code.
     design: design spaces, objectives and problems.
     differentiable: equilibria of planar chains as torch functions.
     errors: the exceptions.
     former_names: modules under earlier names, for pickles.
-    friction: coefficients of friction, and what it remembers.
+    friction: coefficients and state of friction.
     identify: parameters of a mechanism from measurements.
     interrupts: Ctrl-C in commands.
     io: mechanisms as files, equilibria as tables and JSON.

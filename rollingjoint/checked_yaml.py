@@ -17,15 +17,15 @@ from rollingjoint.checks import as_integer, as_number, suggestion
 from rollingjoint.errors import ConfigError, InvalidInput
 
 LARGEST_FILE = 1_000_000  # bytes
-MOST_VALUES = 50_000  # with everything that aliases stand for written out
+MOST_VALUES = 50_000  # with all aliases written out
 DEEPEST = 32  # levels of lists and mappings inside each other
 _LONGEST_NUMBER = 400  # characters
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader with limits on what it builds; 3e-4 is a number (YAML 1.1 makes it text).
+    """The safe loader with limits on size and depth; 3e-4 is a number (YAML 1.1 makes it text).
 
-    A key given twice, a key that is a list or a mapping, and an alias inside what it stands for are errors.
+    A key given twice, a key that is a list or a mapping, and an alias inside its own value are errors.
     """
 
     def __init__(self, text: str) -> None:
@@ -43,20 +43,20 @@ class _StrictLoader(yaml.SafeLoader):
         if alias and node not in self._sizes:
             raise _found("an alias inside of what it stands for", mark)
         if node not in self._sizes:
-            self._sizes[node] = 1 + sum(self._sizes[each] for each in _children(node))
+            self._sizes[node] = 1 + sum(self._sizes[child] for child in _children(node))
         if self._sizes[node] > MOST_VALUES:
             raise _found(f"more than {MOST_VALUES:,} values, aliases written out", mark)
         return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _found("a list or a mapping as a key", key.start_mark)
-            if key.value in seen:
+            if key.value in keys:
                 raise _found(f"key {_shortened(key.value)} given twice", key.start_mark)
-            seen.add(key.value)
+            keys.add(key.value)
         return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
@@ -75,7 +75,7 @@ def _found(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
 
 def _children(node: yaml.Node) -> list[yaml.Node]:
     if isinstance(node, yaml.MappingNode):
-        return [each for pair in node.value for each in pair]
+        return [child for pair in node.value for child in pair]
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
@@ -123,7 +123,7 @@ def read_yaml(path: Path) -> object:
         text = content.decode().replace("\r\n", "\n")
     except ConfigError:
         raise
-    except OSError as error:  # whose text would repeat the path, however long it is
+    except OSError as error:  # its text would repeat the path, however long it is
         raise ConfigError("file", str(path), "readable YAML text", error.strerror or "") from None
     except ValueError as error:
         raise ConfigError("file", str(path), "readable YAML text", str(error)) from None
@@ -136,7 +136,7 @@ def dump_yaml(values: Mapping[str, Any]) -> str:
 
 
 def mapping(where: str, value: object, valid: Sequence[str], required: Sequence[str] = ()) -> Mapping[str, Any]:
-    """The value, a mapping with valid keys only and all the required ones; nothing is an empty mapping."""
+    """The value, a mapping with valid keys only and all the required ones; None counts as an empty mapping."""
     value = {} if value is None else value
     if not isinstance(value, Mapping):
         raise ConfigError(where, value, f"keys and values, with the keys {', '.join(valid)}")
@@ -211,7 +211,7 @@ def text(where: str, value: object) -> str:
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """A context that adds the place in the file to errors of what is built from it."""
+    """A context that adds the place in the file to errors in values from it."""
     try:
         yield
     except ConfigError:

@@ -1,4 +1,4 @@
-"""Checks of single values: each returns the value in its plain form, or raises an error that says what is allowed.
+"""Checks of single values: each returns the value in its plain form, or raises an error with the allowed values.
 
 The same rules everywhere: 2.0 is an integer, True is not a number, NaN and infinity are not finite, and text is never
 read as a number.
@@ -41,7 +41,7 @@ def as_vector(what: str, values: ArrayLike | object, size: int, meaning: str) ->
 
 
 def seen_as_vector(what: str, values: ArrayLike | object, size: int, meaning: str) -> NDArray[np.float64]:
-    """`as_vector` to be read at once: the values themselves if they are such an array, in a third of the time."""
+    """`as_vector`, but not a copy of an array that fits, in a third of the time: read it before returning."""
     if type(values) is np.ndarray and values.dtype == _FLOATS and values.shape == (size,):
         return values
     return as_vector(what, values, size, meaning)
@@ -124,7 +124,9 @@ def suggestion(word: str, valid: Sequence[str]) -> str:
 
 def _between(low: float, high: float) -> str:
     """The bounds in words, with a leading space where there are any."""
-    least, most = (f"{bound:.0f}" if abs(bound) < 1e15 and bound % 1 == 0 else f"{bound:g}" for bound in (low, high))
+    minimum, maximum = (
+        f"{bound:.0f}" if abs(bound) < 1e15 and bound % 1 == 0 else f"{bound:g}" for bound in (low, high)
+    )
     if high == math.inf:
-        return "" if low == -math.inf else f" >= {least}"
-    return f" <= {most}" if low == -math.inf else f" from {least} to {most}"
+        return "" if low == -math.inf else f" >= {minimum}"
+    return f" <= {maximum}" if low == -math.inf else f" from {minimum} to {maximum}"

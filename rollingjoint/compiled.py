@@ -1,17 +1,17 @@
-"""The door for other packages to compiled code: kernels of their own, and solvers that kernels call.
+"""The interface of other packages to compiled code: decorators for kernels, and solvers that kernels call.
 
 Kernels:
     kernel: a decorator; the function is compiled for plain arrays and numbers with IEEE arithmetic, and kept on disk
-        until a source that it is made of changes. kernel(nogil=True) releases Python's lock; kernel(short_loops=True)
+        until one of its sources changes. kernel(nogil=True) releases Python's lock; kernel(short_loops=True)
         compiles faster where no loop is worth being unrolled or vectorised.
-    part: a decorator for what only kernels call; part(inline=True) where a call would cost as much as the work.
+    part: a decorator for functions that only kernels call; part(inline=True) where a call costs more than the work.
     standalone: a part that Python can call, for tests.
-    machine_code: a kernel for arguments of declared kinds, without numba's look at them. Nothing checks the arguments
-        of a call, so bind it where they are made.
-    entry_address: where the machine code of a kernel lies, for call_range.
-    cache_directory: where compiled kernels are kept, a folder named after their sources.
+    machine_code: a kernel for arguments of declared kinds, without numba's look at them. Arguments of a call are not
+        checked, so bind it where they are made.
+    entry_address: address of the machine code of a kernel, for call_range.
+    cache_directory: folder of the compiled kernels, named after their sources.
 Arrays in kernels:
-    borrow: arrays, and NamedTuples of them, without reference counts. Whoever owns them must outlive what is borrowed:
+    borrow: arrays, and NamedTuples of them, without reference counts. Their owner must outlive the borrowed ones:
         borrow from arguments, not from arrays that the same function makes.
     carve: an array of a shape from one-dimensional borrowed memory.
     singles_at: an array of a shape of float32 at an address, which a call takes in less time than an array.
@@ -25,20 +25,20 @@ Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission
     play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
     sheath_direction, sheath_ratio: the friction of a sheath.
     limited_tension, at_limit: the limits of tension of a motor.
-    unstretched_length, motor_yield: where a tendon and its motor are after a limit.
+    unstretched_length, motor_yield: positions of a tendon and its motor after a limit.
 Solvers:
-    BatchArrays: equilibria of rolling chains to be solved and where they go; those of any class of chains are its
-        kernels.batch_arrays. PinnedRange solves ranges of its rows, step_range with friction.
-    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with those of a PinnedRange (arms:
-        PinnedHinges); how many rows are left to its solve_the_rest, -1 where it had no memory.
+    BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
+        PinnedRange solves ranges of its rows, step_range with friction.
+    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with entry and pins of a PinnedRange
+        (arms: PinnedHinges); number of rows left to its solve_the_rest, -1 where it had no memory.
     TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
     PENDING: the status of a row left to it.
-    FrictionArrays: friction of rows and what it remembers, for step_range, and for begin_range, which fills it where
-        nothing has slipped. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of
-        its N_COEFFICIENTS columns.
-    new_friction_arrays: those of a FrictionLaw and a History.
-    run_in_threads: work on ranges of rows, on the threads of this process. runs_at_once: whether it does a single row
-        without a thread of its own.
+    FrictionArrays: friction of rows, with histories, for step_range, and for begin_range, which fills histories before
+        any slip. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
+        N_COEFFICIENTS columns.
+    new_friction_arrays: FrictionArrays of a FrictionLaw and a History.
+    run_in_threads: work on ranges of rows, on the threads of this process. runs_at_once: True where it does a single
+        row on the caller's thread.
 
 ROLLINGJOINT_CHECK_BOUNDS=1 in the environment has every index of kernels checked, and the arguments of machine code.
 """

@@ -1,4 +1,4 @@
-"""The exceptions: each names the value, what was expected and how to fix it."""
+"""The exceptions: each names the value, the allowed values and the remedy."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class InvalidInput(RollingJointError, ValueError):
     """An argument that cannot be used.
 
     Args:
-        what: the argument, as the caller knows it.
+        what: name of the argument, as the caller knows it.
         value: the offending value.
-        allowed: what was expected, in words.
-        hint: what to do about it (optional).
+        allowed: the allowed values, in words.
+        hint: the remedy (optional).
     """
 
     def __init__(self, what: str, value: object, allowed: str, hint: str = "") -> None:
@@ -60,9 +60,9 @@ class MissingPackage(RollingJointError, ModuleNotFoundError):
 
 
 def named(error: ModuleNotFoundError, own: str = "") -> ModuleNotFoundError:
-    """The error, saying in one line which extra brings the package; as it is where none does.
+    """The error, with the extra that brings the package in one line; unchanged if there is none.
 
-    own: the extra that is named if it brings the package, too, such as that of the command.
+    own: the preferred extra, such as the command's.
     """
     package = (error.name or "").partition(".")[0]
     bringing = [extra for extra, packages in _EXTRAS.items() if package in packages]
@@ -96,7 +96,7 @@ def naming(path: object) -> Iterator[None]:
 
 
 def _short(value: object, limit: int = 160) -> str:
-    """The beginning of repr(value), made no further than that: lists of shared lists may be endless."""
+    """The beginning of repr(value), computed only that far: lists of shared lists may be endless."""
     text = ""
     for piece in _pieces(value):
         text += piece
@@ -134,4 +134,4 @@ def _pieces(value: object) -> Iterator[str]:
 def one_line(text: str) -> str:
     """The text with its lines joined, and characters that would not print as their escapes."""
     joined = " ".join(line.strip() for line in text.splitlines())
-    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in joined)
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in joined)

@@ -16,7 +16,7 @@ sys.modules |= {
     "rollingjoint.kernels.shared.friction": friction,
     "rollingjoint.kernels.spatial.arrays": hinges,
     "rollingjoint.mechanism": chain,
-    "rollingjoint.planar": chains,  # imported before what is in it
+    "rollingjoint.planar": chains,  # imported before its modules
     "rollingjoint.planar.chain": rolling,
     "rollingjoint.planar.equilibrium": equilibrium,
     "rollingjoint.planar.variations": variations,

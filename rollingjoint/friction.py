@@ -1,4 +1,4 @@
-"""Friction of tendons in their holes and of rolling contacts: its coefficients, and what it remembers.
+"""Friction of tendons in their holes and of rolling contacts: its coefficients and its state.
 
 Source: docs/theory.md, section 9.
 """
@@ -67,7 +67,7 @@ class CapstanFriction:
 
     @property
     def acts(self) -> bool:
-        """Whether it changes anything."""
+        """True if any coefficient is not zero."""
         return self.mu > 0.0 or self.constant > 0.0 or self.rolling > 0.0
 
 
@@ -76,8 +76,8 @@ NO_FRICTION = CapstanFriction(0.0)
 
 def friction_from_dict(where: str, value: object) -> CapstanFriction:
     """The friction that a mapping in a mechanism file describes; ConfigError with the place for a wrong one."""
-    given = mapping(where, value, tuple(RANGES), required=("mu",))
-    numbers = {key: number(f"{where}.{key}", each) for key, each in given.items()}
+    content = mapping(where, value, tuple(RANGES), required=("mu",))
+    numbers = {key: number(f"{where}.{key}", entry) for key, entry in content.items()}
     with located(where):
         return CapstanFriction(**numbers)
 
@@ -102,7 +102,7 @@ def friction_coefficients(friction: CapstanFriction) -> tuple[float, ...]:
 
 
 class FrictionState(NamedTuple):
-    """What friction remembers of a step, or of many with a leading axis B; the history of the next one.
+    """State of friction after a step, or after many with a leading axis B; the history of the next one.
 
     Attributes:
         states: (n - 1, m) friction state of every tendon in links 0 to n - 2, -1 to 1; it sticks in between.
@@ -119,5 +119,5 @@ class FrictionState(NamedTuple):
     rolling: Array
 
     def row(self, index: int) -> FrictionState:
-        """That of one row of a batch."""
+        """The state of one row of a batch."""
         return FrictionState(*[array[index] for array in self])

@@ -26,23 +26,23 @@ _COMMANDS = ("rollingjoint", "rj_gym", "agents", "rj_agents")  # packages with m
 def interruptible(command: Callable[[], int]) -> int:
     """The exit code of a command, which Ctrl-C ends: 130, after one line on standard error.
 
-    What else the interrupted command raises is dropped: an import that is interrupted in compiled code says that a
+    Other exceptions of the interrupted command are dropped: an import that is interrupted in compiled code says that a
     module is broken.
     """
-    inside = Interruptible(for_good=IS_COMMAND)
+    context = Interruptible(for_good=IS_COMMAND)
     try:
-        with inside:
+        with context:
             return command()
     except KeyboardInterrupt:
         return interrupted()
     except Exception:
-        if not inside.is_interrupted:
+        if not context.is_interrupted:
             raise
         return interrupted()
 
 
 def interrupted(line: str = _LINE) -> int:
-    """The exit code, after a line."""
+    """The exit code of an interrupted command; prints a line."""
     global _is_said
     _is_said = True
     print(line, file=sys.stderr, flush=True)
@@ -51,10 +51,10 @@ def interrupted(line: str = _LINE) -> int:
 
 
 class Interruptible:
-    """A context in which SIGINT raises KeyboardInterrupt, once; what handled it before does so again afterwards.
+    """A context in which SIGINT raises KeyboardInterrupt, once; the handler from before is restored afterwards.
 
     Where that has not ended the context after PATIENCE, `give_up` is called in a thread. Outside the main thread, and
-    where SIGINT is ignored, the context does nothing.
+    where SIGINT is ignored, the context has no effect.
 
     Args:
         give_up: ends the process; by default with the line and the exit code of a command.
@@ -90,9 +90,9 @@ class Interruptible:
         raise KeyboardInterrupt
 
     def _raise_again(self, lost: sys.UnraisableHookArgs) -> None:
-        """In place of a report of an exception that nobody catches, as in a callback: the interrupt is raised later.
+        """Hook for exceptions lost in callbacks: an interrupt is raised again later, others are reported.
 
-        What else is raised after it is dropped: objects whose making was interrupted say so when they are deleted.
+        After the interrupt others are dropped: half-made objects raise when they are deleted.
         """
         if not self.is_interrupted:
             self._report(lost)
@@ -107,7 +107,7 @@ class Interruptible:
 
 
 def _end_process() -> None:
-    """End it as it is, whatever the other threads do or hold."""
+    """End the process at once, whatever its other threads do or hold."""
     if not _is_said:
         os.write(2, f"{_LINE}\n".encode())
     os._exit(INTERRUPTED)
@@ -124,7 +124,7 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 
 
 def _is_command() -> bool:
-    """Whether this process was started as `rj`, or as `python -m` with a module of ours."""
+    """True if this process was started as `rj`, or as `python -m` with a module of ours."""
     name = os.path.basename(sys.argv[0] if sys.argv else "")
     if os.path.splitext(name)[0] == "rj":
         return True

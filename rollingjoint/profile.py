@@ -119,7 +119,7 @@ class Profile:
         return hash(self._numbers)
 
     def __reduce__(self) -> tuple[type[Profile], tuple[Array, Array]]:
-        """Copies are made anew: read-only as this one, without what has been computed of it."""
+        """Copies are made anew: read-only as this one, without cached values."""
         return type(self), (self.breaks, self.coefficients)
 
     @property
@@ -141,10 +141,10 @@ class Profile:
         Raises:
             InvalidInput: s beyond the limits.
         """
-        given, (lo, hi) = np.asarray(s, float), self.limits
-        if not np.all((given >= lo - LIMIT_TOLERANCE) & (given <= hi + LIMIT_TOLERANCE)):
+        values, (lo, hi) = np.asarray(s, float), self.limits
+        if not np.all((values >= lo - LIMIT_TOLERANCE) & (values <= hi + LIMIT_TOLERANCE)):
             raise InvalidInput("arc length s", s, f"values within the surface limits [{lo:g}, {hi:g}] mm")
-        at: Array = np.clip(given, lo, hi)
+        at: Array = np.clip(values, lo, hi)
         borders, positions = self._panels
         panel = np.clip(np.searchsorted(borders, at, side="right") - 1, 0, len(borders) - 2)
         return positions[panel] + self._chord(borders[panel], at)

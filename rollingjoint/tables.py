@@ -36,12 +36,12 @@ def number_table(head: Sequence[str], rows: Iterable[Sequence[float]], digits: S
 
 
 class Column(NamedTuple):
-    """Numbers of one kind, one for each of several things.
+    """A column of a table: numbers, one per row.
 
     Attributes:
         key: in JSON, with the unit; empty for a column of tables alone.
         head: in tables, with the unit; empty for a column of JSON alone.
-        values: an array with a leading axis of the things.
+        values: an array with a leading axis of the rows.
         digits: behind the decimal point, in tables.
     """
 
@@ -52,7 +52,7 @@ class Column(NamedTuple):
 
 
 def column_table(thing: str, columns: Sequence[Column]) -> str:
-    """Aligned columns of things, which are counted from 0."""
+    """Aligned columns, one row per thing, numbered from 0."""
     shown = [column for column in columns if column.head]
     rows = ((index, *row) for index, row in enumerate(zip(*(column.values for column in shown), strict=True)))
     return number_table((thing, *(column.head for column in shown)), rows, [column.digits for column in shown])
@@ -60,9 +60,9 @@ def column_table(thing: str, columns: Sequence[Column]) -> str:
 
 def column_dicts(thing: str, columns: Sequence[Column]) -> list[dict[str, Any]]:
     """A dict of plain values for every thing."""
-    kept = [(column.key, column.values.tolist()) for column in columns if column.key]
-    count = len(kept[0][1])
-    return [{thing: index, **{key: values[index] for key, values in kept}} for index in range(count)]
+    keyed = [(column.key, column.values.tolist()) for column in columns if column.key]
+    count = len(keyed[0][1])
+    return [{thing: index, **{key: values[index] for key, values in keyed}} for index in range(count)]
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:

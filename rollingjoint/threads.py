@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 
 from rollingjoint.checks import as_integer
 
-_JOINTS_WORTH_A_THREAD = 1024  # of all its rows: some 60 µs of work, about what it takes to wake a thread
+_JOINTS_WORTH_A_THREAD = 1024  # of all its rows: some 60 µs of work, about the time to wake a thread
 _JOINTS_OF_A_PIECE = 8192  # at first; of all its rows
 _BRIEF, _LONG = 0.01, 0.05  # s of processor time: below, the next piece is a larger one, above, a smaller one
 _ROWS_SIDE_BY_SIDE = 8  # pieces are multiples of that
@@ -47,25 +47,25 @@ def run_in_threads(work: _Work, n_rows: int, n_joints: int, abandon: bool = Fals
     Ctrl-C does not wait for them. An error of the work ends it likewise, and is raised: of several errors, one.
 
     Args:
-        abandon: with long chains not to wait even for the pieces: for work whose arrays nobody uses afterwards.
+        abandon: with long chains not to wait even for the pieces: for work on arrays that are unused afterwards.
     """
     count = max(1, min(_threads, n_rows, n_rows * n_joints // _JOINTS_WORTH_A_THREAD))
     if n_joints > _SHORT_CHAIN:
-        _run_apart(_Call(work), n_rows, count, abandon)
+        _run_apart(_ThreadedCall(work), n_rows, count, abandon)
     elif n_rows * n_joints <= _JOINTS_OF_A_PIECE and count == 1:
         work(0, n_rows)
     else:
         rows = _ROWS_SIDE_BY_SIDE * (1 + _JOINTS_OF_A_PIECE // (_ROWS_SIDE_BY_SIDE * max(n_joints, 1)))
-        _run_together(_Call(work), n_rows, count, rows)
+        _run_together(_ThreadedCall(work), n_rows, count, rows)
 
 
 def runs_at_once(n_joints: int) -> bool:
-    """Whether run_in_threads does one row of such a chain on the thread of its caller, without anything around it."""
+    """True where run_in_threads does one row of such a chain by a plain call, on the thread of its caller."""
     return n_joints <= _SHORT_CHAIN
 
 
-def _run_together(call: _Call, n_rows: int, count: int, rows: int) -> None:
-    """Run the call on this thread and count - 1 others, in pieces that begin with so many rows."""
+def _run_together(call: _ThreadedCall, n_rows: int, count: int, rows: int) -> None:
+    """Run the call on this thread and count - 1 others, in pieces of `rows` rows at first."""
     *others, (first, last) = _ranges(n_rows, count)
     pool = _pool(os.getpid())
     pool.grow_to(len(others))
@@ -80,8 +80,8 @@ def _run_together(call: _Call, n_rows: int, count: int, rows: int) -> None:
     call.raise_error()
 
 
-def _run_apart(call: _Call, n_rows: int, count: int, abandon: bool) -> None:
-    """Run the call on threads of its own, row by row at first."""
+def _run_apart(call: _ThreadedCall, n_rows: int, count: int, abandon: bool) -> None:
+    """Run the call on `count` new threads, row by row at first."""
     try:
         for job in _ranges(n_rows, count):
             threading.Thread(target=call.run, args=(*job, 1), name="rollingjoint", daemon=True).start()
@@ -94,15 +94,15 @@ def _run_apart(call: _Call, n_rows: int, count: int, abandon: bool) -> None:
 
 
 def _ranges(n_rows: int, count: int) -> list[tuple[int, int]]:
-    """All rows in so many ranges (first, last)."""
+    """All rows in `count` ranges (first, last)."""
     return list(itertools.pairwise(n_rows * i // count for i in range(count + 1)))
 
 
-class _Call:
-    """One call of run_in_threads: its work, whether that is to stop, which jobs have begun and how they ended.
+class _ThreadedCall:
+    """One call of run_in_threads: its work, a flag to stop it, its jobs that have begun and their errors.
 
     A signal may interrupt the caller between any two instructions, so the caller does not count the jobs that it gave
-    away: a job itself says that it begins, and only then looks whether it is to stop.
+    away: a job itself registers its beginning, and only then looks at the flag.
     """
 
     def __init__(self, work: _Work) -> None:
@@ -110,7 +110,7 @@ class _Call:
         self._work = work
         self._begun: list[None] = []
         self._errors: list[BaseException | None] = []  # of the jobs that ended
-        self._wake: SimpleQueue[None] = SimpleQueue()  # a signal may lose what is in it
+        self._wake: SimpleQueue[None] = SimpleQueue()  # a signal may lose its items
 
     def run(self, first: int, last: int, rows: int) -> None:
         """A job, on another thread than the caller's."""
@@ -118,13 +118,13 @@ class _Call:
         error: BaseException | None = None
         try:
             self.work_on(first, last, rows)
-        except BaseException as found:  # it belongs to the caller
-            self.stop, error = True, found
+        except BaseException as exception:  # it belongs to the caller
+            self.stop, error = True, exception
         self._errors.append(error)
         self._wake.put(None)
 
     def work_on(self, first: int, last: int, rows: int) -> None:
-        """Do the work in pieces that begin with so many rows, until all are done or it is to stop."""
+        """Do the work in pieces of `rows` rows at first, until all are done or it is to stop."""
         while first < last and not self.stop:
             begin, end = time.thread_time(), min(first + rows, last)
             self._work(first, end)
@@ -135,13 +135,13 @@ class _Call:
                 rows = max(min(rows, _ROWS_SIDE_BY_SIDE), rows // 2)
 
     def wait_for(self, count: int) -> None:
-        """Wait until so many jobs have ended; signals are looked at meanwhile."""
+        """Wait until `count` jobs have ended; signals are handled meanwhile."""
         while len(self._errors) < count:
             with suppress(Empty):
                 self._wake.get(timeout=_LOOK_FOR_SIGNALS)
 
     def wait_for_begun(self) -> None:
-        """Once it is to stop: wait until no job works any more; those that begin later do nothing."""
+        """Once it is to stop: wait until no job works any more; jobs that begin later end at once."""
         while len(self._errors) < len(self._begun):
             self.wait_for(len(self._begun))
 
@@ -153,14 +153,14 @@ class _Call:
 
 
 class _Pool:
-    """Threads that wait for jobs, as many as the largest call so far could use."""
+    """Threads that wait for jobs; their number is the largest that a call could use so far."""
 
     def __init__(self) -> None:
         self.jobs: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._threads: list[threading.Thread] = []
 
     def grow_to(self, count: int) -> None:
-        """Start threads until there are so many."""
+        """Start threads until there are `count`."""
         while len(self._threads) < count:
             thread = threading.Thread(target=self._work, name="rollingjoint", daemon=True)
             thread.start()
@@ -168,7 +168,7 @@ class _Pool:
 
     def _work(self) -> None:
         while True:
-            self.jobs.get()()  # nothing of the caller is kept while this thread waits
+            self.jobs.get()()  # no reference to the job remains while this thread waits
 
 
 @functools.cache

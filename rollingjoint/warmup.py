@@ -1,6 +1,6 @@
-"""All kernels compiled in advance, in processes side by side: what `rj warmup` and the tests begin with.
+"""All kernels compiled in advance, in processes side by side, for `rj warmup` and before tests.
 
-A group is a function whose calls need its kernels. Groups share no kernel that takes long, or one waits for the other.
+A group is a function that calls its kernels. Groups share no kernel that takes long, or one waits for the other.
 Other packages add groups by entry points of the group `rollingjoint.kernels`, each of which names a tuple of Groups.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint import transmission
-from rollingjoint._numba.cache import only_what_is_kept
+from rollingjoint._numba.cache import without_compiling
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.presets import five_link, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
@@ -42,7 +42,7 @@ threading.Thread(target=listen, daemon=True).start()
 while function := functions.get():
     getattr(importlib.import_module(function[0]), function[1])()
     print(end=".", file=done, flush=True)
-os._exit(0)  # to give back what the compiler has allocated takes seconds
+os._exit(0)  # to free the compiler's memory takes seconds
 """
 
 
@@ -51,9 +51,9 @@ class Group:
     """Kernels that one process compiles.
 
     Args:
-        title: what they belong to, for people.
+        title: the solver that they belong to, for people.
         use: a function at the top level of a module, which calls them all.
-        after: title of a group whose kernels it needs, too; empty if there is none.
+        after: title of a group with further kernels that it needs; empty if there is none.
         family: groups of one family have parts in common, which a process that compiles several of them types once.
     """
 
@@ -64,109 +64,109 @@ class Group:
 
     @property
     def is_kept(self) -> bool:
-        """Whether all its kernels are on disk, and work; loads them."""
+        """True if all its kernels are on disk, and work; loads them."""
         try:
-            with only_what_is_kept():
+            with without_compiling():
                 self.use()
         except Exception:  # NotCompiled, or an error, which the process that compiles them will tell
             return False
         return True
 
 
-class Progress:
-    """What a run tells of itself; this one says nothing."""
+class WarmupProgress:
+    """Reports of `compile_kernels`; this base class ignores them."""
 
     def started(self, group: Group) -> None:
         """A process compiles the group."""
 
     def ended(self, group: Group, seconds: float, error: str) -> None:
-        """It has ended after so many seconds [s], with an error in one line if it could not."""
+        """Its compilation has ended after `seconds` [s]; error: one line if it failed, else empty."""
 
     def waits(self) -> None:
         """Called several times a second."""
 
 
 def all_groups() -> tuple[Group, ...]:
-    """Those of this package and of the installed packages that add some."""
-    added = [group for found in sorted(entry_points(group=ENTRY_POINTS)) for group in found.load()]
+    """The groups of this package and of installed packages that add some."""
+    added = [group for entry in sorted(entry_points(group=ENTRY_POINTS)) for group in entry.load()]
     return (*GROUPS, *added)
 
 
 def missing(groups: Sequence[Group]) -> list[Group]:
-    """The groups of which some kernel is not on disk."""
+    """The groups with a kernel that is not on disk."""
     return [group for group in groups if not group.is_kept]
 
 
-def compile_kernels(groups: Sequence[Group], progress: Progress | None = None) -> bool:
-    """Compile the kernels of some groups, in as many processes as there are processors.
+def compile_kernels(groups: Sequence[Group], progress: WarmupProgress | None = None) -> bool:
+    """Compile the kernels of some groups, in one process per processor.
 
     Groups that others wait for come first, and a process that has compiled a group goes on with one of the same family
     if it can. However it ends, none of the processes goes on.
 
     Returns:
-        whether all could be compiled.
+        True if all could be compiled.
     """
-    progress = progress or Progress()
+    progress = progress or WarmupProgress()
     waiting, well = list(groups), True
     with _compilers() as compilers:
-        while waiting or any(one.group for one in compilers):
+        while waiting or any(compiler.group for compiler in compilers):
             while (pair := _next(waiting, compilers)) is not None:
-                one, group = pair
+                compiler, group = pair
                 waiting.remove(group)
-                one.begin(group)
+                compiler.begin(group)
                 progress.started(group)
-            for one in [one for one in compilers if one.has_ended]:
-                group, seconds, error = one.end_group()
+            for compiler in [compiler for compiler in compilers if compiler.has_ended]:
+                group, seconds, error = compiler.end_group()
                 if error:
-                    compilers.remove(one)
+                    compilers.remove(compiler)
                     well = False
                 progress.ended(group, seconds, error)
             progress.waits()
             time.sleep(_PAUSE)
-        for one in compilers:
-            one.dismiss()
+        for compiler in compilers:
+            compiler.dismiss()
     return well
 
 
-def _next(waiting: Sequence[Group], compilers: list[_Compiler]) -> tuple[_Compiler, Group] | None:
-    """A process that has nothing to do, started if need be, and a group for it; None if there is nothing to begin."""
-    busy = {group.title for group in waiting} | {one.group.title for one in compilers if one.group}
+def _next(waiting: Sequence[Group], compilers: list[_CompilerProcess]) -> tuple[_CompilerProcess, Group] | None:
+    """An idle process, started if need be, and a group for it; None if no group can begin."""
+    busy = {group.title for group in waiting} | {compiler.group.title for compiler in compilers if compiler.group}
     awaited = {group.after for group in waiting}
     ready = [group for group in waiting if group.after not in busy]
     ready.sort(key=lambda group: group.title not in awaited)
-    idle = [one for one in compilers if one.group is None]
+    idle = [compiler for compiler in compilers if compiler.group is None]
     if not ready:
         return None
-    for one in idle:
+    for compiler in idle:
         for group in ready:
-            if group.family == one.family:
-                return one, group
+            if group.family == compiler.family:
+                return compiler, group
     if not idle and len(compilers) < _processors():
-        idle.append(_Compiler())
+        idle.append(_CompilerProcess())
         compilers += idle
     return (idle[0], ready[0]) if idle else None
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass
-class _Compiler:
+class _CompilerProcess:
     """A process that compiles one group after the other."""
 
-    said: IO[bytes] = field(default_factory=tempfile.TemporaryFile)
+    messages: IO[bytes] = field(default_factory=tempfile.TemporaryFile)
     done: IO[bytes] = field(default_factory=tempfile.TemporaryFile)  # a byte for every group
-    group: Group | None = None  # what it compiles now
+    group: Group | None = None  # the group in work
     family: str = ""  # of the group it began last
     started: float = 0.0  # when it began that [s]
-    n_groups: int = 0  # how many it has begun
+    n_groups: int = 0  # number of groups begun
 
     def __post_init__(self) -> None:
         command = [sys.executable, "-P", "-c", _PROGRAM]
         self.process = subprocess.Popen(
-            command, env=_same_imports(), stdin=subprocess.PIPE, stdout=self.done, stderr=self.said
+            command, env=_same_imports(), stdin=subprocess.PIPE, stdout=self.done, stderr=self.messages
         )
 
     def begin(self, group: Group) -> None:
@@ -187,25 +187,25 @@ class _Compiler:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has compiled its group, or died of it."""
+        """True if it has compiled its group, or died of it."""
         return self.group is not None and (self._is_done() or self.process.poll() is not None)
 
     def _is_done(self) -> bool:
         return os.fstat(self.done.fileno()).st_size >= self.n_groups
 
     def end_group(self) -> tuple[Group, float, str]:
-        """The group that it has ended, after how long [s], and why it could not be compiled, in one line, or ""."""
+        """The group that it has ended, the time taken [s], and the error in one line, or ""."""
         assert self.group is not None
         group, self.group = self.group, None
         error = "" if self._is_done() else self._error()
         return group, time.perf_counter() - self.started, error
 
     def _error(self) -> str:
-        """Why the process has ended, in one line."""
+        """Reason why the process has ended, in one line."""
         self.process.communicate()
-        with self.done, self.said:
-            self.said.seek(0)
-            lines = self.said.read().decode(errors="replace").strip().splitlines()
+        with self.done, self.messages:
+            self.messages.seek(0)
+            lines = self.messages.read().decode(errors="replace").strip().splitlines()
         return lines[-1].strip() if lines else f"ended with exit code {self.process.returncode}"
 
     def end(self) -> None:
@@ -213,23 +213,23 @@ class _Compiler:
         self.process.kill()
         self.process.communicate()
         self.done.close()
-        self.said.close()
+        self.messages.close()
 
 
 def _same_imports() -> dict[str, str]:
-    """An environment in which a process imports from where this one does."""
+    """An environment in which a process imports from the same folders as this one."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
 
 
 @contextmanager
-def _compilers() -> Iterator[list[_Compiler]]:
-    """A list of processes; those that are still in it at the end are ended."""
-    compilers: list[_Compiler] = []
+def _compilers() -> Iterator[list[_CompilerProcess]]:
+    """A list of processes, which are ended with the context."""
+    compilers: list[_CompilerProcess] = []
     try:
         yield compilers
     finally:
-        for one in compilers:
-            one.end()
+        for compiler in compilers:
+            compiler.end()
 
 
 _MU = CapstanFriction(0.1)
@@ -265,7 +265,7 @@ def planar_friction_special_cases() -> None:
 
 
 def motors_and_sheaths() -> None:
-    """Move a motor, whatever lies between it and its tendon."""
+    """Move a motor with play, sheath and tension limits."""
     tendon, motor, half, friction = 90.0, 89.0, 0.5, 0.3
     moved = transmission.play_step(tendon, motor, half)
     ratio = transmission.sheath_ratio(friction, transmission.sheath_direction(moved, motor, half))
@@ -288,7 +288,7 @@ def arm_batches() -> None:
 
 
 def arm_special_cases() -> None:
-    """Solve an arm whose tendons are linear, as arms that buckle are solved."""
+    """Solve an arm with linear tendons, as arms that buckle are solved."""
     arm = small_arm().replace(model="linear")
     assert solve_tensions(arm, np.ones(arm.n_tendons)).joint_angles.size
 
@@ -304,14 +304,14 @@ def arm_friction_special_cases() -> None:
 
 
 def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
-    """Stiffness after a step of a mechanism where nothing has slipped before [N·mm/rad]."""
+    """Stiffness after the first step of a mechanism [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
     hole = np.zeros((n_joints, mechanism.n_tendons))
     history = FrictionState(hole, hole, hole, np.array(mechanism.neutral_angles), np.zeros(n_joints))
     return solve_tensions(rubbing, np.linspace(2.0, 1.0, mechanism.n_tendons), history=history).stiffness
 
 
-# Those that take longest come first, so that processors are idle for as short a time as possible at the end.
+# The longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
     Group("the arm's solver with friction for special cases", arm_friction_special_cases, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),

@@ -14,7 +14,7 @@ from agents.evaluation.floor import episode_floor, why_no_floor
 from agents.evaluation.rollout import BLOCK, LAST_STEPS, Episodes, joined, run_episodes
 from agents.evaluation.score import CLOSE_MM, FLOOR, HELD_STEPS, Score
 from agents.executors.driver import Unit, values_of
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
@@ -174,7 +174,7 @@ def driven(
     blocks = [seeds[first : first + BLOCK] for first in range(0, len(seeds), BLOCK)]
     pickled = {name: cloudpickle.dumps(controller) for name, controller in controllers.items()}
     units = [Unit(name, _episodes, (env, pickled[name], block)) for name in controllers for block in blocks]
-    with signals_seen() as signals, ProgressDisplay(len(units), "block") as progress:
+    with signals_seen() as signals, Progress(len(units), "block") as progress:
         values = iter(values_of(executor, units, progress, signals))
     return {name: joined([next(values) for _ in blocks]) for name in controllers}
 

@@ -9,7 +9,7 @@ from queue import Empty, SimpleQueue
 from signal import SIGINT
 from typing import Any, Generic, TypeVar
 
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor, UnitFailed, UnitStopped, WorkerLost
 from agents.runs.consent import call_with, consent
 from rollingjoint.errors import RollingJointError
@@ -58,7 +58,7 @@ class Ended(Generic[U]):
 
 
 def work_through(
-    executor: Executor, units: Iterable[U | None], progress: ProgressDisplay, signals: MutableSequence[int]
+    executor: Executor, units: Iterable[U | None], progress: Progress, signals: MutableSequence[int]
 ) -> Iterator[Ended[U]]:
     """The units as they end; those that are stopped are left out.
 
@@ -94,7 +94,7 @@ def work_through(
 
 
 def values_of(
-    executor: Executor, units: Sequence[Unit], progress: ProgressDisplay, signals: MutableSequence[int]
+    executor: Executor, units: Sequence[Unit], progress: Progress, signals: MutableSequence[int]
 ) -> list[Any]:
     """The values of all units, in their order.
 
@@ -120,7 +120,7 @@ def values_of(
 class _Work(Generic[U]):
     """Units that an executor works on."""
 
-    def __init__(self, executor: Executor, progress: ProgressDisplay) -> None:
+    def __init__(self, executor: Executor, progress: Progress) -> None:
         self.executor, self.progress = executor, progress
         self.running: dict[Future[Any], tuple[U, U, int]] = {}
         self.finished: SimpleQueue[Future[Any]] = SimpleQueue()

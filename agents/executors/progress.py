@@ -11,7 +11,7 @@ from agents.runs.command_line import progress_bar
 EVERY = 30.0  # seconds between two plain lines at least
 
 
-class ProgressDisplay:
+class Progress:
     """A line at the foot of a terminal; elsewhere a plain line now and then, on standard error. A context manager.
 
     Args:
@@ -23,7 +23,7 @@ class ProgressDisplay:
         self.running = self.done = self.failed = self.lost = 0
         self._begun = self._shown = time.monotonic()
 
-    def __enter__(self) -> ProgressDisplay:
+    def __enter__(self) -> Progress:
         layout = "{l_bar}{bar}| {n_fmt}/{total_fmt}{postfix}"
         self._bar: Any = progress_bar(self.total, f" {self.what}s", bar_format=layout)
         self.show()

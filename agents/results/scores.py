@@ -17,7 +17,7 @@ from agents.evaluation.score import FLOOR
 from agents.executors.driver import values_of
 from agents.executors.options import LOCAL, executor_of
 from agents.executors.policies import PolicyUnit
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.policies.loading import list_policies, load_policy
 from agents.policies.shipped import ShippedPolicy
 from agents.policies.trained import load_driving
@@ -196,7 +196,7 @@ def driving(jobs: int, cluster: str = LOCAL) -> Iterator[Drive]:
 
         def drive(parts: Sequence[_Part]) -> Iterator[Any]:
             units = [PolicyUnit(str(place), _driven, (part,), part.run) for place, part in enumerate(parts)]
-            with signals_seen() as signals, ProgressDisplay(len(parts), "part") as progress:
+            with signals_seen() as signals, Progress(len(parts), "part") as progress:
                 values = values_of(executor, units, progress, signals)
             return iter(values)
 

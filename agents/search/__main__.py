@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from agents.executors.driver import work_through
 from agents.executors.options import LOCAL, add_options, executor_of
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.runs.checks import choice, job_count
 from agents.runs.command_line import exit_code, finished, signals_seen, typed_command
@@ -85,7 +85,7 @@ def _work(
 
     failed, done = dict[Path, str](), 0
     with ExitStack() as held:
-        progress = held.enter_context(ProgressDisplay(len(paths), "run"))
+        progress = held.enter_context(Progress(len(paths), "run"))
         units = [FolderUnit(str(path), search_in, (), home, path.relative_to(out).as_posix()) for path in paths]
         spread = held.enter_context(SpreadRuns(units, progress))
         for ended in spread.runs(work_through(executor, spread.units(), progress, signals)):

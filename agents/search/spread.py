@@ -17,7 +17,7 @@ import numpy as np
 
 from agents.executors.driver import Ended, Unit
 from agents.executors.folders import FolderUnit
-from agents.executors.progress import ProgressDisplay as Display
+from agents.executors.progress import Progress as Display
 from agents.search.config import SearchConfig
 from agents.search.folder import SearchRun
 from agents.search.optimiser import Derivatives, Evaluated

@@ -13,7 +13,7 @@ from typing import Any
 from agents.executors.driver import work_through
 from agents.executors.folders import FolderUnit, Home, marked
 from agents.executors.options import LOCAL, executor_of
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor
 from agents.executors.worker import output_to
 from agents.runs.checks import integer
@@ -141,7 +141,7 @@ class Campaign:
     def _work(self, executor: Executor, waiting: Sequence[Member], signals: MutableSequence[int]) -> dict[Member, str]:
         """Train them all; why some failed. With a signal running ones save, and no more are started."""
         failed, done = dict[Member, str](), 0
-        with marked(self.out) as home, ProgressDisplay(len(waiting), "run") as progress:
+        with marked(self.out) as home, Progress(len(waiting), "run") as progress:
             units = (TrainingUnit.of(member, self.out, home) for member in waiting)
             for ended in work_through(executor, units, progress, signals):
                 done += 1

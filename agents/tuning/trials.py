@@ -20,7 +20,7 @@ from optuna.trial import Trial, TrialState
 from agents.executors.driver import work_through
 from agents.executors.folders import FolderUnit, Home, marked
 from agents.executors.options import LOCAL, executor_of
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import Executor, UnitFailed, WorkerLost
 from agents.runs.command_line import signals_seen
 from agents.runs.files import RunFolderError, read_rows
@@ -106,7 +106,7 @@ def _work(
     signals: MutableSequence[int],
 ) -> None:
     left, broken = max(trials - _begun(study), 0), None
-    with ExitStack() as held, marked(folder.path) as home, ProgressDisplay(left, "trial") as progress:
+    with ExitStack() as held, marked(folder.path) as home, Progress(left, "trial") as progress:
         units = _claimed(study, config, folder, trials, home, held)
         for ended in work_through(executor, units, progress, signals):
             if ended.failure and not isinstance(ended.error, WorkerLost):  # no fault of the trial: a full disk

@@ -66,11 +66,11 @@ class PlanarTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config, nominal = self.config, self.mechanism
         mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
-        series = own_series(config, "loads", uniforms, float(nominal.length), (2,))
+        forces = own_series(config, "loads", uniforms, self.length, (2,))
         return PlanarDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
             links=load_links(config.load, nominal.n_links, uniforms["link"]),
-            forces=load_forces(config.load, uniforms) if series is None else series,
+            forces=load_forces(config.load, uniforms) if forces is None else forces,
             surface_offsets=offsets,
         )
 

@@ -362,8 +362,8 @@ class TrackingTask(Task):
         shapes |= {"start": (m,), "stiffness": (m,), "actuator": (m,), **mechanisms}
         if config.randomization.sensor_noise:
             shapes["noise"] = (config.episode_steps + 1, *errors, 2)
-        shapes |= friction_shapes(config, m) | hardware_shapes(config, m, errors[-1]) | config.terms.uniforms
-        return blocks_of(shapes)
+        shapes |= friction_shapes(config, m) | hardware_shapes(config, m, errors[-1])
+        return blocks_of(shapes | config.terms.uniforms)
 
 
 def _broadcast(first: Array, second: Array) -> bool:

@@ -1,4 +1,4 @@
-"""Everything that touches numba's inside; README.md beside this file says what each of it brings and relies on.
+"""Everything that touches numba's inside; this folder's README.md lists its gains and the interfaces it relies on.
 
 Modules:
     borrowed: arrays without reference counts.
@@ -14,7 +14,7 @@ Modules:
 
 import numba as _numba
 
-_LOWEST, _BEYOND = (0, 68), (0, 69)  # as in pyproject.toml: what is used here is private to numba and changes
+_LOWEST, _BEYOND = (0, 68), (0, 69)  # as in pyproject.toml: private parts of numba, which change
 
 
 def _check(version: str, disabled: bool) -> None:

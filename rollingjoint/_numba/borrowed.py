@@ -2,7 +2,8 @@
 
 Counting references costs more than the arithmetic of a short kernel. The entry kernel borrows from its arguments, which
 outlive the call; everything below works on borrowed arrays of floats, of integers or of SIMD lanes (simd.py). Indexing
-with fewer numbers than axes gives the rest. There are no slices, and no checks of indices but in the mode of bounds.py.
+with fewer numbers than axes gives an array of the remaining axes. There are no slices, and no checks of indices but in
+the mode of bounds.py.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def make(context: Any, builder: Any, kind: Any, data: Any, shape: Any) -> Any:
 
 
 def pointer_and_shape(builder: Any, kind: Any, value: Any) -> tuple[Any, list[Any]]:
-    """What a borrowed array is made of."""
+    """Pointer to the first element of a borrowed array, and its lengths."""
     shape = [
         builder.extract_value(value, 1 + axis) if length is None else ir.Constant(INT, length)
         for axis, length in enumerate(kind.lengths)
@@ -59,15 +60,17 @@ def map_tuple(context: Any, builder: Any, kind: Any, result: Any, value: Any, ch
         return change(kind, result, value)
     values = cgutils.unpack_tuple(builder, value)
     changed = [
-        map_tuple(context, builder, *each, change) for each in zip(kind.types, result.types, values, strict=True)
+        map_tuple(context, builder, *item, change) for item in zip(kind.types, result.types, values, strict=True)
     ]
     return context.make_tuple(builder, result, changed)
 
 
 def _borrowed(kind: Any) -> Any:
-    """The type of what is borrowed: of arrays, and of tuples that hold some; everything else stays as it is."""
+    """The type of a borrowed array, or of a tuple with its arrays borrowed; other types stay as they are."""
     if isinstance(kind, types.BaseTuple):
-        return types.BaseTuple.from_types([_borrowed(one) for one in kind.types], getattr(kind, "instance_class", None))
+        return types.BaseTuple.from_types(
+            [_borrowed(item) for item in kind.types], getattr(kind, "instance_class", None)
+        )
     return BorrowedType(kind.dtype, (None,) * kind.ndim) if isinstance(kind, types.Array) else kind
 
 
@@ -77,10 +80,10 @@ def borrow(typing_context, value):  # type: ignore[no-untyped-def]
     result = _borrowed(value)
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        def change(kind, changed, one):  # type: ignore[no-untyped-def]
+        def change(kind, changed, item):  # type: ignore[no-untyped-def]
             if kind == changed:
-                return one
-            source = context.make_array(kind)(context, builder, one)
+                return item
+            source = context.make_array(kind)(context, builder, item)
             return make(context, builder, changed, source.data, cgutils.unpack_tuple(builder, source.shape))
 
         return map_tuple(context, builder, sig.args[0], result, args[0], change)
@@ -101,8 +104,8 @@ class _GetItem(AbstractTemplate):  # type: ignore[misc]
         kinds = _index_kinds(index) if isinstance(array, BorrowedType) else None
         if kinds is None or len(kinds) > array.ndim:
             return None
-        rest = array.lengths[len(kinds) :]
-        return signature(BorrowedType(array.dtype, rest) if rest else array.dtype, array, index)
+        remaining = array.lengths[len(kinds) :]
+        return signature(BorrowedType(array.dtype, remaining) if remaining else array.dtype, array, index)
 
 
 @infer_global(operator.setitem)
@@ -116,7 +119,7 @@ class _SetItem(AbstractTemplate):  # type: ignore[misc]
 
 
 def _element(context: Any, builder: Any, sig: Any, args: Any) -> tuple[Any, list[Any]]:
-    """Pointer to what an index names, and the shape of it."""
+    """Pointer to the element or array at an index, and its shape."""
     array, index = sig.args[:2]
     data, shape = pointer_and_shape(builder, array, args[0])
     if isinstance(index, types.BaseTuple):
@@ -134,9 +137,9 @@ def _element(context: Any, builder: Any, sig: Any, args: Any) -> tuple[Any, list
 
 
 def _get(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    pointer, rest = _element(context, builder, sig, args)
-    if rest:
-        return make(context, builder, sig.return_type, pointer, rest)
+    pointer, remaining = _element(context, builder, sig, args)
+    if remaining:
+        return make(context, builder, sig.return_type, pointer, remaining)
     value = builder.load(pointer)
     if sig.return_type == types.boolean:
         return builder.trunc(value, ir.IntType(1))

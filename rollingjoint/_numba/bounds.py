@@ -1,7 +1,7 @@
 """The mode in which kernels check every index: ROLLINGJOINT_CHECK_BOUNDS=1 in the environment.
 
-Borrowed arrays, memory that is carved and NumPy's own arrays are checked, and who calls machine code with what. The
-mode has compiled kernels of its own on disk; without it none of this is in the code.
+Borrowed arrays, carved memory and NumPy arrays are checked, and the arguments of machine code. The mode has separate
+compiled kernels on disk; without it none of this is in the code.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ CHECKED = os.environ.get("ROLLINGJOINT_CHECK_BOUNDS", "0") not in ("", "0")
 
 _INT = ir.IntType(64)
 _SYMBOL = "rollingjoint_found_and_allowed"
-_found_and_allowed = (ctypes.c_int64 * 2)()  # what the last check found in a kernel, and the number it has to be below
+_found_and_allowed = (ctypes.c_int64 * 2)()  # index of the last failed check in a kernel, and its bound
 
 
 class OutOfRange(IndexError):
-    """An index, or a piece of memory, beyond what there is; raised by checked kernels."""
+    """An index, or a piece of memory, out of range; raised by checked kernels."""
 
     def __init__(self, what: str) -> None:
-        found, allowed = _found_and_allowed
-        super().__init__(f"{what}: {found} is not in 0 ... {allowed - 1}")
+        index, allowed = _found_and_allowed
+        super().__init__(f"{what}: {index} is not in 0 ... {allowed - 1}")
 
 
 def check_index(context: Any, builder: Any, number: Any, count: Any, what: str) -> None:
@@ -50,7 +50,7 @@ def check_room(context: Any, builder: Any, end: Any, count: Any, what: str) -> N
 
 
 def _function(builder: Any) -> str:
-    """The name of the function that is being compiled, from what the linker calls it."""
+    """The name of the function that is being compiled, from its symbol."""
     mangled, names = builder.function.name.removeprefix("_ZN"), []
     while size := re.match(r"\d+", mangled):
         end = size.end() + int(size.group())
@@ -67,4 +67,4 @@ def _check_array(context: Any, builder: Any, ind: Any, dimlen: Any, axis: Any = 
 
 if CHECKED:
     llvmlite.binding.add_symbol(_SYMBOL, ctypes.addressof(_found_and_allowed))
-    cgutils.do_boundscheck = _check_array  # numba's own does not say which index
+    cgutils.do_boundscheck = _check_array  # numba's check does not name the index

@@ -49,14 +49,14 @@ _UNUSED = 30 * 24 * 3600.0  # s after which kernels that no process has used are
 def cache_directory() -> Path:
     """First safe place for compiled kernels: $ROLLINGJOINT_CACHE, the user's cache, scratch space.
 
-    All checkouts and environments of a user share it: what lies there is named after the sources that it was compiled
-    from. It is unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a fresh
-    folder that goes with the process.
+    All checkouts and environments of a user share it: files are named after the sources that they were compiled from.
+    They are unpickled and run, so the folder belongs to this user alone. Where no place is safe, it is a fresh folder
+    that goes with the process.
     """
     home = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     scratch = Path(tempfile.gettempdir()) / f"rollingjoint-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
-    chosen = os.environ.get("ROLLINGJOINT_CACHE")
-    for place in [Path(chosen)] if chosen else [home / "rollingjoint", scratch]:
+    setting = os.environ.get("ROLLINGJOINT_CACHE")
+    for place in [Path(setting)] if setting else [home / "rollingjoint", scratch]:
         folder = place / f"kernels-{_source_hash()}{'-checked' if CHECKED else ''}"
         try:
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -70,14 +70,14 @@ def cache_directory() -> Path:
             if is_new:
                 _delete_unused(place)
             return folder
-        if chosen:
-            wanted = "a folder of your own that nobody else can write to"
-            print(f"rollingjoint: ROLLINGJOINT_CACHE = {chosen!r}: expected {wanted}; not used", file=sys.stderr)
+        if setting:
+            allowed = "a folder of your own that nobody else can write to"
+            print(f"rollingjoint: ROLLINGJOINT_CACHE = {setting!r}: expected {allowed}; not used", file=sys.stderr)
     return _fresh_folder()
 
 
 def _delete_unused(place: Path) -> None:
-    """Delete the kernels of other sources that no process has asked for in a while."""
+    """Delete the kernels of other sources that were unused for 30 days."""
     for folder in place.glob("kernels-*"):
         with contextlib.suppress(OSError):
             if folder.lstat().st_mtime < time.time() - _UNUSED:
@@ -85,18 +85,18 @@ def _delete_unused(place: Path) -> None:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether it is a real folder of this user that nobody else can enter."""
-    seen = folder.lstat()
-    mine = not hasattr(os, "getuid") or (seen.st_uid == os.getuid() and not seen.st_mode & 0o077)
-    return stat.S_ISDIR(seen.st_mode) and mine
+    """True for a real folder of this user, closed to all others."""
+    info = folder.lstat()
+    private = not hasattr(os, "getuid") or (info.st_uid == os.getuid() and not info.st_mode & 0o077)
+    return stat.S_ISDIR(info.st_mode) and private
 
 
 def _others_may_replace(folder: Path) -> bool:
-    """Whether another user could put a folder of theirs in the place of one inside."""
+    """True if another user could replace a folder inside by theirs."""
     if not hasattr(os, "getuid"):
         return False
-    seen = folder.stat()
-    return seen.st_uid not in (0, os.getuid()) or bool(seen.st_mode & 0o022 and not seen.st_mode & stat.S_ISVTX)
+    info = folder.stat()
+    return info.st_uid not in (0, os.getuid()) or bool(info.st_mode & 0o022 and not info.st_mode & stat.S_ISVTX)
 
 
 def _fresh_folder() -> Path:
@@ -107,24 +107,24 @@ def _fresh_folder() -> Path:
 
 
 def _sources(function: Callable[..., Any]) -> list[Path]:
-    """Files outside this package that a kernel is made of: its own, those of kernels and layouts that it imports."""
+    """Source files of a kernel outside this package: its file, and the files of kernels and layouts that it imports."""
     files: list[Path] = []
     waiting = [function]
     while waiting:
-        one = waiting.pop(0)
-        file = Path(one.__code__.co_filename)
+        kernel = waiting.pop(0)
+        file = Path(kernel.__code__.co_filename)
         if file not in files and _PACKAGE not in file.parents:
             files.append(file)
-            waiting += [seen.py_func for seen in one.__globals__.values() if isinstance(seen, CPUDispatcher)]
-            for seen in filter(is_layout, list(one.__globals__.values())):
-                path = Path(getattr(sys.modules[seen.__module__], "__file__", None) or file)
+            waiting += [value.py_func for value in kernel.__globals__.values() if isinstance(value, CPUDispatcher)]
+            for value in filter(is_layout, list(kernel.__globals__.values())):
+                path = Path(getattr(sys.modules[value.__module__], "__file__", None) or file)
                 files += [path] if path not in files and _PACKAGE not in path.parents else []
     return files
 
 
 @functools.cache
 def _announce(title: str) -> None:
-    """Tell a person at a terminal, once for every title, what the wait is for."""
+    """Tell a person at a terminal, once for every title, that this is being compiled."""
     if sys.stderr.isatty():
         print(f"rollingjoint: compiling {title}, some seconds; kept for next time", file=sys.stderr)
 
@@ -137,7 +137,7 @@ _may_compile = True
 
 
 @contextlib.contextmanager
-def only_what_is_kept() -> Iterator[None]:
+def without_compiling() -> Iterator[None]:
     """A context in which a kernel that is not on disk raises NotCompiled; not for several threads at a time."""
     global _may_compile
     _may_compile = False
@@ -159,11 +159,11 @@ class _KernelLocator(caching._CacheLocator):
         return str(cache_directory())
 
     def get_source_stamp(self) -> str:
-        """Of the package's kernels, and of what kernels of other packages are made of beside them."""
+        """Hash of the package's kernels and of a kernel's sources outside it."""
         return self._stamp
 
     def get_disambiguator(self) -> str:
-        """Two checkouts whose kernels differ keep both."""
+        """File name of a kernel, different in two checkouts with different kernels."""
         return f"{self._name}-{self._stamp[16:]}"
 
     @classmethod
@@ -200,7 +200,7 @@ class _KernelCache(caching.FunctionCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep compiled code, over what cannot be read; a full or read-only disk costs only the next start its time."""
+        """Store compiled code, also over unreadable files; a full or read-only disk means compiling at every start."""
         try:
             try:
                 super().save_overload(sig, data)
@@ -212,5 +212,5 @@ class _KernelCache(caching.FunctionCache):
 
 
 def keep_on_disk(dispatcher: Any, title: str) -> None:
-    """Have a dispatcher look for compiled code on disk, and leave it there; `title`: what it belongs to, in words."""
+    """Have a dispatcher load and store compiled code on disk; `title`: the solver that it belongs to, for messages."""
     dispatcher._cache = _KernelCache(dispatcher.py_func, title)

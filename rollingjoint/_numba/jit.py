@@ -18,7 +18,7 @@ from rollingjoint._numba.parts import PartCompiler, PartDispatcher, ShortLoopsCo
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "boundscheck": CHECKED}
 PART_OPTIONS = _OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
-"""What numba compiles a part with."""
+"""numba's options for parts."""
 
 
 def kernel(
@@ -31,7 +31,7 @@ def kernel(
 ) -> Any:
     """Compile a function of plain arrays: IEEE arithmetic that never raises, cached on disk.
 
-    `title`: what a person who waits for it is told that it belongs to, such as "the planar solver".
+    `title`: the solver that it belongs to, for the message to a person who waits, such as "the planar solver".
     `short_loops`: all its loops are short, or over SIMD lanes, and not worth being unrolled or vectorised.
     `lapack`: it may call LAPACK. numba would import that in the middle of a call, where Ctrl-C is a fatal error; so it
     is imported when the kernel's machine code is bound.
@@ -69,7 +69,7 @@ _with_lapack: set[Any] = set()
 
 
 def _compiled_for(dispatcher: Any, kinds: tuple[Any, ...]) -> Any:
-    """What a kernel is for arguments of these kinds, compiled or loaded if need be."""
+    """numba's compiled form of a kernel for arguments of these kinds, compiled or loaded if need be."""
     key = dispatcher, *(kind if layout.is_declaration(kind) else layout.numba_type(kind) for kind in kinds)
     if (compiled := _compiled.get(key)) is None:
         arguments = tuple(map(layout.numba_type, kinds))
@@ -94,14 +94,14 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def machine_code(dispatcher: Any, *kinds: Any) -> Callable[..., Any]:
-    """A kernel without numba's look at the type of every argument, which costs as much as a short kernel.
+    """A kernel without numba's check of the type of every argument, which costs as much as a short kernel.
 
     Args:
         dispatcher: the kernel.
-        kinds: what each argument will be: an example, or a declaration: a number's type, an array's (`Annotated[Floats,
+        kinds: one per argument, an example, or a declaration: a number's type, an array's (`Annotated[Floats,
             "B"]`), or the class of a NamedTuple (layout.py). Other kinds give other machine code.
     Returns:
-        the machine code. Its arguments must be of these kinds, arrays contiguous; nothing checks that but the mode of
+        the machine code. Its arguments must be of these kinds, arrays contiguous; unchecked but in the mode of
         bounds.py.
     """
     code: Callable[..., Any] = _compiled_for(dispatcher, kinds).entry_point
@@ -109,7 +109,7 @@ def machine_code(dispatcher: Any, *kinds: Any) -> Callable[..., Any]:
 
 
 def entry_address(dispatcher: Any, *kinds: Any) -> int:
-    """Where the machine code of a kernel for such arguments lies, for `pins.call_range`."""
+    """Address of the machine code of a kernel for such arguments, for `pins.call_range`."""
     compiled = _compiled_for(dispatcher, kinds)
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 

@@ -1,11 +1,11 @@
-"""NamedTuples of arrays whose layout is declared by their annotations: what they are to numba, sizes, signatures.
+"""NamedTuples of arrays with a layout declared by annotations: their numba types, sizes and checks.
 
     class State(NamedTuple):
         angle: Annotated[Floats, "J"]
         joint: Annotated[Floats, "J", 8]
 
 An axis is a number or a name; all axes of one name have one length. Fields are such arrays, `float`, `int`, `bool`, or
-NamedTuples of their own; Annotated[State, "B"] is one whose arrays have an axis B before the others.
+NamedTuples again; Annotated[State, "B"] is one with a leading axis B on its arrays.
 """
 
 from __future__ import annotations
@@ -45,19 +45,19 @@ class Leaf(NamedTuple):
         if self.axes is None:
             return
         if not isinstance(value, np.ndarray) or value.dtype != self.dtype or value.ndim != len(self.axes):
-            found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
-            raise InvalidInput(self.path, found, f"an array of {self.dtype} ({', '.join(map(str, self.axes))})")
+            actual = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
+            raise InvalidInput(self.path, actual, f"an array of {self.dtype} ({', '.join(map(str, self.axes))})")
         if not value.flags.c_contiguous:
             raise InvalidInput(self.path, f"strides {value.strides}", "a contiguous array")
 
 
 def is_layout(kind: Any) -> bool:
-    """Whether it is a NamedTuple class."""
+    """True for a NamedTuple class."""
     return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
 
 
 def is_declaration(kind: Any) -> bool:
-    """Whether it says what arguments are, not an example of them."""
+    """True for a declaration of an argument's kind, False for an example of one."""
     return isinstance(kind, type) or get_origin(kind) is Annotated
 
 
@@ -72,14 +72,14 @@ def fields(cls: type) -> tuple[Any, ...]:
 
 
 def _tree(hint: Any, outer: tuple[Any, ...], path: str, leaf: Callable[[Leaf], Any], node: Callable[..., Any]) -> Any:
-    """What `leaf` makes of arrays and numbers, put together by node(class, values) level by level."""
+    """Values of `leaf` for all arrays and numbers, put together by node(class, values) level by level."""
     axes: tuple[Any, ...] = ()
     if get_origin(hint) is Annotated:
-        hint, *rest = get_args(hint)
-        axes = tuple(rest)
+        hint, *declared = get_args(hint)
+        axes = tuple(declared)
     if is_layout(hint):
         fields = _hints(hint).items()
-        return node(hint, [_tree(each, (*outer, *axes), f"{path}.{name}", leaf, node) for name, each in fields])
+        return node(hint, [_tree(field, (*outer, *axes), f"{path}.{name}", leaf, node) for name, field in fields])
     if hint in _SCALARS:
         return leaf(Leaf(path, _SCALARS[hint], None))
     if get_origin(hint) is not _ARRAY:
@@ -95,60 +95,60 @@ def _scalar_type(hint: Any) -> Any:
 
 @functools.cache
 def leaves(cls: type) -> tuple[Leaf, ...]:
-    """All arrays and numbers of a layout, those of inner NamedTuples in their places."""
-    found: list[Leaf] = []
-    _tree(cls, (), cls.__name__, found.append, lambda *_: None)
-    return tuple(found)
+    """All arrays and numbers of a layout, in order, inner NamedTuples flattened."""
+    collected: list[Leaf] = []
+    _tree(cls, (), cls.__name__, collected.append, lambda *_: None)
+    return tuple(collected)
 
 
 @functools.cache
 def layout_hash(cls: type) -> int:
-    """A number that two layouts share only if names, dtypes and axes of all their fields are the same."""
+    """A number that two layouts share only if names, dtypes and axes of all their fields are equal."""
     return int.from_bytes(hashlib.sha256(repr(leaves(cls)).encode()).digest()[:7], "little")
 
 
 def size(cls: type, lengths: Mapping[str, int]) -> int:
-    """How many numbers the arrays of a layout take, from the lengths of its named axes: pins.size_of, in Python."""
+    """Count of numbers in the arrays of a layout, from the lengths of its named axes: pins.size_of, in Python."""
     axes = (leaf.axes or () for leaf in leaves(cls))
-    return sum(math.prod(axis if isinstance(axis, int) else lengths[axis] for axis in each) for each in axes)
+    return sum(math.prod(axis if isinstance(axis, int) else lengths[axis] for axis in shape) for shape in axes)
 
 
 def flat(value: Any) -> list[Any]:
     """The values of a (nested) NamedTuple in the order of `leaves`."""
     values: list[Any] = []
-    for one in value:
-        if isinstance(one, tuple):
-            values += flat(one)
+    for item in value:
+        if isinstance(item, tuple):
+            values += flat(item)
         else:
-            values.append(one)
+            values.append(item)
     return values
 
 
 def check(value: Any) -> None:
-    """Raise InvalidInput, naming the field, unless a NamedTuple holds what its class declares."""
+    """Raise InvalidInput, naming the field, unless the arrays of a NamedTuple are as its class declares."""
     cls: Any = type(value)
     lengths: dict[str, int] = {}
-    for leaf, one in zip(leaves(cls), flat(value), strict=True):
-        leaf.check(one)
+    for leaf, array in zip(leaves(cls), flat(value), strict=True):
+        leaf.check(array)
         if leaf.axes is None:
             continue
-        for axis, length in zip(leaf.axes, one.shape, strict=True):
-            known = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
-            if length != known:
-                raise InvalidInput(f"{leaf.path}, axis {axis}", length, f"{known}, as in the layout's other arrays")
+        for axis, length in zip(leaf.axes, array.shape, strict=True):
+            expected = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
+            if length != expected:
+                raise InvalidInput(f"{leaf.path}, axis {axis}", length, f"{expected}, as in the layout's other arrays")
 
 
 def check_argument(value: Any, kind: Any) -> None:
     """Raise InvalidInput unless machine code for this numba type can be called with the value."""
     if isinstance(kind, types.BaseTuple):
-        for one, its in zip(value, kind.types, strict=True):  # type: ignore[attr-defined]
-            check_argument(one, its)
+        for argument, its in zip(value, kind.types, strict=True):  # type: ignore[attr-defined]
+            check_argument(argument, its)
     elif isinstance(kind, types.Array):
         Leaf("argument of machine code", numpy_support.as_dtype(kind.dtype), ("...",) * kind.ndim).check(value)
 
 
 def numba_type(kind: Any) -> Any:
-    """The type that arguments of a kind have in kernels: of a declaration, or of an example."""
+    """The numba type of arguments of a kind, which is a declaration or an example."""
     if isinstance(kind, types.Type):
         return kind
     return _argument_type(kind) if is_declaration(kind) else numba.typeof(kind)
@@ -180,7 +180,7 @@ def borrowed_type(cls: type) -> Any:
 
 
 def carved_type(cls: type, dtype: Any) -> Any:
-    """The type of a NamedTuple whose arrays are borrowed from memory of a type."""
+    """The type of a NamedTuple with its arrays borrowed from memory of a type."""
     lengths = lambda axes: tuple(axis if isinstance(axis, int) else None for axis in axes)  # noqa: E731
     carved = lambda kind, axes: BorrowedType(dtype, lengths(axes))  # noqa: E731
     return _tree(cls, (), cls.__name__, lambda leaf: _declared(leaf, carved), _tuple_type)

@@ -1,8 +1,8 @@
-"""How kernels, and the parts that they are made of, become machine code.
+"""From kernels and their parts to machine code.
 
 numba would optimise a function anew in every caller of a caller; parts are typed and lowered, and wait for the kernel
-that holds them all. LLVM would copy the loops of a kernel, to unroll and to vectorise them; those that are short, or
-over SIMD lanes already, gain nothing by that and take longer to compile.
+that holds them all. LLVM would copy the loops of a kernel, to unroll and to vectorise them; loops that are short, or
+over SIMD lanes already, would be no faster and take longer to compile.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numba.core.typed_passes import AnnotateTypes
 
 
 class _ShortLoopsLibrary(JITCodeLibrary):
-    """Code of a kernel whose loops stay as they are written."""
+    """Code of a kernel with its loops neither unrolled nor vectorised."""
 
     def _optimize_final_module(self) -> None:
         options = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -32,7 +32,7 @@ class _ShortLoopsLibrary(JITCodeLibrary):
 class _NoEnvironments:
     @staticmethod
     def set_env(name: str, environment: Any) -> None:
-        """Leave nothing."""
+        """Parts have no environment: ignored."""
 
 
 class _PartLibrary(JITCodeLibrary):
@@ -77,7 +77,7 @@ class _UsePartLibrary(_UseLibrary):
 
 
 class _Compiler(CompilerBase):
-    """numba's compiler with a library of ours in place of its own."""
+    """numba's compiler with one of the libraries above."""
 
     use_library: type[_UseLibrary]
 
@@ -102,7 +102,7 @@ class PartCompiler(_Compiler):
 
 
 class PartDispatcher(CPUDispatcher):
-    """What stands for a part in Python."""
+    """A part as Python sees it."""
 
     def __call__(self, *args: Any) -> Any:
         """Raise TypeError: there is no machine code that Python could call."""

@@ -26,20 +26,20 @@ class WrongLayout(RuntimeError):
 
 
 class Pinned:
-    """The pins of a NamedTuple, whose arrays it keeps alive; what is in them may change, where they are does not.
+    """The pins of a NamedTuple, and its arrays, kept alive: their numbers may change, their addresses do not.
 
     Raises:
-        InvalidInput: an array that is not what the NamedTuple's class declares.
+        InvalidInput: an array that is not as the NamedTuple's class declares.
     """
 
     def __init__(self, value: Any) -> None:
         check(value)
         words = [layout_hash(type(value))]
-        for leaf, one in zip(leaves(type(value)), flat(value), strict=True):
+        for leaf, item in zip(leaves(type(value)), flat(value), strict=True):
             if leaf.axes is None:
-                words.append(int(np.float64(one).view(np.int64) if leaf.dtype.kind == "f" else one))
+                words.append(int(np.float64(item).view(np.int64) if leaf.dtype.kind == "f" else item))
             else:
-                words += one.ctypes.data, *one.shape
+                words += item.ctypes.data, *item.shape
         self._kept, self._block = value, np.array(words, np.int64)
         self.address: int = self._block.ctypes.data
 
@@ -77,7 +77,7 @@ def unpin(typing_context, address, layout):  # type: ignore[no-untyped-def]
 
         def read(kind):  # type: ignore[no-untyped-def]
             if isinstance(kind, types.BaseTuple):
-                return context.make_tuple(builder, kind, [read(one) for one in kind.types])
+                return context.make_tuple(builder, kind, [read(item) for item in kind.types])
             if isinstance(kind, BorrowedType):
                 data = builder.inttoptr(word(), context.get_value_type(types.CPointer(kind.dtype)))
                 return make(context, builder, kind, data, [word() for _ in range(kind.ndim)])
@@ -92,10 +92,10 @@ def unpin(typing_context, address, layout):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def call_range(typing_context, entry, pins, layout, first, last):  # type: ignore[no-untyped-def]
-    """Call the kernel whose machine code is at `entry` (`jit.entry_address`), kernel(pins, first, last) -> integer.
+    """Call the kernel with its machine code at `entry` (`jit.entry_address`), kernel(pins, first, last) -> integer.
 
-    So a kernel calls one of another package without compiling it a second time. `layout` is that of the pins; another
-    one raises WrongLayout. -1 where the kernel raised (no memory).
+    So a kernel calls one of another package without compiling it a second time. `layout` is the class of the pins;
+    another one raises WrongLayout. -1 where the kernel raised (no memory).
     """
     cls = layout.instance_class
 
@@ -131,8 +131,8 @@ def _sizes(context: Any, builder: Any, kind: Any, value: Any) -> dict[str, Any]:
     """Lengths of named axes, from a NamedTuple of them."""
     values = cgutils.unpack_tuple(builder, value)
     return {
-        name: context.cast(builder, one, of, types.intp)
-        for name, of, one in zip(kind.fields, kind.types, values, strict=True)
+        name: context.cast(builder, length, of, types.intp)
+        for name, of, length in zip(kind.fields, kind.types, values, strict=True)
     }
 
 
@@ -142,7 +142,7 @@ def _shape(leaf: Any, sizes: dict[str, Any]) -> list[Any]:
 
 @intrinsic
 def size_of(typing_context, layout, sizes):  # type: ignore[no-untyped-def]
-    """How many numbers the arrays of a NamedTuple take; sizes: a NamedTuple of the lengths of named axes."""
+    """Count of numbers in the arrays of a NamedTuple; sizes: a NamedTuple of the lengths of named axes."""
     cls = layout.instance_class
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -160,9 +160,9 @@ def size_of(typing_context, layout, sizes):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def carve_tuple(typing_context, memory, at, layout, sizes):  # type: ignore[no-untyped-def]
-    """A NamedTuple whose arrays lie one after another in one-dimensional memory, from its element `at` on.
+    """A NamedTuple of arrays that lie one after another in one-dimensional memory, from its element `at` on.
 
-    They are arrays of what the memory holds. sizes: as for `size_of`.
+    They have the memory's element type. sizes: as for `size_of`.
     """
     cls = layout.instance_class
     result = carved_type(cls, memory.dtype)
@@ -175,7 +175,7 @@ def carve_tuple(typing_context, memory, at, layout, sizes):  # type: ignore[no-u
         def take(kind):  # type: ignore[no-untyped-def]
             nonlocal end
             if isinstance(kind, types.BaseTuple):
-                return context.make_tuple(builder, kind, [take(one) for one in kind.types])
+                return context.make_tuple(builder, kind, [take(item) for item in kind.types])
             shape = _shape(next(following), lengths)
             array, end = carved(context, builder, kind, sig.args[0], args[0], end, shape)
             return array

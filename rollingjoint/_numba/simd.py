@@ -18,7 +18,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
 WIDTH = 8  # lanes side by side
-COLUMNS = 8  # numbers in a row of a table, as many as lanes: `columns` transposes a square
+COLUMNS = 8  # numbers in a row of a table, equal to WIDTH: `columns` transposes a square
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
@@ -68,7 +68,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def width_of(kind: Any) -> int:
-    """How many lanes a number of this type holds: eight, or one if it is a float."""
+    """Number of lanes in a number of this type: eight, or one if it is a float."""
     return WIDTH if kind == simd_type else 1
 
 
@@ -101,8 +101,8 @@ def _binary(function: Any, instruction: str, result: Any, *extra: Any) -> None:
             return None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        left, right = (_as_simd(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
-        return getattr(builder, instruction)(*extra, left, right)
+        first, second = (_as_simd(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
+        return getattr(builder, instruction)(*extra, first, second)
 
     for kinds in ((simd_type, simd_type), (simd_type, types.Number), (types.Number, simd_type)):
         lower_builtin(function, *kinds)(lower)
@@ -173,9 +173,9 @@ def _float_to_simd(context: Any, builder: Any, source: Any, target: Any, value: 
 @intrinsic
 def where(typing_context, condition, yes, no):  # type: ignore[no-untyped-def]
     """`yes` where the condition holds, else `no`; for masks and SIMD lanes, or for a bool and floats."""
-    wide = condition == mask_type
-    result = simd_type if wide else types.float64
-    if wide and mask_type in (yes, no):
+    is_mask = condition == mask_type
+    result = simd_type if is_mask else types.float64
+    if is_mask and mask_type in (yes, no):
         result = mask_type
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -184,11 +184,11 @@ def where(typing_context, condition, yes, no):  # type: ignore[no-untyped-def]
                 return (
                     value if kind == mask_type else _spread(builder, context.cast(builder, value, kind, types.boolean))
                 )
-            if wide:
+            if is_mask:
                 return _as_simd(context, builder, value, kind)
             return context.cast(builder, value, kind, types.float64)
 
-        test = args[0] if wide else context.cast(builder, args[0], sig.args[0], types.boolean)
+        test = args[0] if is_mask else context.cast(builder, args[0], sig.args[0], types.boolean)
         return builder.select(test, cast(args[1], sig.args[1]), cast(args[2], sig.args[2]))
 
     return result(condition, yes, no), lower
@@ -208,7 +208,7 @@ def fused(typing_context, a, b, c):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def any_lane(typing_context, mask):  # type: ignore[no-untyped-def]
-    """True where a mask holds in some lane; a bool stays what it is."""
+    """True where a mask holds in any lane; a bool stays unchanged."""
 
     def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
         if sig.args[0] == types.boolean:

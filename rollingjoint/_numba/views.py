@@ -72,7 +72,7 @@ def numbers(typing_context, array):  # type: ignore[no-untyped-def]
 
 @intrinsic(prefer_literal=True)
 def of_width(typing_context, array, width):  # type: ignore[no-untyped-def]
-    """A borrowed array whose last axis is known to have this length: its index is then a shift, not a product."""
+    """A borrowed array with a last axis of this length, known to the compiler: its index is a shift, no product."""
     if not isinstance(width, types.IntegerLiteral):
         return None
 
@@ -97,16 +97,16 @@ def aligned_simd(typing_context, memory):  # type: ignore[no-untyped-def]
         data, (count,) = pointer_and_shape(builder, sig.args[0], args[0])
         size = _number(8 * WIDTH)
         address = builder.ptrtoint(data, INT)
-        beyond = builder.urem(builder.neg(address), size)
-        start = builder.inttoptr(builder.add(address, beyond), data.type)
-        left = builder.sub(builder.mul(count, _number(8)), beyond)
-        return make(context, builder, result, start, [builder.udiv(left, size)])
+        offset = builder.urem(builder.neg(address), size)
+        start = builder.inttoptr(builder.add(address, offset), data.type)
+        n_bytes = builder.sub(builder.mul(count, _number(8)), offset)
+        return make(context, builder, result, start, [builder.udiv(n_bytes, size)])
 
     return result(memory), lower
 
 
 def carved(context: Any, builder: Any, result: Any, memory: Any, value: Any, at: Any, shape: Any) -> tuple[Any, Any]:
-    """An array in memory from `at` on, in the code of a kernel, and where what follows it begins."""
+    """An array in memory from `at` on, in the code of a kernel, and the index after its last element."""
     data, (count,) = pointer_and_shape(builder, memory, value)
     size = _number(1)
     for length in shape:

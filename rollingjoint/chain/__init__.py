@@ -2,10 +2,10 @@
 
 Modules:
     batch: batches solved into arrays that the caller keeps.
-    chain: the base class of all mechanisms, and what each class says of its own.
-    equilibrium: what a solve returns, of either class.
+    chain: the base class of all mechanisms, and the interface that each class fills in.
+    equilibrium: results of solves, of either class.
     file: the content of mechanism files.
-    friction_step: what friction did in a step, and the history with which it begins.
+    friction_step: results of friction in a step, and the history with which it begins.
     hinge: beads on elastic hinges, and the arrays that kernels read.
     joint_table: the geometry of a rolling joint over its angle as polynomials.
     outline: outlines of links, for any drawing.

@@ -1,6 +1,6 @@
-"""Batches of chains solved into arrays that the caller keeps: what solvers and environments share.
+"""Batches of chains solved into arrays that the caller keeps, for solvers and environments.
 
-Nothing is checked here; `rollingjoint.statics.solve` is the front door.
+Inputs are not checked here; `rollingjoint.statics.solve` has the public functions.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _FIRST = np.zeros(1, np.int64)  # the only design of a mechanism's own arrays
 class PinnedRange:
     """Solves ranges of rows of arrays that stay where they are; Python's lock is released while there are several.
 
-    Kernels call it by call_range(entry, pins, PinnedBatch, first, last), which returns how many rows it leaves to
-    `solve_the_rest`. `entry` is 0 where those are all of them: of long chains. The arrays are kept alive.
+    Kernels call it by call_range(entry, pins, PinnedBatch, first, last), which returns the number of rows that it
+    leaves to `solve_the_rest`. `entry` is 0 where it leaves all rows: of long chains. The arrays are kept alive.
 
     Args:
         kernels: of the class of chains.
-        batch: what is solved.
-        memory: of lanes, for a batch of one row: shared by ranges of which only one is solved at a time; None: memory
-            of its own.
+        batch: inputs and results.
+        memory: of lanes, for a batch of one row: shared by ranges of which only one is solved at a time; None: new
+            memory.
     Raises:
         InvalidInput: an array of another type or shape than the batch declares.
     """
@@ -65,7 +65,7 @@ class PinnedRange:
             self.solve_the_rest(first, last)
 
     def solve_the_rest(self, first: int, last: int) -> None:
-        """Solve those of the rows first to last - 1 that `entry` has left."""
+        """Solve the rows that `entry` has left among first to last - 1."""
         self._for_all_cases(_left(self._batch, first, last, self._is_long))
 
     @functools.cached_property
@@ -78,12 +78,12 @@ def step_range(kernels: Kernels, batch: Any, friction: FrictionArrays, first: in
     """Solve the steps with friction of rows first to last - 1; Python's lock is released meanwhile."""
     is_long = batch.starts.shape[1] > kernels.most_with_friction
     if is_long or _on_batch(kernels.step, _kind(batch), FrictionArrays, int, int)(*batch, friction, first, last):
-        left = _left(batch, first, last, is_long)
-        _on_batch(step_lanes, _kind(batch), FrictionArrays, _LEFT)(*batch, friction, left)
+        remaining = _left(batch, first, last, is_long)
+        _on_batch(step_lanes, _kind(batch), FrictionArrays, _LEFT)(*batch, friction, remaining)
 
 
 def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> None:
-    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, nothing has ever slipped."""
+    """Fill the histories of rows first to last - 1: at `starts` under the lowest tensions, before any slip."""
     rows, (law, history) = slice(first, last), histories_of(friction, first, last)
     begin_histories(batch.chain, batch.designs[rows], law, batch.laws.low[rows], batch.starts[rows], history)
 
@@ -91,17 +91,17 @@ def begin_range(batch: Any, friction: FrictionArrays, first: int, last: int) -> 
 def stiffnesses(kernels: Kernels, batch: Any, friction: FrictionArrays | None = None) -> tuple[Array, Array]:
     """Stiffness (B, J, J) [N·mm/rad] and d residual / d tension (B, J, m) [mm] of the solved rows.
 
-    With friction, those after the steps that left its histories: holes that stick go on sticking, the others sliding.
+    With friction, after the steps that left its histories: holes that stick go on sticking, the others sliding.
     """
     results, H = batch.results, np.empty((*batch.starts.shape, batch.starts.shape[1]))
     torques = getattr(results, kernels.torques)
-    known = batch.chain, batch.designs
-    there = results.tensions, results.elastic, batch.loads, results.joint_angles
+    designs = batch.chain, batch.designs
+    state = results.tensions, results.elastic, batch.loads, results.joint_angles
     if friction is None:
-        stiffness_of(*known, *there, H)
+        stiffness_of(*designs, *state, H)
         return H, torques
     torques = np.empty_like(torques)
-    rubbed_stiffness_of(*known, friction.law, *there, friction.after, H, torques)
+    rubbed_stiffness_of(*designs, friction.law, *state, friction.after, H, torques)
     return H, torques
 
 
@@ -124,7 +124,7 @@ def solve_batch(
 
     Args:
         kind: the class. mechanism: one, or one per row.
-        chain, designs, laws, tables, starts: those of Kernels.batch_arrays.
+        chain, designs, laws, tables, starts: as in Kernels.batch_arrays.
     """
     arrays = _new_batch(kind, chain, designs, laws, tables, starts)
     run_in_threads(PinnedRange(kind.kernels, arrays), len(starts), starts.shape[1], abandon=True)
@@ -142,9 +142,9 @@ def step_batch(
     before: FrictionState,
     friction: FrictionLaw | None = None,
 ) -> Any:
-    """The equilibria of a batch of steps with friction; the first arguments are those of `solve_batch`.
+    """The equilibria of a batch of steps with friction; the first arguments as of `solve_batch`.
 
-    before: histories of all rows; friction: their coefficients, default those of the mechanisms.
+    before: histories of all rows; friction: their coefficients, default the mechanisms'.
     """
     arrays = _new_batch(kind, chain, designs, laws, tables, starts)
     steps = new_friction_arrays(friction or friction_laws(mechanism, len(starts)), History(*before))

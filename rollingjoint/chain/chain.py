@@ -17,10 +17,10 @@ from rollingjoint.friction import NO_FRICTION, ROLLING_PRESLIDING, CapstanFricti
 from rollingjoint.load import Gravity, Load, checked_springs
 
 Array = NDArray[np.float64]
-S = TypeVar("S", covariant=True)  # what a solve of the mechanism returns
+S = TypeVar("S", covariant=True)  # the equilibrium of the mechanism
 _T = TypeVar("_T")
 
-_SEARCHED = 101  # angles of a joint at which a shortest path is looked for
+_SEARCHED = 101  # angles of a joint that a search for the shortest path tries
 
 
 class Spares(dict[int, list[Any]]):
@@ -32,20 +32,20 @@ class Spares(dict[int, list[Any]]):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Kernels:
-    """The compiled code that a class of chains has of its own: what solves its batches in SIMD lanes.
+    """The compiled code of a class of chains, which solves its batches in SIMD lanes.
 
-    What the lanes leave goes to the solver for all cases (kernels.batch), which knows the class by its arrays.
+    Rows that the lanes leave go to the solver for all cases (kernels.batch), which knows the class by its arrays.
 
     Attributes:
-        batch_arrays: NamedTuple of equilibria to be solved, and where they go: chain, from `stack`; designs: which of
-            the stacked mechanisms each row has, (B,); laws: (B, m) each; loads: load tables, (B, rows, columns);
+        batch_arrays: NamedTuple of problems, and of arrays for their results: chain, from `stack`; designs: index of
+            each row's mechanism in the stack, (B,); laws: (B, m) each; loads: load tables, (B, rows, columns);
             starts: joint angles, (B, J) [rad]; results: from `new_results`. All arrays are contiguous.
         new_results: empty outputs of (rows, joints, tendons).
         torques: the output that holds d residual / d tension without friction.
         pinned_batch: NamedTuple of a batch and the memory of `memory`; address for both kernels below.
-        solve, solve_alone: of (address, first, last), eight rows side by side or one by one; how many they leave.
+        solve, solve_alone: of (address, first, last), eight rows side by side or one by one; number of rows left.
         memory: of a batch, the memory in which a batch of one row is solved.
-        step: of the fields of a batch, FrictionArrays, first and last; how many rows it leaves.
+        step: of the fields of a batch, FrictionArrays, first and last; number of rows left.
         most_joints, most_with_friction: longer chains are left to the solver for all cases.
     """
 
@@ -64,22 +64,22 @@ class Kernels:
 class Chain(ABC, Generic[S]):
     """A mechanism: a chain of joints with one angle each, base first, pulled by tendons.
 
-    Each class of chains is a frozen dataclass on top, and says what it has of its own.
+    Each class of chains is a frozen dataclass on top.
 
     Attributes:
         tendons: at least one; each has a stiffness and last_link(n_links).
         name: for tables and pictures.
-        friction: that of the tendons that have none of their own.
+        friction: default of the tendons.
         springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
 
     Attributes of its class:
-        title: what messages call such a mechanism.
+        title: name of such a mechanism in messages.
         dimension: coordinates of a point, 2 or 3.
-        joint: what a joint is called.
+        joint: name of a joint in messages.
         load_columns: columns of its load tables.
-        kernels: the compiled code that it is solved by. equilibrium: the class of what a solve returns.
+        kernels: the compiled code that solves it. equilibrium: the class of its solutions.
         length_methods: methods of `solve_lengths` that it supports.
-        slips: whether its joints are contacts, which may slip.
+        slips: True where its joints are contacts, which may slip.
     """
 
     title: ClassVar[str]
@@ -103,7 +103,7 @@ class Chain(ABC, Generic[S]):
     @property
     @abstractmethod
     def parts(self) -> str:
-        """How many parts it consists of, in words, such as "5 links"."""
+        """Number of its parts, in words, such as "5 links"."""
 
     @property
     @abstractmethod
@@ -132,14 +132,14 @@ class Chain(ABC, Generic[S]):
 
     @cached_property
     def has_friction(self) -> bool:
-        """Whether friction changes anything."""
+        """True if any coefficient of friction is not zero."""
         chain = self.friction or NO_FRICTION
-        return chain.rolling > 0.0 or any(each.acts for each in self._frictions)
+        return chain.rolling > 0.0 or any(friction.acts for friction in self._frictions)
 
     @cached_property
     def friction_coefficients(self) -> Array:
         """Columns of the kernels' FrictionLaw.tendons, (m, 5)."""
-        return read_only(np.array([friction_coefficients(each) for each in self._frictions]))
+        return read_only(np.array([friction_coefficients(friction) for friction in self._frictions]))
 
     @cached_property
     def rolling_coefficients(self) -> Array:
@@ -179,13 +179,13 @@ class Chain(ABC, Generic[S]):
     def shortest_lengths(self) -> Array:
         """Shortest path of every tendon in any pose within the joints' limits, (m,) [mm].
 
-        A path is a sum over the joints of what depends on one angle each, so every joint is searched by itself, at
-        angles a hundredth of its range apart.
+        A path is a sum of functions of one joint angle each, so every joint is searched by itself, at angles a
+        hundredth of its range apart.
         """
         low, high = self.arrays.joints[0, :, :2].T
-        each = np.arange(self.n_joints)  # the joint that turns, the last axis but one
+        joints = np.arange(self.n_joints)  # the joint that turns, the last axis but one
         angles = np.tile(self.neutral_angles, (_SEARCHED, self.n_joints, 1))
-        angles[:, each, each] = np.linspace(low, high, _SEARCHED)
+        angles[:, joints, joints] = np.linspace(low, high, _SEARCHED)
         changes = self.tendon_lengths(angles) - self.neutral_lengths
         return read_only(self.neutral_lengths + changes.min(axis=0).sum(axis=0))
 
@@ -229,7 +229,7 @@ class Chain(ABC, Generic[S]):
         return self.per_joint("start", values)
 
     def own_weight(self, direction: Any) -> Gravity | None:
-        """Its weight along a direction; None where its parts have no weights of their own."""
+        """Its weight along a direction; None where its parts have no weights."""
         return None
 
     @staticmethod
@@ -264,27 +264,27 @@ def check_chain(mechanism: object) -> None:
         raise InvalidInput("mechanism", mechanism, kinds(), "rollingjoint.preset(name) makes a named one.")
 
 
-def members(what: str, values: object, kind: type[_T], least: int = 1, note: str = "") -> tuple[_T, ...]:
-    """The values as a tuple; MechanismError unless they are a list of at least `least` objects of that kind."""
+def members(what: str, values: object, kind: type[_T], minimum: int = 1, note: str = "") -> tuple[_T, ...]:
+    """The values as a tuple; MechanismError unless they are a list of at least `minimum` objects of that kind."""
     if not isinstance(values, Iterable):
         raise MechanismError(what, values, f"a list of {kind.__name__} objects")
-    found = tuple(values)
-    for i, member in enumerate(found):
+    checked = tuple(values)
+    for i, member in enumerate(checked):
         if not isinstance(member, kind):
             raise MechanismError(f"{what}[{i}]", member, f"a {kind.__name__}")
-    if len(found) < least:
-        raise MechanismError(f"number of {what}", len(found), f"{least} or more{note}")
-    return found
+    if len(checked) < minimum:
+        raise MechanismError(f"number of {what}", len(checked), f"{minimum} or more{note}")
+    return checked
 
 
 def read_only(array: Array) -> Array:
-    """The array, write-protected: what a mechanism computes once must not be changed by a caller."""
+    """The array, write-protected: results of a mechanism are shared by its callers."""
     array.setflags(write=False)
     return array
 
 
 def with_equal_rows(parts: Sequence[Any]) -> list[Any]:
-    """Arrays of mechanisms whose tables of springs are padded to the same number of rows; rows of zeros do nothing."""
+    """Arrays of mechanisms, tables of springs padded to the same number of rows; rows of zeros have no effect."""
     rows = max(part.standing.shape[1] for part in parts)
     return [
         part._replace(standing=np.pad(part.standing, ((0, 0), (0, rows - part.standing.shape[1]), (0, 0))))

@@ -1,4 +1,4 @@
-"""Equilibria of planar rolling chains and of spatial hinge chains: what a solve returns."""
+"""Equilibria of planar rolling chains and of spatial hinge chains, the results of solves."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingjoint.chain import se3
-from rollingjoint.chain.solution import Solution, parts
+from rollingjoint.chain.solution import Solution, lazy_fields
 from rollingjoint.chain.stacks import distinct
 from rollingjoint.errors import InvalidInput
 from rollingjoint.kernels.rolling import arc_lengths_of
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _DEGREES = 180.0 / math.pi
 
 
-@parts(
+@lazy_fields(
     contact_points=("contacts", slice(0, 2)),
     contact_tangents=("contacts", slice(2, 4)),
     contact_forces="contact_forces",
@@ -35,7 +35,7 @@ _DEGREES = 180.0 / math.pi
 class Equilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
-    Attributes, beside those of Solution:
+    Attributes, in addition to Solution's:
         contact_points, contact_tangents: (n - 1, 2) contact and unit tangent there, base frame [mm].
         contact_forces: (n - 1, 2) on the distal link, along the child surface's tangent and normal [N].
     """
@@ -50,7 +50,7 @@ class Equilibrium(Solution):
         """The mechanism of all rows.
 
         Raises:
-            InvalidInput: rows that have mechanisms of their own.
+            InvalidInput: rows of several mechanisms.
         """
         if not isinstance(self.mechanism, tuple):
             return self.mechanism
@@ -66,7 +66,7 @@ class Equilibrium(Solution):
         """(n - 1,) contact point on both surfaces [mm], within the limits of the joint."""
         chain, designs = self._designs
         chains = distinct(self.mechanism) if isinstance(self.mechanism, tuple) else (self.mechanism,)
-        low, high = np.moveaxis(np.array([each.joint_limits for each in chains])[designs], -1, 0)
+        low, high = np.moveaxis(np.array([mechanism.joint_limits for mechanism in chains])[designs], -1, 0)
         angles = self._rows(self.joint_angles)
         s = np.empty_like(angles)
         arc_lengths_of(chain, designs, angles, s)
@@ -98,7 +98,7 @@ class Equilibrium(Solution):
         return friction * self.contact_forces[..., 1] - np.abs(self.contact_forces[..., 0])
 
     def link_columns(self) -> list[Column]:
-        """Where the links of one equilibrium are, for reports."""
+        """Poses of the links of one equilibrium, for reports."""
         x, y, angle = self.poses.T
         return [
             Column("x_mm", "x [mm]", x),
@@ -123,16 +123,16 @@ class Equilibrium(Solution):
         return {"friction": friction}
 
 
-@parts(tendon_torques="torques")
+@lazy_fields(tendon_torques="torques")
 @dataclass(frozen=True, eq=False, repr=False)
 class HingeEquilibrium(Solution):
     """One equilibrium, or many with a leading axis B on every array.
 
-    Attributes, beside those of Solution:
+    Attributes, in addition to Solution's:
         tendon_torques: (n - 1, m) d residual / d tension at the motor [mm]; tendon_rates unless there is friction or
             the tendons are end couples.
-        escapes: unstable equilibria that the solver met and left downhill. Not 0: the arm has buckled, and where it
-            buckled to is one of several.
+        escapes: unstable equilibria that the solver met and left downhill. Not 0: the arm has buckled, and this is one
+            of several stable equilibria.
     """
 
     mechanism: HingeChain | tuple[HingeChain, ...]
@@ -147,7 +147,7 @@ class HingeEquilibrium(Solution):
         return f", buckled: {self.escapes} escapes" if self.escapes else ""
 
     def link_columns(self) -> list[Column]:
-        """Where the links of one equilibrium are, for reports."""
+        """Poses of the links of one equilibrium, for reports."""
         turns = se3.rotation_vector(self.rotations)
         return [
             *(Column(f"{axis}_mm", f"{axis} [mm]", self.positions[:, i]) for i, axis in enumerate("xyz")),
@@ -167,12 +167,12 @@ class HingeEquilibrium(Solution):
         ]
 
     def figures(self, friction: float) -> dict[str, Any]:
-        """How often the solver left an unstable equilibrium."""
+        """Number of unstable equilibria that the solver left."""
         return {"escapes": int(self.escapes)}
 
     @property
     def positions(self) -> Array:
-        """Origins of the links, (n, 3) [mm]; hinge i is at that of link i, and the last one amid the distal face."""
+        """Origins of the links, (n, 3) [mm]; hinge i is at link i's, and the last one amid the distal face."""
         return self.poses[..., :3, 3]
 
     @property

@@ -40,17 +40,17 @@ _TABLES = {
 _CURVATURES = ("constant", "polynomial", *_TABLES)
 
 
-_FORMATS: dict[type[Any], type[Format]] = {}  # by the classes of chains; every subclass of Format enters itself
+_FORMATS: dict[type[Any], type[ChainFormat]] = {}  # by the classes of chains; subclasses enter themselves
 
 
-class Format(ABC):
-    """How the chains of a class are written as plain values; every class of chains has a subclass.
+class ChainFormat(ABC):
+    """Chains of a class as plain values; every class of chains has a subclass.
 
     Attributes of the subclass:
         kind: the class. header: the comment that a file begins with.
-        parts: the key of its links or beads, by which such a file is recognised.
+        parts: the key of its links or beads, which identifies such a file.
         keys: all keys at the top level, in the order in which they are written.
-        defaults: what may have defaults. tendon: class of its tendons. tendon_keys: keys of one.
+        defaults: keys of `defaults`. tendon: class of its tendons. tendon_keys: keys of a tendon.
     """
 
     kind: ClassVar[type[Any]]
@@ -72,18 +72,19 @@ class Format(ABC):
         parts = [self.part(place, item, defaults, source) for place, item in _listed(source, top, self.parts)]
         tendons = [self._tendon(place, item, default) for place, item in _listed(source, top, "tendons")]
         springs = [_spring(place, item, self.kind.dimension) for place, item in _listed(source, top, "springs")]
-        own = {"name": text(f"{source}: name", top.get("name", name)), "springs": springs, **self.more(source, top)}
+        values = {"name": text(f"{source}: name", top.get("name", name)), "springs": springs, **self.more(source, top)}
         with located(source):
             friction = _friction(f"{source}: ", top)
-            made: AnyChain = self.kind(**{self.parts: parts}, tendons=tendons, friction=friction, **own)
-            return made
+            chain: AnyChain = self.kind(**{self.parts: parts}, tendons=tendons, friction=friction, **values)
+            return chain
 
     def to_dict(self, chain: Any) -> dict[str, Any]:
         """The content that makes the same mechanism exactly."""
         content = {"name": chain.name, self.parts: [self.part_dict(part) for part in getattr(chain, self.parts)]}
         content["tendons"] = [
-            {**self.path_dict(one), "end": one.end, "stiffness": one.stiffness, **friction_to_dict(one.friction)}
-            for one in chain.tendons
+            {**self.path_dict(tendon), "end": tendon.end, "stiffness": tendon.stiffness}
+            | friction_to_dict(tendon.friction)
+            for tendon in chain.tendons
         ]
         if chain.springs:
             content["springs"] = [_spring_dict(spring) for spring in chain.springs]
@@ -115,15 +116,15 @@ class Format(ABC):
         return {}
 
     def _tendon(self, where: str, item: object, default: Mapping[str, Any]) -> Any:
-        own = mapping(where, item, self.tendon_keys)
-        holes = self.holes(where, own)
-        merged = {"end": -1, "stiffness": DEFAULT_STIFFNESS, **default, **own}
+        values = mapping(where, item, self.tendon_keys)
+        holes = self.holes(where, values)
+        merged = {"end": -1, "stiffness": DEFAULT_STIFFNESS, **default, **values}
         end, stiffness = whole_number(f"{where}.end", merged["end"]), number(f"{where}.stiffness", merged["stiffness"])
         with located(where):
             return self.tendon(holes, end, stiffness, _friction(f"{where}.", merged))
 
 
-class RollingFormat(Format):
+class RollingFormat(ChainFormat):
     """Planar chains of links that roll on each other."""
 
     kind = RollingChain
@@ -135,7 +136,7 @@ class RollingFormat(Format):
     tendon_keys = ("on_surface", "holes", *_SHARED_KEYS)
 
     def part(self, where: str, item: object, defaults: Mapping[str, Any], source: str) -> Link:
-        """A link; what its surfaces leave out is that of the defaults."""
+        """A link; missing keys of its surfaces come from the defaults."""
         item = mapping(where, item, ("parent", "child", "weight", "centre"))
         surfaces = {}
         for side in ("parent", "child"):
@@ -167,7 +168,7 @@ class RollingFormat(Format):
         return {"holes": [{"parent": _hole_value(p), "child": _hole_value(c)} for p, c in tendon.holes]}
 
 
-class HingeFormat(Format):
+class HingeFormat(ChainFormat):
     """Spatial arms of beads on elastic hinges."""
 
     kind = HingeChain
@@ -179,10 +180,10 @@ class HingeFormat(Format):
     tendon_keys = ("holes", *_SHARED_KEYS)
 
     def part(self, where: str, item: object, defaults: Mapping[str, Any], source: str) -> Bead:
-        """A bead; what it leaves out is that of the default."""
+        """A bead; missing keys come from the default."""
         default = mapping(f"{source}: defaults.bead", defaults.get("bead", {}), _BEAD_KEYS)
-        own = mapping(where, item, _BEAD_KEYS)
-        merged = dict(mapping(where, {**default, **own}, _BEAD_KEYS, required=("spacing", "axis", "stiffness")))
+        explicit = mapping(where, item, _BEAD_KEYS)
+        merged = dict(mapping(where, {**default, **explicit}, _BEAD_KEYS, required=("spacing", "axis", "stiffness")))
         values: dict[str, Any] = {"axis": _axis(f"{where}.axis", merged.pop("axis"))}
         if "limits" in merged:
             values["limits"] = point(f"{where}.limits", merged.pop("limits"))
@@ -199,8 +200,8 @@ class HingeFormat(Format):
 
     def holes(self, where: str, tendon: Mapping[str, Any]) -> Sequence[tuple[float, float]]:
         """The holes of a tendon, one per link or one for all."""
-        own = mapping(where, tendon, self.tendon_keys, required=("holes",))
-        return [point(place, hole) for place, hole in numbered(f"{where}.holes", own["holes"])]
+        holes = mapping(where, tendon, self.tendon_keys, required=("holes",))["holes"]
+        return [point(place, hole) for place, hole in numbered(f"{where}.holes", holes)]
 
     def path_dict(self, tendon: BeadTendon) -> dict[str, Any]:
         """The content that makes the same holes."""
@@ -215,13 +216,13 @@ class HingeFormat(Format):
         return {"model": chain.model}
 
 
-def formats() -> tuple[Format, ...]:
-    """Those of all classes of chains."""
-    return tuple(each() for each in _FORMATS.values())
+def formats() -> tuple[ChainFormat, ...]:
+    """The formats of all classes of chains."""
+    return tuple(kind() for kind in _FORMATS.values())
 
 
-def format_of(chain: AnyChain) -> Format:
-    """That of the chain's class, or of the nearest one above that has a format."""
+def format_of(chain: AnyChain) -> ChainFormat:
+    """The format of the chain's class, or of its nearest base class with a format."""
     return next(_FORMATS[kind]() for kind in type(chain).__mro__ if kind in _FORMATS)
 
 
@@ -230,15 +231,15 @@ def _listed(source: str, top: Mapping[str, Any], key: str) -> Iterable[tuple[str
     return numbered(f"{source}: {key}", top[key]) if key in top else ()
 
 
-def _friction(before: str, given: Mapping[str, Any]) -> CapstanFriction | None:
-    return friction_from_dict(f"{before}friction", given["friction"]) if "friction" in given else None
+def _friction(before: str, values: Mapping[str, Any]) -> CapstanFriction | None:
+    return friction_from_dict(f"{before}friction", values["friction"]) if "friction" in values else None
 
 
 def _surface(where: str, item: object, default: Mapping[str, Any]) -> Surface:
-    own = mapping(where, item, _SURFACE_KEYS)
-    merged = mapping(where, {**default, **own}, _SURFACE_KEYS, required=("curvature", "start"))
+    explicit = mapping(where, item, _SURFACE_KEYS)
+    merged = mapping(where, {**default, **explicit}, _SURFACE_KEYS, required=("curvature", "start"))
     with located(where):
-        profile = _profile(where, merged, "limits" in own)
+        profile = _profile(where, merged, "limits" in explicit)
         start = point(f"{where}.start", merged["start"])
         return Surface(profile, start, number(f"{where}.angle", merged.get("angle", 0.0)))
 
@@ -282,23 +283,23 @@ def _hole(where: str, hole: object) -> Hole:
 
 
 def _spring(where: str, item: object, dimension: int) -> Load:
-    """A spring of the kind whose fields without a default are all there; its points have so many coordinates."""
-    keys = mapping(where, item, list(dict.fromkeys(each.name for kind in SPRINGS for each in fields(kind))))
+    """A spring, of the first kind with all its required fields present; points have `dimension` coordinates."""
+    keys = mapping(where, item, list(dict.fromkeys(field.name for kind in SPRINGS for field in fields(kind))))
     kind = next((kind for kind in SPRINGS if _needed(kind) <= set(keys)), SPRINGS[0])
-    own = mapping(where, item, [each.name for each in fields(kind)], sorted(_needed(kind)))
+    values = mapping(where, item, [field.name for field in fields(kind)], sorted(_needed(kind)))
     readers = {"int": whole_number, "float": number}
     place = point if dimension == 2 else space_point
-    kinds = {each.name: readers.get(str(each.type), place) for each in fields(kind)}
+    kinds = {field.name: readers.get(str(field.type), place) for field in fields(kind)}
     with located(where):
-        return kind(**{key: kinds[key](f"{where}.{key}", value) for key, value in own.items()})
+        return kind(**{key: kinds[key](f"{where}.{key}", value) for key, value in values.items()})
 
 
 def _needed(kind: type[Any]) -> set[str]:
-    return {each.name for each in fields(kind) if each.default is MISSING}
+    return {field.name for field in fields(kind) if field.default is MISSING}
 
 
 def _spring_dict(spring: Any) -> dict[str, Any]:
-    values = {each.name: getattr(spring, each.name) for each in fields(spring)}
+    values = {field.name: getattr(spring, field.name) for field in fields(spring)}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""What friction did in a step, and the coefficients and the history with which it begins."""
+"""Results of friction in a step, and the coefficients and the history with which it begins."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrictionStep:
-    """What friction did in the step from a history to an equilibrium, or in many with a leading axis B.
+    """Results of friction in the step from a history to an equilibrium, or in many with a leading axis B.
 
     Attributes:
         gap_tensions: (n - 1, m) tension of every tendon in every gap, 0 beyond its end [N].
         slip: (n - 1, m) slip of every tendon in links 0 to n - 2 during the step, towards the tip positive [mm].
-        work: what friction has taken up in the step [N·mm].
-        state: what it remembers.
+        work: work of friction in the step [N·mm].
+        state: history of the next step.
     """
 
     gap_tensions: Array
@@ -36,7 +36,7 @@ class FrictionStep:
 
     @classmethod
     def of(cls, arrays: FrictionArrays) -> Self:
-        """That of a batch, from its outputs."""
+        """The results of a batch, from its outputs."""
         before = arrays.before.slips
         slip = np.subtract(arrays.after.slips, before, out=np.zeros_like(before), where=np.isfinite(before))
         for array in (arrays.tension, slip, *arrays.after):
@@ -44,7 +44,7 @@ class FrictionStep:
         return cls(arrays.tension, slip, arrays.work, FrictionState(*arrays.after))
 
     def row(self, index: int) -> FrictionStep:
-        """That of one row of a batch."""
+        """The results of one row of a batch."""
         work = self.work[index].item()  # type: ignore[index]
         return FrictionStep(self.gap_tensions[index], self.slip[index], work, self.state.row(index))
 
@@ -61,8 +61,8 @@ class FrictionStep:
 def friction_laws(mechanism: AnyChain | Sequence[AnyChain], n_rows: int) -> FrictionLaw:
     """The coefficients of friction of every row of a batch."""
     if isinstance(mechanism, Sequence):
-        tendons = np.array([each.friction_coefficients for each in mechanism])
-        return FrictionLaw(tendons, np.array([each.rolling_coefficients for each in mechanism]))
+        tendons = np.array([chain.friction_coefficients for chain in mechanism])
+        return FrictionLaw(tendons, np.array([chain.rolling_coefficients for chain in mechanism]))
     tendons, rolling = mechanism.friction_coefficients[None], mechanism.rolling_coefficients[None]
     if n_rows == 1:
         return FrictionLaw(tendons.copy(), rolling.copy())  # for arrays that are read-only kernels are compiled again
@@ -75,7 +75,7 @@ def virgin_state(
     tensions: Array,
     joint_angles: Array,
 ) -> FrictionState:
-    """What friction remembers at equilibria in which nothing has ever slipped, (..., m) and (..., n - 1) [N, rad]."""
+    """State of friction at equilibria before any slip; tensions (..., m) [N], joint angles (..., n - 1) [rad]."""
     shape, n_joints, n_tendons = joint_angles.shape[:-1], joint_angles.shape[-1], tensions.shape[-1]
     angles, tensions = joint_angles.reshape(-1, n_joints).copy(), tensions.reshape(-1, n_tendons).copy()
     states, slips, grips = (np.zeros((len(angles), n_joints, n_tendons)) for _ in range(3))

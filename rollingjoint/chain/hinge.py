@@ -35,8 +35,8 @@ _P = TypeVar("_P")
 TENDON_MODELS = ("exact", "linear", "end_couple")
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _TORSION, _OTHER = map(SPATIAL_LOAD_COLUMNS.index, ("torsion", "other"))
-_CLOSED = 1e-3  # of the gap between two beads: what is left of it where a hinge ends
-_UNIT = 1e-14  # how far from 1 rounding leaves the length of a unit vector
+_CLOSED = 1e-3  # of the gap between two beads: its share that remains where a hinge ends
+_UNIT = 1e-14  # rounding error of the length of a unit vector
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Bead:
         if not self.gap < self.spacing:
             raise MechanismError("bead gap", self.gap, f"less than the spacing, {self.spacing:g} mm")
         as_number("bead weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
-        rest = as_number("bead rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        rest_angle = as_number("bead rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
         axis = _numbers("axis", AXES.get(self.axis, self.axis) if isinstance(self.axis, str) else self.axis, 3)
         length = float(np.linalg.norm(axis))
         if not 0 < length < np.inf:
@@ -77,7 +77,7 @@ class Bead:
         length = 1.0 if abs(length - 1.0) < _UNIT else length  # a unit vector is held to the last bit
         object.__setattr__(self, "axis", tuple((axis / length).tolist()))
         low, high = _numbers("limits", self.limits, 2)
-        if not -2 * np.pi <= low < rest < high <= 2 * np.pi:
+        if not -2 * np.pi <= low < rest_angle < high <= 2 * np.pi:
             raise MechanismError("bead limits", self.limits, f"-2π to 2π [rad], {self.rest_angle} between them")
         object.__setattr__(self, "limits", (float(low), float(high)))
 
@@ -139,11 +139,11 @@ class HingeChain(Chain[HingeEquilibrium]):
         self._check_friction()
         object.__setattr__(self, "springs", self._checked_springs())
         low, high = self.joint_limits.T
-        rest = np.array([bead.rest_angle for bead in self.beads])
-        if not np.all((low < rest) & (rest < high)):
-            i = int(np.argmin((low < rest) & (rest < high)))
+        rest_angle = np.array([bead.rest_angle for bead in self.beads])
+        if not np.all((low < rest_angle) & (rest_angle < high)):
+            i = int(np.argmin((low < rest_angle) & (rest_angle < high)))
             allowed = f"a rest angle between {low[i]:g} and {high[i]:g} rad, where tendon holes meet"
-            raise MechanismError(f"beads[{i}] rest_angle", rest[i], allowed)
+            raise MechanismError(f"beads[{i}] rest_angle", rest_angle[i], allowed)
 
     def _check_friction(self) -> None:
         friction = checked_friction(self.friction)
@@ -160,7 +160,7 @@ class HingeChain(Chain[HingeEquilibrium]):
 
     @property
     def parts(self) -> str:
-        """How many beads it has, in words."""
+        """Number of beads, in words."""
         return f"{len(self.beads)} beads"
 
     @property
@@ -194,14 +194,14 @@ class HingeChain(Chain[HingeEquilibrium]):
     def arrays(self) -> Hinges:
         """Tables for the kernels, a stack of one design."""
         gaps = np.array([*(bead.gap for bead in self.beads), self.beads[-1].gap])
-        inside = [bead.spacing for bead in self.beads] - 0.5 * (gaps[:-1] + gaps[1:])
+        channels = [bead.spacing for bead in self.beads] - 0.5 * (gaps[:-1] + gaps[1:])
         return Hinges(
             np.column_stack([self.joint_limits, self.neutral_angles])[None],
             np.array([bead.axis for bead in self.beads], float)[None],
             np.array([bead.stiffness for bead in self.beads], float)[None],
             np.array([bead.spacing for bead in self.beads], float)[None],
             self._gaps[None],
-            np.array([inside[:last].sum() for last in self.last_links])[None],
+            np.array([channels[:last].sum() for last in self.last_links])[None],
             np.array([holes[-1] for holes in self._holes], float)[None],
             np.array([TENDON_MODELS.index(self.model)]),
             np.array(self.last_links),
@@ -228,11 +228,12 @@ class HingeChain(Chain[HingeEquilibrium]):
             for bead, hinge, weight in zip(self.beads, hinges.tolist(), weights.tolist(), strict=True)
         )
         strings = zip(self.tendons, tendons.tolist(), strict=True)
-        other = _with(self, beads=beads, tendons=tuple(_with(one, stiffness=one.stiffness * by) for one, by in strings))
+        varied_tendons = tuple(_with(tendon, stiffness=tendon.stiffness * factor) for tendon, factor in strings)
+        varied = _with(self, beads=beads, tendons=varied_tendons)
         for derived in ("stiffnesses", "spares"):
-            other.__dict__.pop(derived, None)
-        other.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
-        return other
+            varied.__dict__.pop(derived, None)
+        varied.__dict__["arrays"] = self.arrays._replace(springs=self.arrays.springs * hinges)
+        return varied
 
     def gravity(self, direction: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> Gravity:
         """The weight of every bead along a direction of the base frame; (0, 0, 1) lets the arm hang."""
@@ -270,11 +271,11 @@ class HingeChain(Chain[HingeEquilibrium]):
     def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
         """Length of every tendon: gaps plus channels inside the beads, (..., m) [mm]."""
         theta = self.per_joint("joint angles", joint_angles)[..., None]
-        square, b, c, rest, slope = np.moveaxis(self._gaps, -1, 0)
+        square, b, c, neutral, slope = np.moveaxis(self._gaps, -1, 0)
         if self.model == "exact":
             gaps = np.sqrt(np.maximum(square - 2.0 * (b * np.cos(theta) + c * np.sin(theta)), 0.0))
         else:
-            gaps = rest + slope * theta
+            gaps = neutral + slope * theta
         return np.asarray(self.arrays.channels[0] + np.where(self._crosses, gaps, 0.0).sum(axis=-2), float)
 
     def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
@@ -333,14 +334,14 @@ class HingeChain(Chain[HingeEquilibrium]):
 
 
 def _with(part: _P, **values: object) -> _P:
-    """A copy of a frozen object with other values that need no check; it shares what has been computed."""
-    other = copy(part)
-    other.__dict__.update(values)
-    return other
+    """A copy of a frozen object with other, unchecked values; it shares all cached values."""
+    changed = copy(part)
+    changed.__dict__.update(values)
+    return changed
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors, (3,): np.cross of so few numbers takes ten times as long."""
+    """The cross product of two vectors, (3,): np.cross takes ten times as long for three numbers."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 

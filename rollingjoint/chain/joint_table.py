@@ -54,8 +54,8 @@ def common_range(child: Surface | Profile, parent: Surface | Profile) -> tuple[f
 def tabulate(child: Surface, parent: Surface) -> JointTable:
     """The table of the joint where `parent` (distal link) rolls on `child` (proximal link).
 
-    Every tabulated function is linear in those of the same two profiles placed at the origins of their links, which are
-    cached: only new profiles need a fit.
+    Every tabulated function is linear in the functions of the same profiles placed at the origins of their links, which
+    are cached: only new profiles need a fit.
 
     Raises:
         MechanismError: surfaces so nearly alike that the joint angle does not resolve where they touch, or so long or
@@ -74,7 +74,7 @@ def place(
     """Fill cells (D, cells, 4) and coefficients (D, cells, 10, 8) of two profiles in D places.
 
     Args:
-        table: that of the profiles at the origins of their links.
+        table: of the profiles at the origins of their links.
         angles, starts: of the child and of the parent surface, (D,) [rad] and (D, 2) [mm].
         cells, coefficients: to be filled; each design's in one piece of memory.
     """
@@ -162,14 +162,14 @@ def check_rolling(joint: int, child: Surface, parent: Surface) -> None:
 
 @functools.lru_cache(maxsize=256)
 def _largest_kappa(child: Profile, parent: Profile) -> tuple[float, float]:
-    """Arc length where the relative curvature is largest, and how large: in the first piece where it is not below 0."""
-    found = []
+    """Arc length and value of the largest relative curvature, in the first piece where it is not below 0."""
+    maxima = []
     for lo, hi in itertools.pairwise(_borders(child, parent)):
         s = _extremes(child, parent, lo, np.nextafter(hi, lo))
         kappa = child.curvature(s) - parent.curvature(s)
         worst = int(np.argmax(kappa))
-        found.append((float(s[worst]), float(kappa[worst])))
-    return next((pair for pair in found if not pair[1] < 0), max(found, key=lambda pair: pair[1]))
+        maxima.append((float(s[worst]), float(kappa[worst])))
+    return next((pair for pair in maxima if not pair[1] < 0), max(maxima, key=lambda pair: pair[1]))
 
 
 def check_gaps(
@@ -295,10 +295,10 @@ def _arc_length(child: Surface, parent: Surface, phi: Array, low: Array, high: A
     s = 0.5 * (low + high)
     for _ in range(60):
         error = _angle(child, parent, s) - phi
-        found = np.abs(error) <= _ANGLE_ROUNDING * (1 + np.abs(phi))
-        if found.all():
+        converged = np.abs(error) <= _ANGLE_ROUNDING * (1 + np.abs(phi))
+        if converged.all():
             break
         low, high = np.where(error > 0, s, low), np.where(error > 0, high, s)
         newton = np.clip(s - error / (child.curvature(s) - parent.curvature(s)), low, high)
-        s = np.where(found | (newton != s), newton, 0.5 * (low + high))
+        s = np.where(converged | (newton != s), newton, 0.5 * (low + high))
     return np.minimum(s, last)

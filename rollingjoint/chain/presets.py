@@ -22,8 +22,8 @@ def five_link(stiffness: float = DEFAULT_STIFFNESS) -> RollingChain:
     convex = Profile.polynomial([-0.05, 0.0, 0.002 / 25], _LIMITS)
     concave = Profile.polynomial([0.05, 0.0, -0.002 / 25], _LIMITS)
 
-    def jump(left: float, right: float) -> Profile:
-        return Profile.piecewise_constant([_LIMITS[0], 0.0, _LIMITS[1]], [left, right])
+    def jump(below: float, above: float) -> Profile:
+        return Profile.piecewise_constant([_LIMITS[0], 0.0, _LIMITS[1]], [below, above])
 
     table = [
         (concave, 0.0, convex, 0.0),
@@ -136,7 +136,7 @@ def small_arm(n: int = 4, model: str = "exact", *, stiffness: float = 500.0, wei
 PRESETS: dict[str, Callable[[], AnyChain]] = {
     build.__name__: build for build in (five_link, uniform, two_segment, flexible_arm, small_arm)
 }
-"""What makes each of them, by its name."""
+"""The functions that make them, by name."""
 
 
 def preset(name: str) -> AnyChain:

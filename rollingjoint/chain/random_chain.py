@@ -15,7 +15,7 @@ from rollingjoint.profile import Profile, Surface
 Generator = np.random.Generator
 
 HARD_KINDS = ("flat end", "flat inside", "long", "spanning springs", "slack tip", "stiff", "lopsided", "sharp")
-"""What makes a chain of `hard_chain` hard to solve."""
+"""Reasons why a chain of `hard_chain` is hard to solve."""
 
 
 def random_chain(rng: Generator, max_links: int = 10) -> RollingChain:
@@ -66,7 +66,7 @@ def hard_inputs(rng: Generator, chain: RollingChain, kind: str, given: str, rows
 def hard_loads(rng: Generator, chain: RollingChain, kind: str, largest: float, follower: bool) -> list[Load]:
     """Loads for a chain of `hard_chain`; with `follower` one of them turns with its link.
 
-    Where tendons are slack every other one is a moment alone, which does not stiffen what it moves.
+    With slack tendons every second set of loads is a moment alone, which does not stiffen the chain.
     """
     loads = random_loads(rng, chain.n_links, largest, follower)
     if kind == "slack tip" and not follower and rng.random() < 0.5:
@@ -114,7 +114,7 @@ def _hard_chain(rng: Generator, kind: str) -> RollingChain:
             return RollingChain(links, _tendons(rng, n, half_width), kind)
     links, tendons, springs = _links(rng, n, half_width), _tendons(rng, n, half_width), []
     if kind == "stiff":
-        tendons = [Tendon(one.holes, one.end, 10.0 ** rng.uniform(0.0, 4.0)) for one in tendons]
+        tendons = [Tendon(tendon.holes, tendon.end, 10.0 ** rng.uniform(0.0, 4.0)) for tendon in tendons]
     if kind == "spanning springs" or (kind == "long" and rng.random() < 0.5):
         springs = [_spanning_spring(rng, n) for _ in range(rng.integers(1, 3))]
     return RollingChain(links, tendons, kind, springs)
@@ -127,16 +127,16 @@ def _spanning_spring(rng: Generator, n_links: int) -> TorsionSpring:
     return TorsionSpring(last, 10.0 ** rng.uniform(0.0, 2.5), rng.normal(0.0, 0.5), first)
 
 
-def _flat_link(rng: Generator, half_width: float, inside: bool) -> Link:
-    """A link on which the relative curvature falls to next to nothing at one place."""
-    least, slope = 10.0 ** rng.uniform(-7.0, -4.0), 10.0 ** rng.uniform(-3.0, -1.7)
-    if inside:
+def _flat_link(rng: Generator, half_width: float, interior: bool) -> Link:
+    """A link on which the relative curvature nearly vanishes at one place."""
+    smallest, slope = 10.0 ** rng.uniform(-7.0, -4.0), 10.0 ** rng.uniform(-3.0, -1.7)
+    if interior:
         place = rng.uniform(-0.5, 0.5) * half_width
         s = np.array([-half_width, place, half_width])
     else:
         s = np.array([-half_width, half_width])
         place = rng.choice(s)
-    parent = Profile.samples(s, least + slope * np.abs(s - place))
+    parent = Profile.samples(s, smallest + slope * np.abs(s - place))
     return Link(
         Surface(parent, (0.0, -10.0), rng.normal(0.0, 0.1)),
         Surface(Profile.constant(0.0, (-half_width, half_width)), (0.0, 10.0), rng.normal(0.0, 0.1)),
@@ -153,7 +153,7 @@ def _moved(link: Link, shift: float) -> Link:
 
 
 def _sharp_link(rng: Generator, half_width: float) -> Link:
-    """A link whose surfaces turn several times."""
+    """A link with surfaces that turn several times."""
     curvature = 10.0 ** rng.uniform(-0.5, 0.8)
     limits = (-half_width, half_width)
     parent, child = Profile.constant(rng.uniform(-0.02, 0.02), limits), Profile.constant(-curvature, limits)
@@ -161,7 +161,7 @@ def _sharp_link(rng: Generator, half_width: float) -> Link:
 
 
 def _links(rng: Generator, n: int, half_width: float) -> list[Link]:
-    """Links whose neighbours roll on each other: every child surface is curved below the parent surface above it."""
+    """Links that roll on each other: the curvature of every child surface is below the parent surface's above it."""
     height = rng.uniform(10.0, 25.0)
     parents = [_profile(rng, half_width, 0.01, 0.04) for _ in range(n)]
     children = [_below(rng, _profile(rng, half_width, -0.02, 0.03), parent) for parent in parents[1:]]

@@ -124,7 +124,7 @@ class RollingChain(Chain[Equilibrium]):
 
     @property
     def parts(self) -> str:
-        """How many links it has, in words."""
+        """Number of links, in words."""
         return f"{len(self.links)} links"
 
     @property
@@ -183,8 +183,8 @@ class RollingChain(Chain[Equilibrium]):
             before += len(table.cells)
         cells, coefficients, arcs = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
         crossed = np.array([len(points) - 1 for points in self.hole_points], np.int64)
-        rest = *self._tendon_arrays, crossed, load_table(self.springs, self.n_links)[None]
-        return ChainArrays(joints[None], buckets[None], cells, coefficients, arcs, *rest)
+        others = *self._tendon_arrays, crossed, load_table(self.springs, self.n_links)[None]
+        return ChainArrays(joints[None], buckets[None], cells, coefficients, arcs, *others)
 
     @cached_property
     def hole_points(self) -> tuple[Array, ...]:
@@ -282,7 +282,7 @@ class RollingChain(Chain[Equilibrium]):
         ]
 
     def _check_holes(self) -> None:
-        """Every hole on its surface, and no tendon whose holes change places across a joint."""
+        """Raise MechanismError unless holes are on their surfaces and none change places across a joint."""
         for i, (below, above) in enumerate(itertools.pairwise(self.links)):
             crossing = [j for j, holes in enumerate(self.hole_points) if len(holes) > i + 1]
             if crossing:
@@ -294,7 +294,7 @@ def planar(mechanism: object, hint: str = "") -> RollingChain:
     """The mechanism, where only a planar chain will do.
 
     Raises:
-        InvalidInput: anything else, such as an arm of beads; `hint` says what to do with that.
+        InvalidInput: anything else, such as an arm of beads, with `hint` for the remedy.
     """
     if not isinstance(mechanism, RollingChain):
         raise InvalidInput("mechanism", mechanism, "a planar chain of rolling links, a RollingChain", hint)
@@ -331,10 +331,10 @@ def tendon_arrays(points: Sequence[Array], n_joints: int) -> tuple[Array, Array,
     count, m = len(points[0]), len(points)
     holes, directions = np.zeros((2, count, n_joints, m, 4))
     channels = np.zeros((count, m))
-    for j, each in enumerate(points):
-        crossed = each.shape[1] - 1
-        holes[:, :crossed, j] = np.concatenate([each[:, :-1, 1], each[:, 1:, 0]], axis=-1)
-        through = each[:, :, 1] - each[:, :, 0]
+    for j, positions in enumerate(points):
+        crossed = positions.shape[1] - 1
+        holes[:, :crossed, j] = np.concatenate([positions[:, :-1, 1], positions[:, 1:, 0]], axis=-1)
+        through = positions[:, :, 1] - positions[:, :, 0]
         lengths = np.linalg.norm(through, axis=-1, keepdims=True)
         channels[:, j] = lengths[..., 0].sum(axis=1)
         units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 1.0])

@@ -65,7 +65,7 @@ def exp(xi: ArrayLike) -> Array:
 
 
 def log(T: ArrayLike) -> Array:
-    """Twist (..., 6) whose exp is the pose, its rotation at most pi."""
+    """Twist (..., 6) with exp(twist) = T, its rotation at most pi."""
     T = np.asarray(T, float)
     w = rotation_vector(T[..., :3, :3])
     _, V = _series(w)

@@ -32,29 +32,29 @@ _FAR = 1e15  # eigenvalue assigned to joints that are held
 
 
 def strictly_within(angles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Whether joint angles are between their limits and not at them, all of one shape [rad]."""
+    """True where joint angles are between their limits and not at them, arrays of one shape [rad]."""
     return (angles > low + _AT_LIMIT) & (angles < high - _AT_LIMIT)
 
 
 def stacked(solutions: Sequence[Any]) -> Any:
     """Equilibria of one mechanism as one with a leading axis; tables of fewer loads are padded with rows of zeros."""
     first = solutions[0]
-    rows = max(len(one.loads) for one in solutions)
-    tables = [np.pad(one.loads, ((0, rows - len(one.loads)), (0, 0))) for one in solutions]
-    names = [each.name for each in fields(first) if each.name not in ("mechanism", "loads", "friction")]
-    arrays = {name: np.array([getattr(one, name) for one in solutions]) for name in names if name != "status"}
-    arrays["status"] = np.array([int(one.status) for one in solutions])
+    rows = max(len(solution.loads) for solution in solutions)
+    tables = [np.pad(solution.loads, ((0, rows - len(solution.loads)), (0, 0))) for solution in solutions]
+    names = [entry.name for entry in fields(first) if entry.name not in ("mechanism", "loads", "friction")]
+    arrays = {name: np.array([getattr(solution, name) for solution in solutions]) for name in names if name != "status"}
+    arrays["status"] = np.array([int(solution.status) for solution in solutions])
     friction = None
-    if any(one.friction is not None for one in solutions):
-        steps = [one.friction or _no_friction(one) for one in solutions]
+    if any(solution.friction is not None for solution in solutions):
+        steps = [solution.friction or _no_friction(solution) for solution in solutions]
         state = FrictionState(*map(np.array, zip(*(step.state for step in steps), strict=True)))
         gap_tensions, slip, work = (np.array([getattr(s, n) for s in steps]) for n in ("gap_tensions", "slip", "work"))
         friction = FrictionStep(gap_tensions, slip, work, state)
     return replace(first, loads=np.array(tables), friction=friction, **arrays)
 
 
-def _no_friction(one: Solution) -> FrictionStep:
-    return FrictionStep(one.gap_tensions, one.slip, one.dissipated_work, one.friction_state)
+def _no_friction(solution: Solution) -> FrictionStep:
+    return FrictionStep(solution.gap_tensions, solution.slip, solution.dissipated_work, solution.friction_state)
 
 
 Outputs = tuple[Array, bytes, dict[str, tuple[tuple[int, ...], int]]]
@@ -64,8 +64,8 @@ A plain tuple: a NamedTuple takes four times as long to make.
 """
 
 
-class _Part:
-    """A field that is made from the outputs when somebody asks for it: a solve is done in a third less time."""
+class _LazyField:
+    """A field that is made from the outputs at its first use, which saves a third of the time of a solve."""
 
     def __init__(self, field: str, part: str, columns: slice | None) -> None:
         self.field, self.part, self.columns = field, part, columns
@@ -73,36 +73,36 @@ class _Part:
     def __get__(self, solution: Any, owner: type) -> Any:
         if solution is None:
             return self
-        known = solution.__dict__
-        _, memory, places = known["_outputs"]
+        values = solution.__dict__
+        _, memory, places = values["_outputs"]
         shape, first = places[self.part]
         array = np.ndarray(shape, float, memory, first)
-        known[self.field] = array if self.columns is None else array[..., self.columns]
-        return known[self.field]
+        values[self.field] = array if self.columns is None else array[..., self.columns]
+        return values[self.field]
 
 
-def parts(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
-    """Have fields of a dataclass come from Outputs if they are not given: by the name there, or some columns of it."""
+def lazy_fields(**places: str | tuple[str, slice]) -> Callable[[type[_S]], type[_S]]:
+    """Decorator of a dataclass with fields that come from Outputs unless given: by name there, or name and columns."""
 
     def add(cls: type[_S]) -> type[_S]:
-        made = {}
+        lazy = {}
         for name, place in places.items():
             part, columns = (place, None) if isinstance(place, str) else place
-            made[name] = _Part(name, part, columns)
-            setattr(cls, name, made[name])
-        cls._parts = getattr(cls, "_parts", {}) | made  # type: ignore[attr-defined]
+            lazy[name] = _LazyField(name, part, columns)
+            setattr(cls, name, lazy[name])
+        cls._lazy_fields = getattr(cls, "_lazy_fields", {}) | lazy  # type: ignore[attr-defined]
         return cls
 
     return add
 
 
-@parts(poses="poses", tensions="tensions", lengths="lengths", tendon_rates="rates", tendon_stiffness="elastic")
+@lazy_fields(poses="poses", tensions="tensions", lengths="lengths", tendon_rates="rates", tendon_stiffness="elastic")
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ABC):
     """One equilibrium, or many with a leading axis B on every array, all read-only; each class of chains adds to it.
 
     Attributes:
-        mechanism: what was solved, or a tuple of mechanisms, one per row.
+        mechanism: the mechanism, or a tuple of mechanisms, one per row.
         loads: load table, (rows, columns), columns as of the mechanism.
         joint_angles: (n - 1,) angle of every joint [rad].
         poses: of every link in the base frame: (n, 3) x, y, angle [mm, rad], or (n, 4, 4) frames [mm].
@@ -111,7 +111,7 @@ class Solution(ABC):
         tendon_stiffness: (m,) d tension / d length [N/mm]: zero for a prescribed tension, a slack or a yielding tendon.
         residual: largest joint moment that is not balanced, joints at their limit left out [N·mm].
         iterations: Newton steps. status: Status, or (B,) integers.
-        friction: what friction did; None for a solve without a history, or of a mechanism without friction.
+        friction: results of friction; None for a solve without a history, or of a mechanism without friction.
     """
 
     mechanism: Any
@@ -127,19 +127,19 @@ class Solution(ABC):
     status: Status | NDArray[np.int64]
     friction: FrictionStep | None = field(default=None, kw_only=True)
 
-    _parts: ClassVar[dict[str, _Part]]  # by the names of their fields
+    _lazy_fields: ClassVar[dict[str, _LazyField]]  # by the names of their fields
     _NUMBER: ClassVar[str]  # a field that is a number, which a class adds
 
     def __post_init__(self) -> None:
-        """Check what a caller, or `dataclasses.replace`, has put together: kernels use these arrays as they are."""
-        one, rows = self._one, self._codes.shape
-        for name, shape in self._shapes(one.n_joints, one.n_tendons).items():
+        """Check the fields, from a caller or `dataclasses.replace`: kernels use these arrays unchecked."""
+        mechanism, rows = self._one, self._codes.shape
+        for name, shape in self._shapes(mechanism.n_joints, mechanism.n_tendons).items():
             check_shape(name, getattr(self, name), (*rows, *shape))
         if self.friction is not None:
-            self.friction.check(rows, one.n_joints, one.n_tendons)
+            self.friction.check(rows, mechanism.n_joints, mechanism.n_tendons)
         if np.ndim(self.loads) != len(rows) + 2 or np.shape(self.loads)[:-2] != rows:
             raise InvalidInput("shape of loads", np.shape(self.loads), f"{(*rows, 'rows', 'columns')}")
-        check_table(self.loads, one.load_columns, one.n_links)
+        check_table(self.loads, mechanism.load_columns, mechanism.n_links)
         for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 object.__setattr__(self, name, read_only(value.copy()))
@@ -157,10 +157,10 @@ class Solution(ABC):
     @classmethod
     @cache
     def _places(cls, outputs: tuple[str, ...]) -> list[tuple[str, int, slice | None]]:
-        """Where in outputs of these names the fields are: name, number of the output, its columns."""
-        names = [each.name for each in fields(cls) if each.name not in ("mechanism", "loads", "friction")]
-        parts = [cls._parts.get(name) or _Part(name, name, None) for name in names]
-        return [(part.field, outputs.index(part.part), part.columns) for part in parts]
+        """Places of the fields in outputs of these names: name, number of the output, its columns."""
+        names = [entry.name for entry in fields(cls) if entry.name not in ("mechanism", "loads", "friction")]
+        lazy = [cls._lazy_fields.get(name) or _LazyField(name, name, None) for name in names]
+        return [(part.field, outputs.index(part.part), part.columns) for part in lazy]
 
     @classmethod
     def of_outputs(
@@ -173,9 +173,9 @@ class Solution(ABC):
         status: int,
         number: int | None = None,
     ) -> Self:
-        """One equilibrium whose arrays are made from its outputs when they are asked for.
+        """One equilibrium, its arrays made from its outputs at their first use.
 
-        number: that which the class adds.
+        number: value of the field that the class adds.
         """
         values = {
             "mechanism": mechanism,
@@ -194,18 +194,18 @@ class Solution(ABC):
     @classmethod
     def filled(cls, values: dict[str, Any]) -> Self:
         """The equilibrium of these fields, which kernels have filled: it keeps them, unchecked and uncopied."""
-        made = object.__new__(cls)
-        object.__setattr__(made, "__dict__", values)  # as it is: copying it takes a microsecond
-        return made
+        solution = object.__new__(cls)
+        object.__setattr__(solution, "__dict__", values)  # as it is: copying it takes a microsecond
+        return solution
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything as arrays of its own."""
-        state = vars(self) | {one.name: getattr(self, one.name) for one in fields(self)}
+        """All fields, arrays of the outputs included."""
+        state = vars(self) | {entry.name: getattr(self, entry.name) for entry in fields(self)}
         state.pop("_outputs", None)
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Unpickled arrays are writable."""
+        """Restore the fields, arrays read-only: unpickled ones are writable."""
         for value in state.values():
             if isinstance(value, np.ndarray):
                 read_only(value)
@@ -214,8 +214,8 @@ class Solution(ABC):
     @property
     def ok(self) -> bool | NDArray[np.bool_]:
         """True for a stable equilibrium (Status CONVERGED or AT_LIMIT)."""
-        usable = Status.usable(self.status)
-        return bool(usable) if usable.ndim == 0 else usable
+        stable = Status.usable(self.status)
+        return bool(stable) if stable.ndim == 0 else stable
 
     @property
     def _codes(self) -> NDArray[np.int64]:
@@ -224,14 +224,15 @@ class Solution(ABC):
 
     def row(self, index: int) -> Self:
         """One equilibrium of many."""
-        names = [each.name for each in fields(self) if each.name not in ("mechanism", "loads", "status", "friction")]
+        apart = ("mechanism", "loads", "status", "friction")
+        names = [entry.name for entry in fields(self) if entry.name not in apart]
         values = {name: getattr(self, name)[index] for name in names}
         plain = {name: value.item() if np.ndim(value) == 0 else value for name, value in values.items()}
         mechanism = self.mechanism[index] if isinstance(self.mechanism, tuple) else self.mechanism
         friction = None if self.friction is None else self.friction.row(index)
         status = Status(int(self._codes[index]))
-        rest = {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
-        return self.filled(plain | rest)
+        plain |= {"mechanism": mechanism, "loads": self.loads[index], "status": status, "friction": friction}
+        return self.filled(plain)
 
     @property
     @abstractmethod
@@ -260,14 +261,14 @@ class Solution(ABC):
 
     @property
     def gap_tensions(self) -> Array:
-        """(n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]; `tensions` are those at the motor."""
+        """(n - 1, m) tension of every tendon in every gap, 0 beyond its end [N]; `tensions` are at the motor."""
         if self.friction is not None:
             return self.friction.gap_tensions
         return np.where(self._crossed, self.tensions[..., None, :], 0.0)
 
     @cached_property
     def friction_state(self) -> FrictionState:
-        """What friction remembers. After a solve without history: as if nothing had ever slipped."""
+        """State of friction, the history of a next step. After a solve without history: before any slip."""
         if self.friction is not None:
             return self.friction.state
         return virgin_state(self.mechanism, self._designs, self.tensions, self.joint_angles)
@@ -279,7 +280,7 @@ class Solution(ABC):
 
     @property
     def sticking(self) -> NDArray[np.bool_]:
-        """(n - 1, m) whether a tendon sticks in a link's holes: its friction state is between -1 and 1."""
+        """(n - 1, m) True where a tendon sticks in a link's holes: its friction state is between -1 and 1."""
         return self._crossed & (np.abs(self.friction_states) < 1.0)
 
     @property
@@ -289,9 +290,9 @@ class Solution(ABC):
 
     @property
     def dissipated_work(self) -> float | Array:
-        """What friction has taken up in the step from the history to here [N·mm]; the sum over a path is its loss.
+        """Work of friction in the step from the history to here [N·mm]; the sum over a path is its loss.
 
-        Slightly negative where holes give back what they stored before they slipped.
+        Slightly negative where holes give back energy that they stored before they slipped.
         """
         if self.friction is not None:
             return self.friction.work
@@ -299,12 +300,12 @@ class Solution(ABC):
 
     @property
     def remark(self) -> str:
-        """What a report adds to the status, with a leading comma, or an empty text."""
+        """Addition to the status in reports, with a leading comma, or an empty text."""
         return ""
 
     @abstractmethod
     def link_columns(self) -> list[Column]:
-        """Where the links of one equilibrium are, for reports."""
+        """Poses of the links of one equilibrium, for reports."""
 
     @abstractmethod
     def joint_columns(self, friction: float) -> list[Column]:
@@ -312,7 +313,7 @@ class Solution(ABC):
 
     @abstractmethod
     def figures(self, friction: float) -> dict[str, Any]:
-        """What else reports in JSON say of one equilibrium."""
+        """Further entries of one equilibrium in reports in JSON."""
 
     def point_jacobian(self, link: int, point: Sequence[float] | None = None) -> Array:
         """(3 or 6, n - 1) d pose of a frame at a body point [mm], default the link's origin, / d joint angles."""
@@ -331,8 +332,8 @@ class Solution(ABC):
     @cached_property
     def stiffness(self) -> Array:
         """(n - 1, n - 1) d residual / d joint angle, tendon stretch included for given lengths [N·mm/rad]."""
-        known = self._codes != int(Status.INVALID_INPUT)
-        loads = np.where(known[..., None, None], self.loads, 0.0)
+        valid = self._codes != int(Status.INVALID_INPUT)
+        loads = np.where(valid[..., None, None], self.loads, 0.0)
         angles = self._rows(self.joint_angles)
         if self.friction is not None:
             return self._with_friction[0]
@@ -370,8 +371,8 @@ class Solution(ABC):
         name = repr("several mechanisms" if isinstance(self.mechanism, tuple) else self.mechanism.name)
         if self._codes.ndim:
             codes, counts = np.unique(self._codes, return_counts=True)
-            found = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
-            return f"<{kind} of {name}, {self._codes.size} rows: {found or 'none'}>"
+            counted = ", ".join(f"{n} {Status(code).name}" for code, n in zip(codes, counts, strict=True))
+            return f"<{kind} of {name}, {self._codes.size} rows: {counted or 'none'}>"
         point = ", ".join(f"{x:.3f}" for x in self.tip)
         return f"<{kind} of {name}: {Status(int(self._codes)).name}, tip at ({point}) mm>"
 
@@ -395,18 +396,18 @@ class Solution(ABC):
 
     @cached_property
     def _designs(self) -> tuple[Any, NDArray[np.int64]]:
-        """The arrays of the mechanisms, and which of them each row has."""
+        """The arrays of the distinct mechanisms, and the index of each row's among them."""
         return designs_of(self.mechanism, self._codes.size)
 
     @abstractmethod
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
         """Shape of every field with numbers, of one row; classes add to it."""
-        joints, tendons, both = (n_joints,), (n_tendons,), (n_joints, n_tendons)
+        joints, tendons, gaps = (n_joints,), (n_tendons,), (n_joints, n_tendons)
         return {
             "joint_angles": joints,
             "tensions": tendons,
             "lengths": tendons,
-            "tendon_rates": both,
+            "tendon_rates": gaps,
             "tendon_stiffness": tendons,
             "residual": (),
             "iterations": (),
@@ -414,7 +415,7 @@ class Solution(ABC):
 
     @cached_property
     def _crossed(self) -> NDArray[np.bool_]:
-        """(n - 1, m) whether a tendon crosses a joint."""
+        """(n - 1, m) True where a tendon crosses a joint."""
         chain, _ = self._designs
         return np.arange(self.joint_angles.shape[-1])[:, None] < chain.tendon_joints
 
@@ -422,8 +423,8 @@ class Solution(ABC):
     def _with_friction(self) -> tuple[Array, Array]:
         """(n - 1, n - 1) d residual / d joint angle, (n - 1, m) d residual / d tension, after a step with friction."""
         assert self.friction is not None
-        known = self._codes != int(Status.INVALID_INPUT)
-        loads = self._rows(np.where(known[..., None, None], self.loads, 0.0), axes=2)
+        valid = self._codes != int(Status.INVALID_INPUT)
+        loads = self._rows(np.where(valid[..., None, None], self.loads, 0.0), axes=2)
         angles, state = self._rows(self.joint_angles), self.friction.state
         states, slips, grips = (self._rows(values, axes=2) for values in (state.states, state.slips, state.grips))
         history = History(states, slips, grips, self._rows(state.angles), self._rows(state.rolling))

@@ -22,16 +22,16 @@ class Deferred(tuple[M, ...]):
     """A tuple of mechanisms, each of which is built when it is asked for.
 
     Args:
-        count: how many. build: makes the one at a place, always the same one.
+        count: number of mechanisms. build: makes the one at an index, always the same one.
     """
 
     _build: Callable[[int], M]
 
     def __new__(cls, count: int, build: Callable[[int], M]) -> Self:
-        """Keep a place for every mechanism."""
-        made = super().__new__(cls, [None] * count)  # type: ignore[list-item]
-        made._build = functools.cache(build)
-        return made
+        """A tuple of `count` mechanisms, none of them built yet."""
+        deferred = super().__new__(cls, [None] * count)  # type: ignore[list-item]
+        deferred._build = functools.cache(build)
+        return deferred
 
     def __getitem__(self, place: Any) -> Any:
         places = range(len(self))[place]
@@ -60,14 +60,14 @@ class Deferred(tuple[M, ...]):
 
 
 class Variations(Sequence[M]):
-    """D variations of one nominal mechanism, whose arrays are filled all at once and which are built when asked for.
+    """D variations of one nominal mechanism: arrays filled all at once, mechanisms built when asked for.
 
     `solve_tensions_batch` and `solve_lengths_batch` take them as they are, one per row.
 
     Attributes:
-        nominal: what they vary. They have its names, friction and numbers of links, tendons and crossed joints.
+        nominal: the mechanism. Variations have its names, friction and numbers of links, tendons and crossed joints.
         stiffnesses: of their tendons, (D, m) [N/mm].
-        arrays: of all of them, as one stack. designs: which of the stacked designs each has, (D,).
+        arrays: of all of them, as one stack. designs: index of each one's design in the stack, (D,).
         neutral_angles: (D, n - 1) [rad].
     """
 
@@ -84,14 +84,14 @@ class Variations(Sequence[M]):
 
     def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
-            return [self[each] for each in range(*place.indices(len(self)))]
+            return [self[index] for index in range(*place.indices(len(self)))]
         built = self._built[place]
         if built is None:
             built = self._built[place] = self._build(place)
         return built
 
     def take(self, rows: NDArray[np.int64], other: Variations[M], places: NDArray[np.int64]) -> bool:
-        """Replace those in these rows by others, in place; whether that could be done."""
+        """Replace the variations in these rows by others, in place; False where that is not possible."""
         if other.nominal is not self.nominal or not self._take(rows, other, places):
             return False
         self.stiffnesses[rows] = other.stiffnesses[places]
@@ -102,26 +102,26 @@ class Variations(Sequence[M]):
 
     @abstractmethod
     def get_state(self) -> dict[str, Array]:
-        """What makes them again from the nominal mechanism: arrays by the name of their argument, copied."""
+        """Arguments that make them again from the nominal mechanism: arrays by name, copied."""
 
     @abstractmethod
     def members(self) -> Deferred[M]:
-        """What they are now, whatever `take` replaces later."""
+        """Their present values, unchanged by a later `take`."""
 
     @abstractmethod
     def _take(self, rows: NDArray[np.int64], other: Any, places: NDArray[np.int64]) -> bool:
-        """Replace what a class has of its own."""
+        """Replace the arrays that a class adds; False where that is not possible."""
 
     @abstractmethod
     def _build(self, place: int) -> M:
-        """One of them, as a mechanism of its own."""
+        """The mechanism of one variation."""
 
 
 def designs_of(mechanism: AnyChain | Sequence[AnyChain], n_rows: int) -> tuple[Any, NDArray[np.int64]]:
-    """The arrays of the distinct mechanisms as one stack, and which of them each row of a batch has, (B,).
+    """The arrays of the distinct mechanisms as one stack, and the index of each row's among them, (B,).
 
     Raises:
-        InvalidInput: more or fewer than one mechanism per row, or what `stack` refuses.
+        InvalidInput: more or fewer than one mechanism per row, or mechanisms that do not `stack`.
     """
     if isinstance(mechanism, Chain):
         return mechanism.arrays, np.zeros(n_rows, np.int64)
@@ -130,8 +130,8 @@ def designs_of(mechanism: AnyChain | Sequence[AnyChain], n_rows: int) -> tuple[A
     if isinstance(mechanism, Variations):
         return mechanism.arrays, mechanism.designs
     different = distinct(mechanism)
-    places = {each: place for place, each in enumerate(different)}
-    return stack(different), np.array([places[each] for each in mechanism], np.int64)
+    places = {chain: place for place, chain in enumerate(different)}
+    return stack(different), np.array([places[chain] for chain in mechanism], np.int64)
 
 
 def distinct(mechanisms: Iterable[_T]) -> tuple[_T, ...]:
@@ -148,8 +148,8 @@ def stack(mechanisms: Sequence[AnyChain]) -> Any:
     if isinstance(mechanisms, Variations):
         return mechanisms.arrays
     first = mechanisms[0]
-    for each in mechanisms[1:]:
-        if (each.n_links, each.last_links) != (first.n_links, first.last_links):
+    for chain in mechanisms[1:]:
+        if (chain.n_links, chain.last_links) != (first.n_links, first.last_links):
             allowed = "as many links and tendons, crossing as many joints, as the first"
-            raise InvalidInput("mechanism", each, allowed)
-    return first.arrays if len(mechanisms) == 1 else first.join([each.arrays for each in mechanisms])
+            raise InvalidInput("mechanism", chain, allowed)
+    return first.arrays if len(mechanisms) == 1 else first.join([chain.arrays for chain in mechanisms])

@@ -20,7 +20,7 @@ class Status(IntEnum):
 
     @property
     def message(self) -> str:
-        """What it means and what to do, one line."""
+        """Meaning and remedy, one line."""
         return _MESSAGES[self]
 
     @staticmethod

@@ -30,7 +30,7 @@ Hole = tuple[float, float] | OnSurface
 
 @dataclass(frozen=True)
 class AnyTendon:
-    """What tendons of every kind of chain have; fields as of these kinds."""
+    """Base class of the tendons of all chains; fields as in the subclasses."""
 
     holes: Sequence[Any]
     end: int = -1
@@ -57,7 +57,7 @@ class AnyTendon:
         return last
 
     def _per_link(self, what: str, n_links: int) -> Sequence[Any]:
-        """What `holes` has of every link that the tendon passes."""
+        """The entry of `holes` for every link that the tendon passes."""
         passed = self.last_link(n_links) + 1
         if len(self.holes) == 1:
             return tuple(self.holes) * passed
@@ -75,7 +75,7 @@ class Tendon(AnyTendon):
             leaves it at its child side. A single pair stands for the same pair on every link.
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
-        friction: in its holes; None: that of the mechanism. Rolling resistance belongs to the mechanism alone.
+        friction: in its holes; None: the mechanism's. Rolling resistance belongs to the mechanism alone.
     Raises:
         MechanismError: a hole that is neither a point nor OnSurface; an end that is not an integer; a stiffness
             that is not positive.
@@ -115,7 +115,7 @@ class BeadTendon(AnyTendon):
         holes: (x, y) of every link from 0 to `end` in its frame [mm]. A single one stands for the same on every link.
         end: the link where it is fixed; -1 is the tip.
         stiffness: tension per mm of stretch [N/mm].
-        friction: in its holes; None: that of the mechanism. Rolling resistance belongs to the mechanism alone.
+        friction: in its holes; None: the mechanism's. Rolling resistance belongs to the mechanism alone.
     Raises:
         MechanismError: a hole that is not a point; an end that is not an integer; a stiffness that is not positive.
     """

@@ -1,6 +1,6 @@
-"""Many chains that differ from a nominal one by where their surfaces lie and by the stiffness of their tendons.
+"""Many chains that differ from a nominal one in the places of their surfaces and the stiffnesses of their tendons.
 
-Their arrays are filled all at once; a chain of its own is built only where one asks for it.
+Their arrays are filled all at once; a single chain is built only when it is asked for.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def varied_chain(nominal: RollingChain, offsets: Array, factors: Array) -> RollingChain:
-    """The chain with displaced contact surfaces and other tendon stiffnesses; itself where nothing changes.
+    """The chain with displaced contact surfaces and other tendon stiffnesses; itself where all are unchanged.
 
     Offsets under which the chain could not be built are halved until it can.
 
@@ -87,7 +87,7 @@ class ChainVariations(Variations[RollingChain]):
         return varied_chain(self.nominal, self._offsets[place], self._factors[place])
 
     def members(self) -> Deferred[RollingChain]:
-        """What they are now, whatever `take` replaces later."""
+        """Their present values, unchanged by a later `take`."""
         nominal, offsets, factors = self.nominal, self._offsets.copy(), self._factors.copy()
         return Deferred(len(self), lambda place: varied_chain(nominal, offsets[place], factors[place]))
 
@@ -105,15 +105,15 @@ class ChainVariations(Variations[RollingChain]):
         self.neutral_angles[place] = chain.neutral_angles
 
 
-def _copy(stack: Chain, rows: NDArray[np.int64], other: Chain, places: NDArray[np.int64]) -> None:
+def _copy(stack: Chain, rows: NDArray[np.int64], source: Chain, places: NDArray[np.int64]) -> None:
     """Copy designs of one stack to rows of another one, all with equally many cells."""
     cells = len(stack.cells) // len(stack.joints)
     for name in ("cells", "coefficients", "arc_coefficients"):
-        mine, theirs = getattr(stack, name), getattr(other, name)
-        mine.reshape(-1, cells, *mine.shape[1:])[rows] = theirs.reshape(-1, cells, *theirs.shape[1:])[places]
+        target, values = getattr(stack, name), getattr(source, name)
+        target.reshape(-1, cells, *target.shape[1:])[rows] = values.reshape(-1, cells, *values.shape[1:])[places]
     for name in ("joints", "holes", "channels", "directions"):
-        getattr(stack, name)[rows] = getattr(other, name)[places]
-    stack.buckets[rows] = other.buckets[places] + cells * (rows - places)[:, None, None]
+        getattr(stack, name)[rows] = getattr(source, name)[places]
+    stack.buckets[rows] = source.buckets[places] + cells * (rows - places)[:, None, None]
 
 
 class _Placed:
@@ -173,7 +173,7 @@ class _Placed:
     def crossed(self) -> NDArray[np.bool_]:
         """Whether holes of a variation cross somewhere, (D,).
 
-        Holes on both surfaces of a joint move with them: their heights there are those of the nominal chain.
+        Holes on both surfaces of a joint move with them: their heights there stay as in the nominal chain.
         """
         crossed = np.zeros(self.count, bool)
         for i, (child, parent) in enumerate(_joints(self.nominal)):

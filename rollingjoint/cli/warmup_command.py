@@ -7,7 +7,7 @@ import sys
 import time
 
 from rollingjoint._numba.cache import cache_directory
-from rollingjoint.warmup import Group, Progress, all_groups, compile_kernels, missing
+from rollingjoint.warmup import Group, WarmupProgress, all_groups, compile_kernels, missing
 
 
 def run() -> bool:
@@ -28,7 +28,7 @@ def run() -> bool:
     return complete
 
 
-class Display(Progress):
+class Display(WarmupProgress):
     """A line for every group that starts or ends; at a terminal, a last line with the running groups."""
 
     def __init__(self) -> None:

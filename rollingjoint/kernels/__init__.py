@@ -1,4 +1,4 @@
-"""Compiled kernels: arrays in, arrays and an integer status out. Nothing here raises.
+"""Compiled kernels: arrays in, arrays and an integer status out. Kernels do not raise.
 
 Importing the package registers the formulas of both classes of chains (formulas.py).
 

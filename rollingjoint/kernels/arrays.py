@@ -28,7 +28,7 @@ class TendonLaw(NamedTuple):
 
 
 def empty_arrays(shapes: Sequence[tuple[int, ...]], n_lanes: int) -> list[np.ndarray]:
-    """Empty arrays of floats; those of many lanes in one allocation: large memory comes in large pages, much faster."""
+    """Empty arrays of floats; for many lanes in one allocation: large memory comes in large pages, much faster."""
     if n_lanes < _MANY_LANES:
         return [np.empty(shape) for shape in shapes]
     ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))
@@ -41,7 +41,7 @@ RESIDUAL_LIMIT = 1e-8  # N·mm: no result above it is called converged
 RESIDUAL_GOAL = 1e-9  # N·mm: where iteration stops; smaller for small forces
 RESIDUAL_FLOOR = 1e-12
 RELATIVE_GOAL = 1e-11  # of the force scale
-NEGLIGIBLE = 1e-8  # N·mm/rad: with no stiffness above it, nothing holds the pose
+NEGLIGIBLE = 1e-8  # N·mm/rad: without a stiffness above it the pose is indeterminate
 SMALLEST_PIVOT = 1e-10  # of the largest entry: a stiffness with smaller ones is not positive definite
 MAX_STEP = 0.5  # rad in any joint
 ROUNDING = 1e-14  # of the magnitude of the energy terms
@@ -49,7 +49,7 @@ ROUNDING = 1e-14  # of the magnitude of the energy terms
 
 @part(inline=True)
 def resolvable(value):
-    """False for NaN and for what is too large to be solved with."""
+    """True for finite values up to LARGEST_INPUT."""
     return abs(value) <= LARGEST_INPUT
 
 

@@ -13,9 +13,9 @@ from rollingjoint.kernels.formulas import evaluate, load_columns, stiffness
 
 @part
 def valid(law, loads, start, stiffnesses):
-    """True when every number can be solved with: no NaN, nothing huge, tension limits in order, no pushing tendon.
+    """True for finite values up to LARGEST_INPUT, tension limits in order and no pushing tendon.
 
-    stiffnesses: the columns of the load table that must not be negative.
+    stiffnesses: the columns of the load table in which a number must not be negative.
     """
     if not (all_resolvable(law.command) and all_resolvable(start)):
         return False
@@ -58,7 +58,7 @@ def stiffness_at(chain, tensions, elastic, loads, angles, state, H):
 
 @part
 def solve_invalid(chain, start, state):
-    """The start pose, without tensions and loads; an angle that is not a number is that of `formulas.middle`."""
+    """The start pose, without tensions and loads; an angle that is not a number becomes `formulas.middle`."""
     for i in range(start.size):
         angle = start[i] if abs(start[i]) <= LARGEST_INPUT else formulas.middle(chain, i)
         state.angle[i] = min(max(angle, chain.joints[i, 0]), chain.joints[i, 1])
@@ -79,13 +79,13 @@ def _solve_each(chain, designs, laws, loads, starts, results, lanes, state):
     designs, loads, starts, lanes = borrow(designs), borrow(loads), borrow(starts), borrow(lanes)
     for place in range(lanes.size):
         lane = lanes[place]
-        one = formulas.design(chain, designs[lane])
+        mechanism = formulas.design(chain, designs[lane])
         law = TendonLaw(laws.command[lane], laws.stiffness[lane], laws.low[lane], laws.high[lane])
-        if valid(law, loads[lane], starts[lane], formulas.stiffness_columns(one)):
-            outcome = formulas.solve(one, law, loads[lane], starts[lane], state)
+        if valid(law, loads[lane], starts[lane], formulas.stiffness_columns(mechanism)):
+            outcome = formulas.solve(mechanism, law, loads[lane], starts[lane], state)
         else:
-            outcome = solve_invalid(one, starts[lane], state)
-        formulas.store(one, state, outcome, results, lane)
+            outcome = solve_invalid(mechanism, starts[lane], state)
+        formulas.store(mechanism, state, outcome, results, lane)
 
 
 @kernel(short_loops=True, title="the stiffness of solutions")
@@ -93,5 +93,5 @@ def stiffness_of(chain, designs, tensions, elastic, loads, angles, H):
     """Fill H, (B, J, J), at joint angles under tensions and their rates d tension / d length, (B, m) both."""
     state = formulas.new_state(chain, angles.shape[1], tensions.shape[1])
     for lane in range(angles.shape[0]):
-        one = formulas.design(chain, designs[lane])
-        stiffness_at(one, tensions[lane], elastic[lane], loads[lane], angles[lane], state, H[lane])
+        mechanism = formulas.design(chain, designs[lane])
+        stiffness_at(mechanism, tensions[lane], elastic[lane], loads[lane], angles[lane], state, H[lane])

@@ -21,7 +21,7 @@ def move(chain, phi, step, t, angle):
 
 @part
 def moved(angle, start):
-    """Whether any joint has left its start."""
+    """True if a joint has left its start."""
     for i in range(angle.size):
         if abs(angle[i] - start[i]) > 1e-12:
             return True

@@ -1,6 +1,6 @@
 """A chain at one configuration: energy, stiffness and its generators, written once for every class of chains.
 
-A class brings its geometry, its loads and what a joint has of its own (formulas.py), and `register`s the rest.
+A class brings its geometry, its loads and the terms of a single joint (formulas.py), and `register`s the rest.
 Symbols as in docs/theory.md: r = dV/dphi (residual), H = dr/dphi (stiffness).
 """
 
@@ -19,7 +19,7 @@ from rollingjoint.kernels.tendons import evaluate_tendons
 def evaluate(chain, law, loads, state):
     """Fill the state at its angles; returns (potential energy, magnitude of its terms, force scale).
 
-    What has no potential (follower loads, moments in space, end couples) is left out of the energy.
+    Loads without a potential (follower loads, moments in space, end couples) are left out of the energy.
     """
     chain, law, loads, state = borrow(chain), borrow(law), borrow(loads), borrow(state)
     formulas.evaluate_geometry(chain, state)
@@ -31,7 +31,7 @@ def evaluate(chain, law, loads, state):
 
 @part
 def stiffness(chain, loads, state, H):
-    """Fill H, (J, J); symmetric where everything has a potential."""
+    """Fill H, (J, J); symmetric where all loads have a potential."""
     chain, loads, state, H = borrow(chain), borrow(loads), borrow(state), borrow(H)
     gap, elastic, tension, tendon_joints = state.gap, state.elastic, state.tension, chain.tendon_joints
     for i in range(state.angle.size):

@@ -44,12 +44,12 @@ _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-12, 1e12
 _SMALLEST_DAMPING, _MEMORY = 1e-6, 0.5  # of the largest stiffness; of the damping, from one step to the next
 _MOST_ESCAPES = 8
 _SHORTEST_ESCAPE = 1e-4  # of 0.1 rad
-_MOST_DEFECT = 0.5  # of the residual: how far a step may miss the overdamped motion
+_MOST_DEFECT = 0.5  # of the residual: largest distance of a step from the overdamped motion
 
 
 @part
 def most_descent_steps(n_joints):
-    """How many steps with so many joints."""
+    """Allowed steps with n_joints joints."""
     if n_joints > _MOST_JOINTS:
         return 0
     return int(_MOST_STEPS * min(1.0, (_ALL_STEPS_JOINTS / max(n_joints, 1)) ** 3))
@@ -57,9 +57,9 @@ def most_descent_steps(n_joints):
 
 @part
 def descend(chain, law, loads, conservative, prox, anchor, state):
-    """Go from the state's angles towards a stable equilibrium; returns how many steps that took.
+    """Go from the state's angles towards a stable equilibrium; returns the number of steps.
 
-    The stiffness is dense: of a long chain too. The equilibrium is that of V + prox/2 |phi - anchor|².
+    The stiffness is dense, of a long chain too. The equilibrium is a minimum of V + prox/2 |phi - anchor|².
     """
     n = state.angle.size
     if most_descent_steps(n) == 0:
@@ -75,11 +75,11 @@ def _descend(chain, law, loads, conservative, prox, anchor, state, H, L, vectors
     """descend with its scratch space."""
     H, L, vectors, free = borrow(H), borrow(L), borrow(vectors), borrow(free)
     residual, step, phi, damping, diagonal = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-    n, most = state.angle.size, most_descent_steps(state.angle.size)
+    n, max_steps = state.angle.size, most_descent_steps(state.angle.size)
     energy, magnitude, scale = evaluate(chain, law, loads, state)
     energy += proximal_energy(state, prox, anchor)
     shift, escapes = 0.0, 0
-    for count in range(most):
+    for count in range(max_steps):
         energy, magnitude = renew(chain, state, energy, magnitude)
         worst = mark_free(chain, state, prox, anchor, free)
         stiffness(chain, loads, state, H)
@@ -92,8 +92,8 @@ def _descend(chain, law, loads, conservative, prox, anchor, state, H, L, vectors
             if not conservative or escapes == _MOST_ESCAPES or not _is_saddle(H, free, size, step):
                 return count
             escapes += 1
-            left, energy, magnitude = _escape(chain, law, loads, prox, anchor, state, phi, step, before)
-            if not left:
+            escaped, energy, magnitude = _escape(chain, law, loads, prox, anchor, state, phi, step, before)
+            if not escaped:
                 return count
             continue
         for i in range(n):
@@ -115,7 +115,7 @@ def _descend(chain, law, loads, conservative, prox, anchor, state, H, L, vectors
                 mark_free(chain, state, prox, anchor, free)
         if tries == 0:
             shift = 0.1 * shift if shift > _SMALLEST_SHIFT else 0.0
-    return most
+    return max_steps
 
 
 @part
@@ -144,8 +144,8 @@ def _shifted_step(chain, state, H, conservative, free, residual, L, step):
 def _take(chain, law, loads, conservative, prox, anchor, state, shift, damping, residual, free, phi, step, before):
     """Go a step, or else up to the first limit on its way; returns (accepted, energy, magnitude, force scale)."""
     energy, magnitude, worst = before
-    for whole in (True, False):
-        t = 1.0 if whole else _first_limit(chain, phi, step)
+    for full in (True, False):
+        t = 1.0 if full else _first_limit(chain, phi, step)
         move(chain, phi, step, t, state.angle)
         new_energy, new_magnitude, scale = evaluate(chain, law, loads, state)
         new_energy += proximal_energy(state, prox, anchor)
@@ -158,7 +158,7 @@ def _take(chain, law, loads, conservative, prox, anchor, state, shift, damping, 
             noise, fall = ROUNDING * (magnitude + new_magnitude), energy - new_energy
             accepted = fall > noise and fall >= -1e-4 * slope and not overshoots_kink(slope, new_slope)
             if abs(fall) <= noise:  # rounding decides: by the residual, and a joint may go onto its limit
-                accepted = not whole or mark_free(chain, state, prox, anchor, free) < worst
+                accepted = not full or mark_free(chain, state, prox, anchor, free) < worst
         else:
             accepted = _follows(state, shift, damping, t, residual, free, phi, step)
         if accepted or t == 0.0:
@@ -168,7 +168,7 @@ def _take(chain, law, loads, conservative, prox, anchor, state, shift, damping, 
 
 @part
 def _follows(state, shift, damping, t, residual, free, phi, step):
-    """Whether the residual after part t of a step is near the one that the step was meant to lead to."""
+    """True if the residual after part t of a step is near the residual at which the step aims."""
     defect, squared = 0.0, 0.0
     for i in range(phi.size):
         way = state.angle[i] - phi[i]
@@ -192,7 +192,7 @@ def _first_limit(chain, phi, step):
 
 @part
 def _is_saddle(H, free, size, step):
-    """Whether H has a clearly negative eigenvalue; fills step along its vector, 0.1 rad long."""
+    """True if H has a clearly negative eigenvalue; fills step along its vector, 0.1 rad long."""
     any_free = False
     for i in range(free.size):
         any_free = any_free or free[i]
@@ -235,8 +235,8 @@ def relax(chain, law, loads, state, H, sweep):
     n = state.angle.size
     free, step, L = np.ones(n, np.bool_), np.empty(n), np.empty((n, n))
     rate, worst = -1.0, 0.0
-    most = most_iterations(n)
-    for count in range(most):
+    max_steps = most_iterations(n)
+    for count in range(max_steps):
         evaluate(chain, law, loads, state)
         new_worst = mark_free(chain, state, 0.0, state.residual, free)
         if new_worst <= RESIDUAL_GOAL:
@@ -250,4 +250,4 @@ def relax(chain, law, loads, state, H, sweep):
             H[i, i] += rate
         newton_step(chain, state, H, sweep, False, 0.0, free, state.residual, L, step)
         move(chain, state.angle, step, 1.0, state.angle)
-    return most
+    return max_steps

@@ -74,7 +74,7 @@ def _is_odd(integer):
 def decay(x):
     """(exp(-x), (1 - exp(-x)) / x), the second with its limit 1 at x = 0; |x| up to 1: 1e-15, up to 3: 1e-11.
 
-    The power series of the second at y = x/4, whose argument is doubled twice by (1 - e^-2y) = (1 - e^-y)(1 + e^-y).
+    The second is its power series at y = x/4, with the argument doubled twice by (1 - e^-2y) = (1 - e^-y)(1 + e^-y).
     """
     y = 0.25 * x
     y2 = y * y

@@ -1,7 +1,7 @@
 """The formulas that every class of chains has, chosen by the type of its arrays when a kernel is compiled.
 
-Newton's method and the driver of lanes call these names; each class of chains registers its own parts for them: those
-of one configuration by its chain, those of lanes by its block. numba cannot take functions as arguments without losing
+Newton's method and the driver of lanes call these names; each class of chains registers its own parts for them: for
+one configuration by its chain, for lanes by its block. numba cannot take functions as arguments without losing
 its disk cache.
 """
 
@@ -21,7 +21,7 @@ def design(chain: Any, which: Any) -> Any:
 
 
 def new_state(chain: Any, n_joints: Any, n_tendons: Any) -> Any:
-    """Empty arrays for everything that is evaluated at one configuration."""
+    """Empty arrays for all quantities of one configuration."""
     raise TypeError("new_state is compiled into kernels")
 
 
@@ -31,12 +31,12 @@ def middle(chain: Any, i: Any) -> Any:
 
 
 def load_columns(chain: Any) -> Any:
-    """How many columns a load table has."""
+    """Number of columns of a load table."""
     raise TypeError("load_columns is compiled into kernels")
 
 
 def stiffness_columns(chain: Any) -> Any:
-    """The columns of a load table that must not be negative."""
+    """The columns of a load table in which a number must not be negative."""
     raise TypeError("stiffness_columns is compiled into kernels")
 
 
@@ -48,17 +48,17 @@ def solve(chain: Any, law: Any, loads: Any, start: Any, state: Any) -> Any:
 def solve_step(
     chain: Any, friction: Any, before: Any, law: Any, loads: Any, start: Any, state: Any, memory: Any
 ) -> Any:
-    """The step with friction; fills the state and the memory (rubbed_chain.py); returns what `solve` returns."""
+    """The step with friction; fills the state and the memory (rubbed_chain.py); returns as `solve`."""
     raise TypeError("solve_step is compiled into kernels")
 
 
 def store(chain: Any, state: Any, outcome: Any, results: Any, lane: Any) -> None:
-    """Copy a solved state and what `solve` returned into the results."""
+    """Copy a solved state and the outcome of `solve` into the results."""
     raise TypeError("store is compiled into kernels")
 
 
 def store_friction(chain: Any, state: Any, memory: Any, results: Any, lane: Any) -> None:
-    """Copy what friction has changed into the results."""
+    """Copy the outputs that depend on friction into the results."""
     raise TypeError("store_friction is compiled into kernels")
 
 
@@ -88,22 +88,22 @@ def torque(state: Any, i: Any, j: Any) -> Any:
 
 
 def own_stiffness(chain: Any, state: Any, i: Any) -> Any:
-    """What joint i alone adds to the diagonal of H: its spring, its moving contact."""
+    """Term of joint i alone on the diagonal of H: its spring, its moving contact [N·mm/rad]."""
     raise TypeError("own_stiffness is compiled into kernels")
 
 
 def fill_load_stiffness(chain: Any, state: Any, i: Any, H: Any) -> None:
-    """Fill H_im and H_mi, m <= i, with what loads on one link beyond joint i add."""
+    """Fill H_im and H_mi, m <= i, with the terms of loads on one link beyond joint i."""
     raise TypeError("fill_load_stiffness is compiled into kernels")
 
 
 def add_between_links(chain: Any, loads: Any, H: Any) -> None:
-    """Add to H what loads between two links add."""
+    """Add to H the terms of loads between two links."""
     raise TypeError("add_between_links is compiled into kernels")
 
 
 def fill_load_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -> None:
-    """Fill diagonal, U and V of a Sweep with what loads and joints add, in its first columns; prox: on the diagonal."""
+    """Fill the diagonal (prox on it) and first columns of U and V of a Sweep with the terms of loads and joints."""
     raise TypeError("fill_load_generators is compiled into kernels")
 
 
@@ -118,12 +118,12 @@ def fill_generators(chain: Any, loads: Any, state: Any, prox: Any, sweep: Any) -
 
 
 def fill_turns(chain: Any, state: Any, turn: Any) -> None:
-    """Fill how far the tendons turn at the holes of every link, and the rates (friction.Rubbing.turn)."""
+    """Fill the turns of the tendons at the holes of every link, and their rates (friction.Rubbing.turn)."""
     raise TypeError("fill_turns is compiled into kernels")
 
 
 def fill_normals(chain: Any, state: Any, rolling: Any) -> None:
-    """Fill what presses the links of every joint together: per tension of its gaps, and the share of the loads."""
+    """Fill the normal force between the links of every joint: per tension of its gaps, and the share of the loads."""
     raise TypeError("fill_normals is compiled into kernels")
 
 
@@ -133,7 +133,7 @@ def direction(chain: Any, H: Any, sweep: Any, free: Any, residual: Any, L: Any, 
 
 
 def renew(chain: Any, state: Any, energy: Any, magnitude: Any) -> Any:
-    """(energy, magnitude) with everything that a line search holds constant taken at the present state."""
+    """(energy, magnitude) with the constants of a line search taken at the present state."""
     raise TypeError("renew is compiled into kernels")
 
 
@@ -143,12 +143,12 @@ def overshoots(chain: Any, slope: Any, new_slope: Any) -> Any:
 
 
 def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
-    """The kind of a stationary point where H is not positive definite; kind: what H says."""
+    """The kind of a stationary point where H is not positive definite; kind: the kind by H alone."""
     raise TypeError("reconsider is compiled into kernels")
 
 
 def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
-    """Make a function the part that stands for a generic formula where the chain is of this NamedTuple class."""
+    """Decorator: the function is the part for a generic formula where the chain is of this NamedTuple class."""
 
     def register(function: Callable[..., Any]) -> Any:
         @overload(generic, jit_options=PART_OPTIONS, strict=False)
@@ -166,7 +166,7 @@ def fill_row(block: Any, batch: Any, friction: Any, lane: Any, row: Any, design:
 
 
 def search_of(block: Any) -> Any:
-    """Where the line searches of its lanes are (lanes.py)."""
+    """The array of the line searches of its lanes (lanes.py)."""
     raise TypeError("search_of is compiled into kernels")
 
 
@@ -176,27 +176,27 @@ def evaluate_lanes(block: Any, chain: Any, designs: Any) -> Any:
 
 
 def fill_row_of_loads(block: Any, i: Any, H: Any) -> Any:
-    """Fill row i of H up to the diagonal with what loads add; returns what they add to the diagonal."""
+    """Fill row i of H up to the diagonal with the terms of loads; returns their term on the diagonal."""
     raise TypeError("fill_row_of_loads is compiled into kernels")
 
 
 def own_terms(block: Any, i: Any) -> Any:
-    """What joint i alone adds to the diagonal of H, its spring or its moving contact: two numbers, less the second."""
+    """Term of joint i alone on the diagonal of H, its spring or moving contact: two numbers, less the second."""
     raise TypeError("own_terms is compiled into kernels")
 
 
 def evaluate_turns(rubbed: Any, tendon_joints: Any) -> None:
-    """Fill how far tendons turn at the holes of a block with friction, and the rates."""
+    """Fill the turns of tendons at the holes of a block with friction, and their rates."""
     raise TypeError("evaluate_turns is compiled into kernels")
 
 
 def advance(block: Any, chain: Any, designs: Any) -> Any:
-    """One evaluation of all lanes and what follows from it; returns whether some lane has arrived or left."""
+    """One evaluation of all lanes and the next step of each; returns whether a lane has arrived or left."""
     raise TypeError("advance is compiled into kernels")
 
 
 def fill_outputs(block: Any, batch: Any) -> None:
-    """Fill what is stored of lanes that have arrived."""
+    """Fill the stored outputs of lanes that have arrived."""
     raise TypeError("fill_outputs is compiled into kernels")
 
 

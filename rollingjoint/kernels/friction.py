@@ -1,4 +1,4 @@
-"""Capstan friction with memory of the tendons in their holes: tensions of every gap, slip, and what both change.
+"""Capstan friction with memory of the tendons in their holes: tensions of every gap, slip, and their derivatives.
 
 Link k of a tendon has one friction state z, -1 to 1, which its slip s drives: z = clip(z⁻ - (s - s⁻)/δ). The tension of
 gap i is T0 exp(-μ Σ z θ) - f Σ z over the links k <= i; θ is the turn of the tendon at both holes of a link. Everything
@@ -36,7 +36,7 @@ class FrictionLaw(NamedTuple):
 
 
 class History(NamedTuple):
-    """What friction remembers from one step to the next."""
+    """State of friction between one step and the next."""
 
     states: Annotated[Floats, "J", "m"]  # z of link k at [k]
     slips: Annotated[Floats, "J", "m"]  # s: length from link k to the end of the tendon less its stretch [mm]
@@ -46,13 +46,13 @@ class History(NamedTuple):
 
 
 class FrictionArrays(NamedTuple):
-    """Friction of B lanes: its coefficients, what it remembers, and outputs."""
+    """Friction of B lanes: coefficients, histories, and outputs."""
 
     law: Annotated[FrictionLaw, "B"]
     before: Annotated[History, "B"]
     after: Annotated[History, "B"]
     tension: Annotated[Floats, "B", "J", "m"]  # of every gap
-    work: Annotated[Floats, "B"]  # that friction takes up in the step
+    work: Annotated[Floats, "B"]  # dissipated in the step [N·mm]
 
 
 class Rubbing(NamedTuple):
@@ -68,7 +68,7 @@ class Rubbing(NamedTuple):
     carried: Annotated[Floats, "J", "m"]  # T0 exp(-μ Σ z θ)
     give: Annotated[Floats, "J", "m"]  # d (μ Σ z θ) / d slip of the links up to this one that stick
     flat: Annotated[Floats, "J", "m"]  # d (f Σ z) / d slip, likewise
-    bend: Annotated[Floats, "J", "m", 2]  # d (μ Σ z θ) / d angle at constant z: of the own gap, and of those beyond it
+    bend: Annotated[Floats, "J", "m", 2]  # d (μ Σ z θ) / d angle at constant z: of this gap, and of the next ones
     frozen: Annotated[Floats, "J", "m"]  # grips where the line search began
     frozen_tension: Annotated[Floats, "m"]  # T0 there
 
@@ -88,14 +88,14 @@ def histories_of(friction: FrictionArrays, first: int, last: int) -> tuple[Frict
 
 @part(inline=True)
 def slide(before, way, presliding):
-    """The friction state after slipping so far."""
+    """The friction state after a slip of `way` [mm]."""
     z = before - way / presliding
     return where(z > 1.0, 1.0, where(z < -1.0, -1.0, z))
 
 
 @part(inline=True)
 def work_per_grip(before, after, way, presliding):
-    """-∫ z ds over the way from one friction state to the next: what friction takes up per newton of grip."""
+    """-∫ z ds over the way from one friction state to the next: work per newton of grip [mm]."""
     change = before - after
     stuck = change * presliding
     return (0.5 * change - before) * stuck - after * (way - stuck)
@@ -103,7 +103,7 @@ def work_per_grip(before, after, way, presliding):
 
 @part(inline=True)
 def stretch_per_tension(coefficients, count, k, j):
-    """Stretch of tendon j beyond link k per newton, where it crosses so many joints."""
+    """Stretch of tendon j beyond link k per newton [mm/N]; count: joints that the tendon crosses."""
     return coefficients[j, COMPLIANCE] * ((count - k) / count)
 
 
@@ -112,10 +112,10 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
     """Fill the slip coordinates from gaps and tensions at the motor."""
     for j in range(tendon_joints.size):
         count = tendon_joints[j]
-        beyond = 0.0 * state.angle[0]
+        slip = 0.0 * state.angle[0]
         for k in range(count - 1, -1, -1):
-            beyond = beyond + state.gap[k, j, 0]
-            now.slips[k, j] = beyond
+            slip = slip + state.gap[k, j, 0]
+            now.slips[k, j] = slip
         if any_lane(coefficients[j, COMPLIANCE] > 0.0):
             for k in range(count):
                 now.slips[k, j] -= stretch_per_tension(coefficients, count, k, j) * state.tension[j]
@@ -123,7 +123,7 @@ def evaluate_slips(coefficients, tendon_joints, state, now):
 
 @part(inline=True)
 def evaluate_holes(coefficients, before, tendon_joints, state, now):
-    """Fill friction states, tensions of the gaps and their rates; slips and turns are there."""
+    """Fill friction states, tensions of the gaps and their rates, from slips and turns."""
     zero = 0.0 * state.angle[0]
     for j in range(tendon_joints.size):
         mu, motor = coefficients[j, MU], state.tension[j]
@@ -150,9 +150,9 @@ def evaluate_holes(coefficients, before, tendon_joints, state, now):
 
 @part
 def _add_options(coefficients, count, state, now, j):
-    """Change what `evaluate_holes` has filled for one tendon to that with constant forces and stretch in the channels.
+    """Add constant forces and stretch in the channels to the results of `evaluate_holes` for one tendon.
 
-    A tension that the constant forces use up stays zero.
+    A tension smaller than the constant forces is zero.
     """
     constant = coefficients[j, CONSTANT]
     lost = flat = yielding = sinking = give = 0.0 * state.angle[0]
@@ -166,8 +166,8 @@ def _add_options(coefficients, count, state, now, j):
         sinking, give = sinking + constant * per_slip * stretch, now.give[k, j]
         pulls = now.carried[k, j] >= lost
         tension = where(pulls, now.carried[k, j] - lost, 0.0)
-        left = below / where(abs(z) > _STILL, z, 1.0)  # what is left below is all that the holes can take
-        now.grips[k, j] = where(pulls, now.grips[k, j] + constant, left)
+        remaining = below / where(abs(z) > _STILL, z, 1.0)  # the holes can take no more than the tension below
+        now.grips[k, j] = where(pulls, now.grips[k, j] + constant, remaining)
         now.tension[k, j], now.flat[k, j] = tension, flat
         now.passed[k, j] = now.passed[k, j] - now.carried[k, j] * yielding - sinking
         now.lever[k, j] = where(pulls, now.lever[k, j], 0.0)
@@ -207,7 +207,7 @@ def friction_energy(coefficients, before, tendon_joints, state, now, grips, moto
 
 @part(inline=True)
 def evaluated_energy(coefficients, before, tendon_joints, now):
-    """Incremental potential at an evaluated state without stretch in the channels, and what the holes take up.
+    """Incremental potential at an evaluated state without stretch in the channels, and the work of the holes.
 
     Returns (potential at the frozen grips, its magnitude, potential at the present grips, work with the mean of the
     grips before and after the step) [N·mm].
@@ -250,7 +250,7 @@ def friction_of(law, lane):
 
 @part(inline=True)
 def history_of(history, lane):
-    """What one lane remembers."""
+    """The history of one lane."""
     return History(
         history.states[lane], history.slips[lane], history.grips[lane], history.angles[lane], history.rolling[lane]
     )
@@ -258,7 +258,7 @@ def history_of(history, lane):
 
 @part(inline=True)
 def valid_law(law):
-    """True when the coefficients can be solved with: no NaN, nothing huge, none negative."""
+    """True for coefficients between 0 and LARGEST_INPUT, presliding above 0; False for NaN."""
     valid = 0.0 <= law.rolling[ARM] <= LARGEST_INPUT and 0.0 < law.rolling[ROLLING_PRESLIDING] <= LARGEST_INPUT
     for j in range(law.tendons.shape[0]):
         for column in range(N_COEFFICIENTS):
@@ -269,7 +269,7 @@ def valid_law(law):
 
 @part
 def valid_friction(law, history):
-    """True when every number can be solved with: `valid_law`, nothing huge remembered, states from -1 to 1."""
+    """True for a `valid_law` and a history of finite numbers below LARGEST_INPUT, states from -1 to 1."""
     valid = valid_law(law)
     for k in range(history.angles.size):
         valid = valid and resolvable(history.angles[k]) and abs(history.rolling[k]) <= 1.0

@@ -53,7 +53,7 @@ MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step
 
 
 class HingeBlock(NamedTuple):
-    """Inputs, state and scratch space of lanes; fields that are not Hinges' are those of rolling_lanes.Block."""
+    """Inputs, state and scratch space of lanes; fields that are not Hinges' are as in rolling_lanes.Block."""
 
     state: HingeState
     law: TendonLaw
@@ -106,7 +106,7 @@ def evaluate_lanes(block, chain, designs):
 
 @formula(formulas.fill_row_of_loads, HingeBlock)
 def fill_row_of_loads(block, i, H):
-    """Fill row i of H with what dead forces add; returns what they add to the diagonal."""
+    """Fill row i of H with the terms of dead forces; returns their term on the diagonal."""
     axis, w = block.state.axis, lever(block.state, i)
     for m in range(i):
         H[i, m] = -dot(in_space(axis, m, 0), w)
@@ -135,15 +135,15 @@ def fill_row(block, batch, friction, lane, row, design):
 def fill_inputs(batch, block, lane, row):
     """Copy one row's inputs into a lane; False where they need the solver for all cases."""
     chain, design = batch.chain, batch.designs[row]
-    usual = chain.model[design] == EXACT and not any_spring(chain.standing[design])
-    usual = usual and fill_law(batch.laws, block, lane, row)
-    usual = usual and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
-    return usual and fill_start(batch.starts, block, lane, row)
+    supported = chain.model[design] == EXACT and not any_spring(chain.standing[design])
+    supported = supported and fill_law(batch.laws, block, lane, row)
+    supported = supported and fill_dead_loads(batch.loads[row], numbers(block.loads), lane)
+    return supported and fill_start(batch.starts, block, lane, row)
 
 
 @part(inline=True)
 def fill_design(chain, block, lane, design):
-    """Copy what a lane needs of its design."""
+    """Copy a design into a lane."""
     limits, axes, gaps, channels = (
         numbers(block.limits),
         numbers(block.axes),
@@ -163,7 +163,7 @@ def fill_design(chain, block, lane, design):
 
 @formula(formulas.fill_outputs, HingeBlock)
 def fill_outputs(block, batch):
-    """Nothing is stored that is not evaluated."""
+    """No outputs but those evaluated already."""
 
 
 @formula(formulas.store_row, HingeBlock)
@@ -198,7 +198,7 @@ def store_lane(block, results, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the arm's solver")
 def solve_hinges_pinned(pins, first, last):
-    """Solve lanes first to last - 1 of PinnedHinges; returns how many are PENDING."""
+    """Solve lanes first to last - 1 of PinnedHinges; returns the number left PENDING."""
     batch = unpin(pins, PinnedHinges).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, batch.loads.shape[1])
     return solve_wide(np.zeros(wide_memory(HingeBlock, sizes)), HingeBlock, sizes, batch, None, first, last)
@@ -220,7 +220,7 @@ def memory_alone(batch: HingeBatchArrays) -> np.ndarray:
 
 
 class RubbedHingeBlock(NamedTuple):
-    """A HingeBlock with friction; fields that are not Hinges' are those of rolling_lanes.RubbedBlock."""
+    """A HingeBlock with friction; fields that are not Hinges' are as in rolling_lanes.RubbedBlock."""
 
     block: HingeBlock
     law: FrictionLaw
@@ -262,7 +262,7 @@ def _fill_turns(chain, rubbed, lane, design):
 
 @formula(formulas.fill_outputs, RubbedHingeBlock)
 def fill_outputs_with_friction(rubbed, batch):
-    """Fill torques at the motors, of which friction lets a part pass."""
+    """Fill the torques per tension at the motors, which friction reduces."""
     torque, now = rubbed.block.state.torque, rubbed.now
     for j in range(batch.chain.tendon_joints.size):
         for i in range(batch.chain.tendon_joints[j]):
@@ -278,7 +278,7 @@ def store_row_with_friction(rubbed, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the arm's solver with friction")
 def step_hinges_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
-    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    """Solve the steps of rows first to last - 1; returns the number left PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, loads.shape[1])
     batch = HingeBatchArrays(chain, designs, laws, loads, starts, results)
     memory = np.zeros(wide_memory(RubbedHingeBlock, sizes))

@@ -1,9 +1,9 @@
 """One equilibrium of a hinge chain from one start: Newton's method, and the fallbacks for a non-converged pose.
 
 Long chains whose loads all have a potential take the O(n) steps of long_chain.py. Where the energy decides, an unstable
-equilibrium is left downhill and counted, here and not in Newton's method. Where something has no potential, or Newton's
-method does not converge, the overdamped motion from the start follows, then loads and tendons grow from nothing; the
-slow descent comes last, and again from beside where it has ended.
+equilibrium is left downhill and counted, here and not in Newton's method. Where a load has no potential, or Newton's
+method does not converge, the overdamped motion from the start follows, then loads and tendons grow from zero; the slow
+descent comes last, and again from starts near its end.
 """
 
 from __future__ import annotations
@@ -87,12 +87,12 @@ def _descend(chain, law, loads, conservative, state, H, sweep):
 
 @part
 def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_of_loads):
-    """Equilibrium by letting loads and tendons grow from nothing at the rest pose, each stage from the one before.
+    """Equilibrium by letting loads and tendons grow from zero at the rest pose, each stage from the one before.
 
     Without a potential an unstable equilibrium is followed too. The last two arguments are scratch space.
     """
     n, m = state.angle.size, state.length.size
-    spent, most = 0, most_staged_iterations(n)
+    spent, max_iterations = 0, most_staged_iterations(n)
     last, slack = np.empty(n), np.empty(m)
     for i in range(n):
         last[i] = middle(chain, i)
@@ -116,11 +116,11 @@ def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_
             part_loads[row, TORSION] = loads[row, TORSION] * share
         for i in range(n):
             last[i] = state.angle[i]
-        status, iterations, worst, left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
+        status, iterations, worst, n_left = _descend(chain, part_law, part_loads, conservative, state, H, sweep)
         count += iterations
-        spent += _STEPS_PER_ESCAPE * left + (iterations if H.size > 0 else 0)
+        spent += _STEPS_PER_ESCAPE * n_left + (iterations if H.size > 0 else 0)
         if status < UNSTABLE or (status == UNSTABLE and not conservative):
-            done, stage, escapes = share, 2.0 * stage, escapes + left
+            done, stage, escapes = share, 2.0 * stage, escapes + n_left
             if share == 1.0:
                 break
         elif stage > _SHORTEST_STAGE:
@@ -129,11 +129,11 @@ def _grow(chain, law, loads, conservative, state, H, sweep, share_of_law, share_
                 state.angle[i] = last[i]
         else:
             break
-        if spent > most:
+        if spent > max_iterations:
             break
     if done < 1.0:
-        status, iterations, worst, left = _descend(chain, law, loads, conservative, state, H, sweep)
-        count, escapes = count + iterations, escapes + left
+        status, iterations, worst, n_left = _descend(chain, law, loads, conservative, state, H, sweep)
+        count, escapes = count + iterations, escapes + n_left
     return status, count, worst, escapes
 
 
@@ -151,13 +151,13 @@ def middle(chain, i):
 
 @formula(formulas.load_columns, Hinges)
 def load_columns(chain):
-    """Those of a load table."""
+    """Number of columns of a load table."""
     return N_COLUMNS
 
 
 @formula(formulas.stiffness_columns, Hinges)
 def stiffness_columns(chain):
-    """Those of springs."""
+    """Columns of the stiffnesses of springs."""
     return STIFFNESSES
 
 
@@ -181,30 +181,28 @@ def solve(chain, law, loads, start, state):
         count += more
     if status >= UNSTABLE and conservative and most_descent_steps(start.size) > 0:
         how = chain, conservative, MOST_ESCAPES, MAX_ITERATIONS, True
-        found = settle(*how, law, loads, start, state, H, sweep)
-        status, more, worst = found
+        status, more, worst = settle(*how, law, loads, start, state, H, sweep)
         count += more
         aside = np.empty(start.size)
         for way in range(_WAYS_ASIDE):
             if status < UNSTABLE:
                 break
             _step_aside(state.angle, way, aside)
-            found = settle(*how, law, loads, aside, state, H, sweep)
-            status, more, worst = found
+            status, more, worst = settle(*how, law, loads, aside, state, H, sweep)
             count += more
     return status, count, worst, escapes
 
 
 @part
 def _step_aside(angle, way, aside):
-    """Fill a start beside the angles, another way in every hinge: hinges that are alike meet saddles together."""
+    """Fill a start near the angles, with another offset in every hinge: equal hinges meet saddles together."""
     for i in range(angle.size):
         aside[i] = angle[i] + _ASIDE * math.sin((way + 1.0) * (i + 1.0))
 
 
 @formula(formulas.solve_step, Hinges)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
-    """The step with friction; fills the state and the memory (rubbed_chain); returns what `solve` returns."""
+    """The step with friction; fills the state and the memory (rubbed_chain); returns as `solve`."""
     conservative, n = has_potential(chain, loads), start.size
     columns = generator_columns(chain.standing, loads) + law.low.size
     angles, step, free = np.empty(n), np.empty(n), np.ones(n, np.bool_)
@@ -249,7 +247,7 @@ def store(chain, state, outcome, results, lane):
 
 @formula(formulas.store_friction, Hinges)
 def store_friction(chain, state, memory, results, lane):
-    """Torques at the motors, of which friction lets a part pass."""
+    """Copy the torques per tension at the motors, which friction reduces."""
     for i in range(state.angle.size):
         for j in range(state.tension.size):
             if i < chain.tendon_joints[j]:

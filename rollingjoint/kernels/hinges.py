@@ -36,13 +36,13 @@ LINK, POINT, FORCE, MOMENT, BODY_FORCE, BODY_MOMENT, SPRING, ANCHOR, TORSION, RE
     SPATIAL_LOAD_COLUMNS.index, ("link", "px", "fx", "mx", "bx", "nx", "k", "ax", "torsion", "rest", "other")
 )
 N_COLUMNS = len(SPATIAL_LOAD_COLUMNS)
-N_DEAD = MOMENT  # columns of the table of dead loads of lanes: those of a load table up to the force
+N_DEAD = MOMENT  # columns of the table of dead loads of lanes: as in a load table up to the force
 # Columns of HingeState.sums, sums over all loads beyond a hinge: dead force F, x outer F row by row, dead moment;
 # follower force B, moment of follower loads about the origin; moment of torsion springs about the hinge
 F, XF, M, B, TB, TWIST, N_SUMS = 0, 3, 12, 15, 18, 21, 22
 N_DEAD_SUMS = M
 # Columns of Hinges.turns: the segment of a tendon at angle 0, the same in the frames of the links below and above its
-# hinge; what it gains per sin and per 1 - cos in the frame below, and in the frame above; 1 where the channels below
+# hinge; its change per sin and per 1 - cos in the frame below, and in the frame above; 1 where the channels below
 # and above are in line and across the axis, so that both turns are half the angle
 IN_BELOW, IN_ABOVE, HALVES, N_TURNS = 3, 9, 15, 16
 # Columns of HingeState.held, sums over all springs beyond a hinge: k, k x, and k x outer x as xx, xy, xz, yy, yz, zz
@@ -52,7 +52,7 @@ K, KX, KXX, N_HELD = 0, 1, 4, 10
 class Hinges(NamedTuple):
     """Chains of J hinges and m tendons: D designs of one topology; `design` takes one out, without the D.
 
-    Link 0 is the base; hinge i carries link i + 1 and lies at the origin of link i, whose z axis points to the tip.
+    Link 0 is the base; hinge i carries link i + 1 and lies at the origin of link i; z axes of links point to the tip.
     """
 
     joints: Annotated[Floats, "D", "J", 3]  # smallest, largest and rest angle
@@ -69,7 +69,7 @@ class Hinges(NamedTuple):
 
 
 class HingeState(NamedTuple):
-    """Everything evaluated at one configuration; axes and poses in the base frame."""
+    """Quantities of one configuration; axes and poses in the base frame."""
 
     angle: Annotated[Floats, "J"]
     residual: Annotated[Floats, "J"]
@@ -101,10 +101,10 @@ class HingeResults(NamedTuple):
 
 
 class HingeBatchArrays(NamedTuple):
-    """Equilibria to be solved as a batch, and where they go."""
+    """Inputs and results of a batch."""
 
     chain: Hinges  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    designs: Annotated[Integers, "B"]  # index of each lane's design in the stack
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", N_COLUMNS]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
@@ -112,10 +112,10 @@ class HingeBatchArrays(NamedTuple):
 
 
 class PinnedHinges(NamedTuple):
-    """A batch as kernels take it that are called again and again."""
+    """A batch for kernels that are called repeatedly."""
 
     batch: HingeBatchArrays
-    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
+    memory: Annotated[Floats, "words"]  # scratch space of a batch of one row; else empty
 
 
 def new_hinge_results(n_lanes: int, n_joints: int, n_tendons: int) -> HingeResults:
@@ -184,7 +184,7 @@ def geometry_of(chain, state):
 
 @part(inline=True)
 def evaluate_hinges(joints, springs, state):
-    """Energy of the hinges' own springs."""
+    """Energy of the hinges' springs."""
     energy = 0.0 * state.angle[0]
     for i in range(state.angle.size):
         turn = state.angle[i] - joints[i, 2]
@@ -194,7 +194,7 @@ def evaluate_hinges(joints, springs, state):
 
 @part(inline=True)
 def evaluate_geometry(axes, spacings, gaps, channels, exact, tendon_joints, state):
-    """Fill poses, axes, gaps, torques and tendon lengths; the arrays are those of Hinges, or of lanes."""
+    """Fill poses, axes, gaps, torques and tendon lengths; the arrays are of a Hinges or of lanes."""
     pose, axis, angle, length = state.pose, state.axis, state.angle, state.length
     zero = 0.0 * angle[0]
     for j in range(length.size):
@@ -205,11 +205,11 @@ def evaluate_geometry(axes, spacings, gaps, channels, exact, tendon_joints, stat
         sin, cos = sine_and_cosine(angle[i])
         x, y, z = in_space(axes, i, 0)
         axis[i, 0], axis[i, 1], axis[i, 2] = turned(pose, i, (x, y, z))
-        rest = 1.0 - cos
+        versine = 1.0 - cos
         columns = (
-            (cos + rest * x * x, rest * x * y + sin * z, rest * x * z - sin * y),
-            (rest * x * y - sin * z, cos + rest * y * y, rest * y * z + sin * x),
-            (rest * x * z + sin * y, rest * y * z - sin * x, cos + rest * z * z),
+            (cos + versine * x * x, versine * x * y + sin * z, versine * x * z - sin * y),
+            (versine * x * y - sin * z, cos + versine * y * y, versine * y * z + sin * x),
+            (versine * x * z + sin * y, versine * y * z - sin * x, cos + versine * z * z),
         )
         for column in range(3):
             turned_column = turned(pose, i, columns[column])
@@ -243,7 +243,7 @@ def _evaluate_gap(gaps, exact, state, i, j, sin, cos):
 
 @formula(formulas.torque, HingeState)
 def torque(state, i, j):
-    """g', but of end couples."""
+    """g', or the torque of an end couple."""
     return state.torque[i, j]
 
 

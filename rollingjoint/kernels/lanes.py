@@ -3,10 +3,10 @@
 Energy descends with full steps or halved ones, the stiffness of the free joints stays positive definite, loads are dead
 forces; a joint that is pressed against its limit is held there. A lane that leaves this path is marked PENDING, and the
 solver for all cases takes it from its start. A lane that arrives makes room for the next; its numbers do not depend on
-its neighbours.
+the other lanes.
 
-A class of chains brings its block of lanes, whose fields `state`, `law`, `limits`, `L`, `vectors` and `search` are
-those of rolling_lanes.Block, and registers formulas for it. The lanes are eight of SIMD numbers or a single one of
+A class of chains brings its block of lanes, with the fields `state`, `law`, `limits`, `L`, `vectors` and `search` of
+rolling_lanes.Block, and registers formulas for it. The lanes are eight of SIMD numbers or a single one of
 floats: the same functions, compiled for the one type or the other, and results equal to the last bit. A single chain
 takes two thirds of the time.
 """
@@ -55,7 +55,7 @@ def fill_law(laws, block, lane, source):
         numbers(law.low),
         numbers(law.high),
     )
-    usual = True
+    supported = True
     for j in range(commands.shape[0]):
         command, k, low, high = (
             laws.command[source, j],
@@ -63,21 +63,21 @@ def fill_law(laws, block, lane, source):
             laws.low[source, j],
             laws.high[source, j],
         )
-        usual = usual and resolvable(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
+        supported = supported and resolvable(command) and k > 0.0 and 0.0 <= low <= min(high, LARGEST_INPUT)
         commands[j, lane], stiffnesses[j, lane], lows[j, lane], highs[j, lane] = command, k, low, high
-    return usual
+    return supported
 
 
 @part(inline=True)
 def fill_start(starts, block, lane, source):
     """Copy one lane's start into the block, clipped to the limits; False where it needs the solver for all cases."""
     limits, angle = numbers(block.limits), numbers(block.state.angle)
-    usual = True
+    supported = True
     for i in range(limits.shape[0]):
         phi = starts[source, i]
-        usual = usual and resolvable(phi)
+        supported = supported and resolvable(phi)
         angle[i, lane] = min(max(phi, limits[i, 0, lane]), limits[i, 1, lane])
-    return usual
+    return supported
 
 
 @part(inline=True)
@@ -156,19 +156,19 @@ def newton_step(L, per_pivot, residual, free, step):
 
 @part(inline=True)
 def keep(search, accepted, energy, magnitude, worst, held):
-    """Begin another line search where a trial is accepted, else halve the part; returns (part to be tried, passes)."""
-    tried, passes = where(accepted, 1.0, 0.5 * search[PART]), search[PASSES] + 1.0
+    """Begin another line search where a trial is accepted, else halve the step; returns (next share of it, passes)."""
+    share, passes = where(accepted, 1.0, 0.5 * search[PART]), search[PASSES] + 1.0
     search[STEPS] = where(accepted, search[STEPS] + 1.0, search[STEPS])
     search[ENERGY] = where(accepted, energy, search[ENERGY])
     search[MAGNITUDE] = where(accepted, magnitude, search[MAGNITUDE])
     search[WORST] = where(accepted, worst, search[WORST])
     search[HELD] = where(accepted, held, search[HELD])
-    search[PART], search[PASSES] = tried, passes
-    return tried, passes
+    search[PART], search[PASSES] = share, passes
+    return share, passes
 
 
 @part(inline=True)
-def move(block, accepted, tried, moving):
+def move(block, accepted, share, moving):
     """Go a part of the Newton step from where the line search began, between the limits, in the lanes that move."""
     limits, angle, residual, solution = block.limits, block.state.angle, block.state.residual, block.vectors[0]
     step, base_angle, base_residual = block.vectors[1], block.vectors[3], block.vectors[4]
@@ -180,7 +180,7 @@ def move(block, accepted, tried, moving):
         direction = where(accepted, solution[i] * shortened, step[i])
         origin = where(accepted, angle[i], base_angle[i])
         step[i], base_angle[i], base_residual[i] = direction, origin, where(accepted, residual[i], base_residual[i])
-        trial = origin + tried * direction
+        trial = origin + share * direction
         trial = where(trial > limits[i, 0], trial, limits[i, 0])
         trial = where(trial < limits[i, 1], trial, limits[i, 1])
         angle[i] = where(moving, trial, angle[i])
@@ -197,7 +197,7 @@ def fill_responses(block):
 
 
 def advance(block, chain, designs):
-    """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
+    """One evaluation of all lanes, then another Newton step, a shorter one, or the end; True where a lane has ended."""
     search, angle, residual = block.search, block.state.angle, block.state.residual
     solution, per_pivot = block.vectors[0], block.vectors[2]
     base_angle, base_residual, free = block.vectors[3], block.vectors[4], block.vectors[5]
@@ -217,27 +217,27 @@ def advance(block, chain, designs):
     at_rest = accepted & (worst <= where(goal > RESIDUAL_FLOOR, goal, RESIDUAL_FLOOR))
     smallest, largest = factor_stiffness(block, chain.tendon_joints)
     stable = (smallest > SMALLEST_PIVOT * largest) & (largest >= NEGLIGIBLE)
-    tried, passes = keep(search, accepted, energy, magnitude, worst, held)
-    goes_on = running & (stable | ~accepted) & (tried >= SHORTEST) & (passes < MAX_PASSES)
+    share, passes = keep(search, accepted, energy, magnitude, worst, held)
+    goes_on = running & (stable | ~accepted) & (share >= SHORTEST) & (passes < MAX_PASSES)
     newton_step(block.L, per_pivot, residual, free, solution)
-    move(block, accepted, tried, running & ~at_rest)
-    left = where(goes_on, RUNNING, LEFT)
-    search[PHASE] = where(running, where(at_rest, where(stable, ARRIVED, LEFT), left), search[PHASE])
+    move(block, accepted, share, running & ~at_rest)
+    ongoing = where(goes_on, RUNNING, LEFT)
+    search[PHASE] = where(running, where(at_rest, where(stable, ARRIVED, LEFT), ongoing), search[PHASE])
     return any_lane(running & (at_rest | ~goes_on))
 
 
 @part(inline=True)
-def solve_rows(block, search, batch, friction, rows, chosen, first, last):
-    """Solve rows first to last - 1 in the lanes of a block, by the formulas of its class; returns how many are PENDING.
+def solve_rows(block, search, batch, friction, rows, loaded, first, last):
+    """Solve rows first to last - 1 in the lanes of a block, by its formulas; returns the number left PENDING.
 
-    rows, chosen: memory of an integer per lane, the row that it solves and the design that it holds.
+    rows, loaded: memory of an integer per lane, the row that it solves and the design that it holds.
     """
     search, status = numbers(search), batch.results.status
     following, running, pending = first, 0, 0
-    for lane in range(chosen.size):
-        chosen[lane], search[PHASE, lane] = -1, IDLE
+    for lane in range(loaded.size):
+        loaded[lane], search[PHASE, lane] = -1, IDLE
     while True:  # every lane takes a row, and another one when it is done with it
-        for lane in range(chosen.size):
+        for lane in range(loaded.size):
             phase = search[PHASE, lane]
             if phase == RUNNING:
                 continue
@@ -252,9 +252,9 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
             while following < last and search[PHASE, lane] == IDLE:
                 row = following
                 following += 1
-                other = batch.designs[row] if chosen[lane] != batch.designs[row] else -1
-                chosen[lane] = batch.designs[row]
-                if formulas.fill_row(block, batch, friction, lane, row, other):
+                design = batch.designs[row] if loaded[lane] != batch.designs[row] else -1
+                loaded[lane] = batch.designs[row]
+                if formulas.fill_row(block, batch, friction, lane, row, design):
                     rows[lane] = row
                     running += 1
                     begin_lane(search, lane)
@@ -263,7 +263,7 @@ def solve_rows(block, search, batch, friction, rows, chosen, first, last):
                     pending += 1
         if running == 0:
             return pending
-        while not formulas.advance(block, batch.chain, chosen):
+        while not formulas.advance(block, batch.chain, loaded):
             pass
         formulas.fill_outputs(block, batch)
 
@@ -281,7 +281,7 @@ def solve_wide(memory, layout, sizes, batch, friction, first, last):
 
 @part(inline=True)
 def wide_memory(layout, sizes):
-    """How many numbers the memory of eight lanes has."""
+    """Size of the memory of eight lanes, in numbers."""
     return (size_of(layout, sizes) + 3) * WIDTH
 
 
@@ -289,6 +289,6 @@ def wide_memory(layout, sizes):
 def solve_in(space, layout, sizes, batch, friction, first, last):
     """`solve_rows` in the lanes of borrowed memory, eight of SIMD numbers or a single one of floats."""
     block, size = carve_tuple(space, 0, layout, sizes), size_of(layout, sizes)
-    rows, chosen = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
+    rows, loaded = integers(carve(space, size, (1,))), integers(carve(space, size + 1, (1,)))
     search = formulas.search_of(block)
-    return solve_rows(block, search, borrow(batch), borrow(friction), rows, chosen, first, last)
+    return solve_rows(block, search, borrow(batch), borrow(friction), rows, loaded, first, last)

@@ -88,7 +88,7 @@ def indices(free):
 
 @part
 def is_finite(H, free):
-    """Whether H has neither NaN nor infinity in the free rows and columns: LAPACK's wrappers raise on them."""
+    """True if H has neither NaN nor infinity in the free rows and columns: LAPACK's wrappers raise on them."""
     for i in range(free.size):
         for m in range(free.size):
             if free[i] and free[m] and not abs(H[i, m]) < math.inf:

@@ -1,8 +1,8 @@
 """Newton steps in O(n) for long chains without follower forces.
 
 H is diagonal plus semiseparable: H_im = U_i . V_m for i > m, because a load or a tendon couples two joints only through
-what lies beyond the later one. With q columns, one per tendon and a few for the loads, the factors of H = L P Lᵀ follow
-from one sweep over the joints that carries a (q, q) matrix. `formulas.fill_generators` fills U and V.
+the part of the chain beyond the later one. With q columns, one per tendon and a few for the loads, the factors of
+H = L P Lᵀ follow from one sweep over the joints that carries a (q, q) matrix. `formulas.fill_generators` fills U and V.
 Source: docs/theory.md, section 3.
 """
 
@@ -121,10 +121,10 @@ def symmetric_direction(chain, H, sweep, free, residual, L, step):
 
 
 def unchanged(chain, state, energy, magnitude):
-    """`renew` where the line search holds nothing constant."""
+    """`renew` where the line search has no constants."""
     return energy, magnitude
 
 
 def unlimited(chain, slope, new_slope):
-    """`overshoots` where the line search goes by a potential: nothing is too far as long as that falls."""
+    """`overshoots` where the line search goes by a potential: no step is too long as long as that falls."""
     return False

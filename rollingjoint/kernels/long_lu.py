@@ -1,6 +1,6 @@
 """Newton steps in O(n) for long chains with friction, whose Jacobian is not symmetric.
 
-A is diagonal plus semiseparable with generators of its own in each triangle: A_im = U_i . V_m for i > m and P_i . Q_m
+A is diagonal plus semiseparable with different generators in each triangle: A_im = U_i . V_m for i > m and P_i . Q_m
 for i < m. The factors of A = L R, without exchange of rows, follow from one sweep over the joints, as in long_chain.py:
 L_im = U_i . W_m and R_im = Y_i . Q_m. Source: docs/theory.md, section 9.
 """
@@ -16,7 +16,7 @@ from rollingjoint.kernels.long_chain import first_shift
 
 
 class LongLu(NamedTuple):
-    """Generators of A and its factors over J joints; the diagonal is that of the Sweep beside it."""
+    """Generators of A and its factors over J joints; the diagonal is in the Sweep."""
 
     U: np.ndarray  # (J, p)
     V: np.ndarray  # (J, p)

@@ -44,7 +44,7 @@ _MAX_HALVINGS = 40
 
 @part
 def most_iterations(n_dense):
-    """How many dense steps with so many joints: all of MAX_ITERATIONS for 0, fewer where they would take too long."""
+    """Allowed dense steps with n_dense joints: all of MAX_ITERATIONS for 0, fewer where they would take too long."""
     if n_dense <= _ALL_ITERATIONS_JOINTS:
         return MAX_ITERATIONS
     if n_dense > _MOST_DENSE_JOINTS:
@@ -54,7 +54,7 @@ def most_iterations(n_dense):
 
 @part
 def most_staged_iterations(n_joints):
-    """How many dense steps with so many joints in all the stages of a load that grows from nothing."""
+    """Allowed dense steps with n_joints joints in all the stages of a load that grows from zero."""
     return int(_STAGED_ITERATIONS * (300.0 / max(n_joints, 1)) ** 3)
 
 
@@ -138,7 +138,7 @@ def _line_search(chain, law, loads, prox, anchor, conservative, step, state, fre
 
 @part
 def _stalled_goal(state, scale):
-    """The residual that is good enough where rounding stops the descent, also that of the lengths of stiff tendons."""
+    """The residual that is good enough where rounding stops the descent, of energies or of stiff tendons' lengths."""
     pull = 0.0
     for j in range(state.length.size):
         for i in range(state.angle.size):
@@ -193,8 +193,8 @@ def classify(H, sweep, free, L):
 def reclassified(chain, loads, state, free, kind):
     """`reconsider` where H is the whole derivative of the residual.
 
-    The pivots of a long chain lose what is small beside its largest lever, so that an UNSTABLE by them is judged again
-    by the eigenvalues of the dense H.
+    The pivots of a long chain lose terms that are small compared with its largest lever, so that an UNSTABLE by them is
+    judged again by the eigenvalues of the dense H.
     """
     n = free.size
     if kind != UNSTABLE or n <= DENSE_JOINTS or n > _MOST_DENSE_EIGEN_JOINTS:
@@ -205,21 +205,21 @@ def reclassified(chain, loads, state, free, kind):
 
 
 @part
-def minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep):
+def minimise(chain, law, loads, conservative, most_escapes, max_iterations, prox, anchor, state, H, sweep):
     """Iterate from the state's angles to equilibrium in place; returns (status, iterations, largest free |r|).
 
-    most: iterations, unless dense steps of so many joints allow fewer. Under conservative loads it leaves up to
+    max_iterations: bound on the iterations, lower where dense steps take long. Under conservative loads it leaves up to
     `most_escapes` saddles along their negative curvature.
     """
     n = state.angle.size
-    most = min(most, most_iterations(0 if sweep.diagonal.size > 0 else n))
+    max_iterations = min(max_iterations, most_iterations(0 if sweep.diagonal.size > 0 else n))
     return _minimise(
         chain,
         law,
         loads,
         conservative,
         most_escapes,
-        most,
+        max_iterations,
         prox,
         anchor,
         state,
@@ -232,7 +232,9 @@ def minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, 
 
 
 @part
-def _minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor, state, H, sweep, L, vectors, free):
+def _minimise(
+    chain, law, loads, conservative, most_escapes, max_iterations, prox, anchor, state, H, sweep, L, vectors, free
+):
     """minimise with its scratch space."""
     H, sweep, L, vectors, free = borrow(H), borrow(sweep), borrow(L), borrow(vectors), borrow(free)
     residual, step, work = vectors[0], vectors[1], (vectors[2], vectors[3])
@@ -242,7 +244,7 @@ def _minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor,
     energy, magnitude = renew(chain, state, energy + proximal_energy(state, prox, anchor), magnitude)
     worst = mark_free(chain, state, prox, anchor, free)
     damping, escapes, stalled = 0.0, 0, False
-    for iteration in range(most):
+    for iteration in range(max_iterations):
         goal = max(RESIDUAL_FLOOR, min(RESIDUAL_GOAL, RELATIVE_GOAL * scale))
         if long:
             fill_generators(chain, loads, state, prox, sweep)
@@ -276,4 +278,4 @@ def _minimise(chain, law, loads, conservative, most_escapes, most, prox, anchor,
             stalled = True
         else:
             damping = max(10.0 * damping, 1e-6)
-    return NOT_CONVERGED, most, worst
+    return NOT_CONVERGED, max_iterations, worst

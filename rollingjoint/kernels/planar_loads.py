@@ -1,9 +1,9 @@
-"""Loads on a planar chain: the columns of a load table, and everything the kernels make of its rows.
+"""Loads on a planar chain: the columns of a load table, and all formulas of its rows.
 
 A row acts on one body point x of one link: world force + body force turned with the link + spring k (anchor - x), and a
-moment; its torsion spring acts on that link and another one. The standing rows of a chain, its springs, act beside
-those of a call. The functions of dead loads serve eight SIMD lanes side by side, on which dead forces, moments and
-torsion springs act.
+moment; its torsion spring acts on that link and a second one. The standing rows of a chain, its springs, act together
+with the rows of a call. The functions of dead loads serve eight SIMD lanes side by side, on which dead forces, moments
+and torsion springs act.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ LINK, POINT, FORCE, BODY, MOMENT, SPRING, ANCHOR, TORSION, REST, OTHER = map(
     LOAD_COLUMNS.index, ("link", "px", "fx", "bx", "moment", "k", "ax", "torsion", "rest", "other")
 )
 N_COLUMNS = len(LOAD_COLUMNS)
-LINK_COLUMNS = ("link", "other")  # those that name a link
-STIFFNESSES = (SPRING, TORSION)  # those that must not be negative
-ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING, TORSION)  # a row in which all these are zero does nothing
+LINK_COLUMNS = ("link", "other")  # columns with the number of a link
+STIFFNESSES = (SPRING, TORSION)  # columns without negative numbers
+ACTING = (FORCE, FORCE + 1, BODY, BODY + 1, MOMENT, SPRING, TORSION)  # a row with zeros in all of these has no effect
 
-# Columns of the table of dead loads of SIMD lanes: those of a load table up to the force, then moment and torsion
-# spring. Its last row says in the first column how many torsion springs there are.
+# Columns of the table of dead loads of SIMD lanes: as in a load table up to the force, then moment and torsion spring.
+# The first column of its last row is the number of torsion springs.
 DEAD_MOMENT, DEAD_TORSION, DEAD_REST, DEAD_OTHER, N_DEAD = range(BODY, BODY + 5)
 
 
 @part(inline=True)
 def placed(x, y, cos, sin, px, py):
-    """Where a body point is in the world."""
+    """Coordinates (x, y) of a body point in the base frame [mm]."""
     return x + cos * px - sin * py, y + sin * px + cos * py
 
 
@@ -75,7 +75,7 @@ def _has_springs(standing, loads):
 
 @part
 def has_potential(standing, loads):
-    """Whether no force turns with its link."""
+    """True if there are no follower forces."""
     for place in range(standing.shape[0] + loads.shape[0]):
         row = row_of(standing, loads, place)
         if row[BODY] != 0.0 or row[BODY + 1] != 0.0:
@@ -85,13 +85,13 @@ def has_potential(standing, loads):
 
 @part
 def generator_columns(standing, loads):
-    """How many columns of a Sweep the loads need: one, two for springs, one for each torsion spring over two joints."""
+    """Number of columns of a Sweep for the loads: one, two for springs, one for each torsion spring over two joints."""
     return (3 if _has_springs(standing, loads) else 1) + torsion_columns(standing, loads, True)
 
 
 @part(inline=True)
 def _add_loads(table, state, energy, magnitude):
-    """Add what the rows of a table do to the sums of each link; returns energy and magnitude with theirs."""
+    """Add the rows of a table to the sums of each link; returns energy and magnitude with the terms of the rows."""
     sums, pose = state.sums, state.pose
     for place in range(table.shape[0]):
         row = table[place]
@@ -105,12 +105,12 @@ def _add_loads(table, state, energy, magnitude):
         energy += term
         magnitude += abs(term)
         if row[TORSION] != 0.0:
-            other = int(row[OTHER])
-            term, size, couple = twisted(pose[link, THETA], pose[other, THETA], row[TORSION], row[REST])
+            partner = int(row[OTHER])
+            term, size, couple = twisted(pose[link, THETA], pose[partner, THETA], row[TORSION], row[REST])
             energy += term
             magnitude += size
-            if other > 0:
-                sums[other - 1, TURN] -= couple
+            if partner > 0:
+                sums[partner - 1, TURN] -= couple
             moment += couple
         if link == 0:
             continue
@@ -149,7 +149,7 @@ def evaluate_loads(chain, loads, state):
 
 @formula(formulas.fill_load_stiffness, Chain)
 def fill_load_stiffness(chain, state, i, H):
-    """Fill H_im and H_mi, m <= i, with what loads on one link beyond joint i add."""
+    """Fill H_im and H_mi, m <= i, with the terms of loads on one link beyond joint i."""
     for m in range(i):
         H[i, m] = _load_stiffness(state.sums, state.contact, i, m)
         H[m, i] = _load_stiffness(state.sums, state.contact, m, i)
@@ -176,7 +176,7 @@ def add_between_links(chain, loads, H):
 
 @formula(formulas.fill_load_generators, Chain)
 def fill_load_generators(chain, loads, state, prox, sweep):
-    """Fill diagonal, U and V of a Sweep with what loads and moving contacts add."""
+    """Fill diagonal, U and V of a Sweep with the terms of loads and moving contacts."""
     standing, sums, contact = chain.standing, state.sums, state.contact
     springs = _has_springs(standing, loads)
     for i in range(sums.shape[0]):
@@ -195,20 +195,20 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 
 @part(inline=True)
 def n_rows(chain, loads):
-    """Rows of the table of dead loads: the standing ones, those of the load tables (B, rows, columns), the last one."""
+    """Number of rows of the table of dead loads: standing rows, rows of load tables (B, rows, columns), the last."""
     return chain.standing.shape[1] + loads.shape[1] + 1
 
 
 @part(inline=True)
 def dead_lever(sums, contact, i):
-    """What dead forces beyond joint i add to the stiffness of the joints up to it."""
+    """Term of dead forces beyond joint i in the stiffness of the joints up to it [N·mm/rad]."""
     return sums[i, X_DOT_F] - (contact[i, 0] * sums[i, FX] + contact[i, 1] * sums[i, FY])
 
 
 @part(inline=True)
 def fill_dead_loads(standing, loads, table, lane):
     """Copy the loads of one lane into the table of dead loads; False where they need the solver for all cases."""
-    usual, last = True, table.shape[0] - 1
+    supported, last = True, table.shape[0] - 1
     table[last, 0, lane] = 0.0
     for place in range(last):
         row = row_of(standing, loads, place)
@@ -219,10 +219,10 @@ def fill_dead_loads(standing, loads, table, lane):
         if row[TORSION] != 0.0:
             table[last, 0, lane] += 1.0
         for column in range(N_COLUMNS):
-            usual = usual and resolvable(row[column])
-        usual = usual and row[BODY] == 0.0 and row[BODY + 1] == 0.0 and row[SPRING] == 0.0
-        usual = usual and row[TORSION] >= 0.0
-    return usual
+            supported = supported and resolvable(row[column])
+        supported = supported and row[BODY] == 0.0 and row[BODY + 1] == 0.0 and row[SPRING] == 0.0
+        supported = supported and row[TORSION] >= 0.0
+    return supported
 
 
 @part(inline=True)
@@ -240,42 +240,42 @@ def evaluate_dead_loads(table, state):
         fx, fy, moment = table[row, FORCE], table[row, FORCE + 1], table[row, DEAD_MOMENT]
         x, y, theta, cos, sin = zero, zero, zero, zero + 1.0, zero
         for k in range(1, n_joints + 1):
-            here = link == float(k)
-            x, y, theta = where(here, pose[k, X], x), where(here, pose[k, Y], y), where(here, pose[k, THETA], theta)
-            cos, sin = where(here, pose[k, C], cos), where(here, pose[k, S], sin)
+            match = link == float(k)
+            x, y, theta = where(match, pose[k, X], x), where(match, pose[k, Y], y), where(match, pose[k, THETA], theta)
+            cos, sin = where(match, pose[k, C], cos), where(match, pose[k, S], sin)
         x, y = placed(x, y, cos, sin, px, py)
         term = _dead_energy(x, y, theta, fx, fy, moment)
         energy, magnitude = energy + term, magnitude + abs(term)
         turn, dot = x * fy - y * fx + moment, x * fx + y * fy
         if twisting:
-            other, behind = table[row, DEAD_OTHER], zero
+            partner, behind = table[row, DEAD_OTHER], zero
             for k in range(1, n_joints + 1):
-                behind = where(other == float(k), pose[k, THETA], behind)
+                behind = where(partner == float(k), pose[k, THETA], behind)
             term, size, couple = twisted(theta, behind, table[row, DEAD_TORSION], table[row, DEAD_REST])
             energy, magnitude = energy + term, magnitude + size
             turn = turn + couple
             for i in range(n_joints):
-                sums[i, TURN] += where(other > float(i), -couple, 0.0)
+                sums[i, TURN] += where(partner > float(i), -couple, 0.0)
         for i in range(n_joints):
-            beyond = link > float(i)
-            sums[i, FX] += where(beyond, fx, 0.0)
-            sums[i, FY] += where(beyond, fy, 0.0)
-            sums[i, TURN] += where(beyond, turn, 0.0)
-            sums[i, X_DOT_F] += where(beyond, dot, 0.0)
+            outside = link > float(i)
+            sums[i, FX] += where(outside, fx, 0.0)
+            sums[i, FY] += where(outside, fy, 0.0)
+            sums[i, TURN] += where(outside, turn, 0.0)
+            sums[i, X_DOT_F] += where(outside, dot, 0.0)
     return energy, magnitude
 
 
 @part(inline=True)
 def fill_dead_stiffness(table, state, i, H):
-    """Fill row i of H up to the diagonal with what dead loads add to it; returns what they add to the diagonal."""
+    """Fill row i of H up to the diagonal with the terms of dead loads; returns their term on the diagonal."""
     lever = dead_lever(state.sums, state.contact, i)
     for m in range(i):
         H[i, m] = lever
     last = table.shape[0] - 1
     if any_lane(table[last, 0] > 0.0):
         for row in range(last):
-            link, other = table[row, LINK], table[row, DEAD_OTHER]
-            low, high = where(link < other, link, other), where(link < other, other, link)
+            link, partner = table[row, LINK], table[row, DEAD_OTHER]
+            low, high = where(link < partner, link, partner), where(link < partner, partner, link)
             k = where((low <= float(i)) & (high > float(i)), table[row, DEAD_TORSION], 0.0)
             lever = lever + k
             for m in range(i):

@@ -56,7 +56,7 @@ class Chain(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything evaluated at one configuration."""
+    """Quantities of one configuration."""
 
     angle: Annotated[Floats, "J"]
     joint: Annotated[Floats, "J", 8]
@@ -70,7 +70,7 @@ class State(NamedTuple):
     residual: Annotated[Floats, "J"]
 
 
-class Results(NamedTuple):
+class RollingResults(NamedTuple):
     """Outputs of B lanes; those with B or 0 lanes are left out where they have none."""
 
     joint_angles: Annotated[Floats, "B", "J"]
@@ -91,21 +91,23 @@ class BatchArrays(NamedTuple):
     """Equilibria to be solved as a batch, and where they go."""
 
     chain: Chain  # a stack
-    designs: Annotated[Integers, "B"]  # which of the stacked designs each lane has
+    designs: Annotated[Integers, "B"]  # index of each lane's design in the stack
     laws: Annotated[TendonLaw, "B"]
     loads: Annotated[Floats, "B", "rows", "columns"]
     starts: Annotated[Floats, "B", "J"]  # joint angles to start from, rad
-    results: Results
+    results: RollingResults
 
 
 class PinnedBatch(NamedTuple):
     """A batch as kernels take it that are called again and again."""
 
     batch: BatchArrays
-    memory: Annotated[Floats, "words"]  # in which a batch of one row is solved; empty for others
+    memory: Annotated[Floats, "words"]  # scratch space of a batch of one row; else empty
 
 
-def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False) -> Results:
+def new_results(
+    n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = True, responses: bool = False
+) -> RollingResults:
     """Empty outputs, with or without contacts, rates and contact forces, and responses."""
     detailed = n_lanes if contacts else 0
     shapes = (
@@ -120,7 +122,7 @@ def new_results(n_lanes: int, n_joints: int, n_tendons: int, contacts: bool = Tr
         (n_lanes if responses else 0, n_joints, n_tendons),
         (n_lanes,),
     )
-    return Results(*empty_arrays(shapes, n_lanes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
+    return RollingResults(*empty_arrays(shapes, n_lanes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
 
 
 def aligned(values: np.ndarray) -> np.ndarray:
@@ -208,7 +210,7 @@ def evaluate_joints(chain, state):
 
 @part(inline=True)
 def arc_length(chain, i, phi):
-    """s of joint i at angle phi, beyond the limits that of the limit."""
+    """s of joint i at angle phi, clipped to the joint's limits [mm]."""
     low, high = chain.joints[i, 0], chain.joints[i, 1]
     cell, u = locate(chain.joints, chain.buckets, chain.cells, i, min(max(phi, low), high))
     s = 0.0
@@ -237,7 +239,7 @@ def straight_gap(below, above):
 
 @part(inline=True)
 def gap_rates(axis, below, length, direction, per_length, contact, pole):
-    """(g', g'') of a segment whose upper end turns about `axis` through `contact`, which moves by `pole` per angle."""
+    """(g', g'') of a segment; its upper end turns about `axis` through `contact`, which moves by `pole` per angle."""
     motion = about(axis, minus(plus(below, times(direction, length)), contact))
     rate = dot(direction, motion)
     turn = (dot(motion, motion) - rate * rate) * per_length
@@ -318,7 +320,7 @@ def torque(state, i, j):
 
 @formula(formulas.own_stiffness, Chain)
 def moving_contact(chain, state, i):
-    """The contact of a joint moves as it turns, and with it the lever of what acts beyond it."""
+    """The contact of a joint moves as it turns, and with it the lever of the loads beyond it."""
     return state.contact[i, 2] * state.sums[i, FY] - state.contact[i, 3] * state.sums[i, FX]
 
 
@@ -348,22 +350,22 @@ def contact_forces(tendon_joints, state, tension, i):
 def arc_lengths_of(chain, designs, phi, s):
     """Fill s at joint angles phi, (B, J) both, of every lane's design."""
     for lane in range(phi.shape[0]):
-        one = design(chain, designs[lane])
+        mechanism = design(chain, designs[lane])
         for i in range(phi.shape[1]):
-            s[lane, i] = arc_length(one, i, phi[lane, i])
+            s[lane, i] = arc_length(mechanism, i, phi[lane, i])
 
 
 @kernel(short_loops=True, title="the geometry of planar chains")
 def poses_of(chain, phi, poses, lengths):
     """Fill poses (B, n, 3) and tendon lengths (B, m) at joint angles phi, (B, J), clipped to the surface limits."""
     n_lanes, n_joints = phi.shape
-    only, n_tendons = design(chain, 0), chain.tendon_joints.size
+    mechanism, n_tendons = design(chain, 0), chain.tendon_joints.size
     state = new_state(n_joints, n_tendons)
     for lane in range(n_lanes):
         for i in range(n_joints):
-            state.angle[i] = min(max(phi[lane, i], only.joints[i, 0]), only.joints[i, 1])
-        evaluate_joints(only, state)
-        evaluate_poses(only.holes, only.channels, only.tendon_joints, state)
+            state.angle[i] = min(max(phi[lane, i], mechanism.joints[i, 0]), mechanism.joints[i, 1])
+        evaluate_joints(mechanism, state)
+        evaluate_poses(mechanism.holes, mechanism.channels, mechanism.tendon_joints, state)
         for k in range(n_joints + 1):
             for column in range(3):
                 poses[lane, k, column] = state.pose[k, column]

@@ -101,7 +101,7 @@ def block_sizes(n_joints, n_tendons, n_loads):
 
 @part(inline=True)
 def fill_design(chain, block, lane, design):
-    """Copy what a lane needs of its design."""
+    """Copy a design into a lane."""
     limits, holes, channels = numbers(block.limits), numbers(block.holes), numbers(block.channels)
     for i in range(limits.shape[0]):
         limits[i, 0, lane], limits[i, 1, lane] = chain.joints[design, i, 0], chain.joints[design, i, 1]
@@ -115,9 +115,9 @@ def fill_design(chain, block, lane, design):
 @part(inline=True)
 def fill_inputs(laws, standing, loads, starts, block, lane, source):
     """Copy one lane's inputs into the block; False where they need the solver for all cases."""
-    usual = fill_law(laws, block, lane, source)
-    usual = usual and fill_dead_loads(standing, loads[source], numbers(block.loads), lane)
-    return usual and fill_start(starts, block, lane, source)
+    supported = fill_law(laws, block, lane, source)
+    supported = supported and fill_dead_loads(standing, loads[source], numbers(block.loads), lane)
+    return supported and fill_start(starts, block, lane, source)
 
 
 @part(inline=True)
@@ -192,7 +192,7 @@ def evaluate_lanes(block, chain, designs):
 
 @formula(formulas.fill_row_of_loads, Block)
 def fill_row_of_loads(block, i, H):
-    """Fill row i of H with what dead loads add; returns what they add to the diagonal."""
+    """Fill row i of H with the terms of dead loads; returns their term on the diagonal."""
     return fill_dead_stiffness(block.loads, block.state, i, H)
 
 
@@ -219,7 +219,7 @@ def fill_row(block, batch, friction, lane, row, design):
 
 @formula(formulas.fill_outputs, Block)
 def fill_outputs(block, batch):
-    """Fill what is stored of lanes that have arrived."""
+    """Fill the stored outputs of lanes that have arrived."""
     if batch.results.contacts.shape[0] > 0:
         for i in range(block.state.angle.size):
             fill_force(block, batch.chain.tendon_joints, block.state.tension, i)
@@ -235,7 +235,7 @@ def store_row(block, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the planar solver")
 def solve_pinned(pins, first, last):
-    """Solve lanes first to last - 1 of a PinnedBatch; returns how many are PENDING."""
+    """Solve lanes first to last - 1 of a PinnedBatch; returns the number left PENDING."""
     batch = unpin(pins, PinnedBatch).batch
     sizes = block_sizes(batch.starts.shape[1], batch.chain.tendon_joints.size, n_rows(batch.chain, batch.loads))
     return solve_wide(np.zeros(wide_memory(Block, sizes)), Block, sizes, batch, None, first, last)
@@ -289,8 +289,8 @@ def fill_row_with_friction(rubbed, batch, friction, lane, row, design):
         fill_design(batch.chain, rubbed.block, lane, design)
         _fill_directions(batch.chain, rubbed, lane, design)
     standing = batch.chain.standing[batch.designs[row]]
-    usual = fill_inputs(batch.laws, standing, batch.loads, batch.starts, rubbed.block, lane, row)
-    return usual and fill_friction(friction, rubbed, lane, row)
+    supported = fill_inputs(batch.laws, standing, batch.loads, batch.starts, rubbed.block, lane, row)
+    return supported and fill_friction(friction, rubbed, lane, row)
 
 
 @part(inline=True)
@@ -305,7 +305,7 @@ def _fill_directions(chain, rubbed, lane, design):
 
 @formula(formulas.fill_outputs, RubbedBlock)
 def fill_outputs_with_friction(rubbed, batch):
-    """Fill what is stored of lanes that have arrived."""
+    """Fill the stored outputs of lanes that have arrived."""
     if batch.results.contacts.shape[0] > 0:
         for i in range(rubbed.block.state.angle.size):
             fill_force(rubbed.block, batch.chain.tendon_joints, rubbed.now.tension[i], i)
@@ -322,7 +322,7 @@ def store_row_with_friction(rubbed, batch, friction, lane, row):
 
 @kernel(nogil=True, short_loops=True, title="the planar solver with friction")
 def step_side_by_side(chain, designs, laws, loads, starts, results, friction, first, last):
-    """Solve the steps of rows first to last - 1; returns how many are PENDING."""
+    """Solve the steps of rows first to last - 1; returns the number left PENDING."""
     sizes = block_sizes(starts.shape[1], chain.tendon_joints.size, n_rows(chain, loads))
     memory, batch = np.zeros(wide_memory(RubbedBlock, sizes)), BatchArrays(chain, designs, laws, loads, starts, results)
     return solve_wide(memory, RubbedBlock, sizes, batch, friction, first, last)

@@ -30,13 +30,13 @@ def middle(chain, i):
 
 @formula(formulas.load_columns, Chain)
 def load_columns(chain):
-    """Those of a load table."""
+    """Number of columns of a load table."""
     return N_COLUMNS
 
 
 @formula(formulas.stiffness_columns, Chain)
 def stiffness_columns(chain):
-    """Those of springs."""
+    """Columns of the stiffnesses of springs."""
     return STIFFNESSES
 
 
@@ -58,7 +58,7 @@ def solve(chain, law, loads, start, state):
 
 @formula(formulas.solve_step, Chain)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
-    """The step with friction; fills the state and the memory (rubbed_chain); returns what `solve` returns."""
+    """The step with friction; fills the state and the memory (rubbed_chain); returns as `solve`."""
     columns = generator_columns(chain.standing, loads) + law.low.size
     conservative = has_potential(chain.standing, loads)
     how = conservative, MOST_ESCAPES, columns

@@ -5,8 +5,8 @@ the way; at the end its symmetric part must be positive definite. The line searc
 the grips of the holes as they were where it began (rubbed_chain.py). Rolling resistance and stretch in the channels are
 left to the solver for all cases.
 
-A class of chains brings its block with friction, whose fields `block`, `law`, `before`, `now`, `symmetric` and
-`work` are those of rolling_lanes.RubbedBlock.
+A class of chains brings its block with friction, with the fields `block`, `law`, `before`, `now`, `symmetric` and
+`work` of rolling_lanes.RubbedBlock.
 """
 
 from __future__ import annotations
@@ -62,18 +62,18 @@ def fill_friction(friction, rubbed, lane, source):
     law, before = friction_of(friction.law, source), history_of(friction.before, source)
     tendons, frozen = numbers(rubbed.law.tendons), numbers(rubbed.now.frozen)
     states, slips, grips = numbers(rubbed.before.states), numbers(rubbed.before.slips), numbers(rubbed.before.grips)
-    usual = valid_law(law) and law.rolling[ARM] == 0.0
+    supported = valid_law(law) and law.rolling[ARM] == 0.0
     for j in range(tendons.shape[0]):
-        usual = usual and law.tendons[j, COMPLIANCE] == 0.0
+        supported = supported and law.tendons[j, COMPLIANCE] == 0.0
         for column in range(N_COEFFICIENTS):
             tendons[j, column, lane] = law.tendons[j, column]
     for i in range(states.shape[0]):
-        usual = usual and resolvable(before.angles[i]) and abs(before.rolling[i]) <= 1.0
+        supported = supported and resolvable(before.angles[i]) and abs(before.rolling[i]) <= 1.0
         for j in range(states.shape[1]):
             z, slip, grip = before.states[i, j], before.slips[i, j], before.grips[i, j]
             states[i, j, lane], slips[i, j, lane], grips[i, j, lane], frozen[i, j, lane] = z, slip, grip, 0.0
-            usual = usual and abs(z) <= 1.0 and resolvable(slip) and resolvable(grip)
-    return usual
+            supported = supported and abs(z) <= 1.0 and resolvable(slip) and resolvable(grip)
+    return supported
 
 
 @part(inline=True)
@@ -99,10 +99,10 @@ def _freeze(tendon_joints, rubbed, accepted):
 
 
 @part(inline=True)
-def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
-    """Fill A = dr/dphi, of a joint that is held with a row and a column of the identity.
+def _fill_jacobian(tendon_joints, rubbed, held, A, own_rate, flat):
+    """Fill A = dr/dphi; the row and column of a held joint are the identity's.
 
-    own, flat: memory, (J,).
+    own_rate, flat: scratch space, (J,).
     """
     block, now = rubbed.block, rubbed.now
     state, free = block.state, block.vectors[5]
@@ -117,18 +117,18 @@ def _fill_jacobian(tendon_joints, rubbed, held, A, own, flat):
         for i in range(tendon_joints[j]):
             rate, lever, carried = gap[i, j, 1], now.lever[i, j], now.carried[i, j]
             stretch, bent = lever * (state.elastic[j] * now.passed[i, j]), lever * carried
-            both = stretch + bent * now.give[i, j] + lever * now.flat[i, j]
+            total = stretch + bent * now.give[i, j] + lever * now.flat[i, j]
             for m in range(i):
-                A[i, m] += stretch * gap[m, j, 1] + bent * own[m] + lever * flat[m]
-            A[i, i] += both * rate - bent * now.bend[i, j, 0] + now.tension[i, j] * gap[i, j, 2]
+                A[i, m] += stretch * gap[m, j, 1] + bent * own_rate[m] + lever * flat[m]
+            A[i, i] += total * rate - bent * now.bend[i, j, 0] + now.tension[i, j] * gap[i, j, 2]
             for m in range(i + 1, tendon_joints[j]):
-                A[i, m] += both * gap[m, j, 1]
-            own[i], flat[i] = now.give[i, j] * rate - now.bend[i, j, 1], now.flat[i, j] * rate
+                A[i, m] += total * gap[m, j, 1]
+            own_rate[i], flat[i] = now.give[i, j] * rate - now.bend[i, j, 1], now.flat[i, j] * rate
     if any_lane(held > 0.0):
         for i in range(n_joints):
             for m in range(n_joints):
-                both = (free[i] > 0.0) & (free[m] > 0.0)
-                A[i, m] = where(both, A[i, m], 1.0 if i == m else 0.0)
+                present = (free[i] > 0.0) & (free[m] > 0.0)
+                A[i, m] = where(present, A[i, m], 1.0 if i == m else 0.0)
 
 
 @part(inline=True)
@@ -182,7 +182,7 @@ def substitute(A, per_pivot, residual, free, step):
 
 
 def advance_with_friction(rubbed, chain, designs):
-    """One evaluation of all lanes and what follows from it: another Newton step, a shorter one, or the end."""
+    """One evaluation of all lanes, then another Newton step, a shorter one, or the end; True where a lane has ended."""
     block, now, coefficients, tendon_joints = rubbed.block, rubbed.now, rubbed.law.tendons, chain.tendon_joints
     search, angle, residual = block.search, block.state.angle, block.state.residual
     solution, per_pivot = block.vectors[0], block.vectors[2]
@@ -217,16 +217,16 @@ def advance_with_friction(rubbed, chain, designs):
     if any_lane(at_rest):
         firm = at_rest & (_smallest_pivot(block.L, rubbed.symmetric) > SMALLEST_PIVOT * largest)
     _factor(block.L, largest, per_pivot)
-    tried, passes = keep(search, accepted, potential + present, magnitude, worst, held)
+    share, passes = keep(search, accepted, potential + present, magnitude, worst, held)
     substitute(block.L, per_pivot, residual, free, solution)
     downhill = zero
     for i in range(angle.size):
         downhill = downhill - residual[i] * solution[i]
-    goes_on = running & ((downhill > 0.0) | ~accepted) & (tried >= _SHORTEST) & (passes < _MAX_PASSES)
-    move(block, accepted, tried, running & ~at_rest)
-    left = where(goes_on, RUNNING, LEFT)
+    goes_on = running & ((downhill > 0.0) | ~accepted) & (share >= _SHORTEST) & (passes < _MAX_PASSES)
+    move(block, accepted, share, running & ~at_rest)
+    ongoing = where(goes_on, RUNNING, LEFT)
     arrived = where(firm & (largest >= NEGLIGIBLE), ARRIVED, LEFT)
-    search[PHASE] = where(running, where(at_rest, arrived, left), search[PHASE])
+    search[PHASE] = where(running, where(at_rest, arrived, ongoing), search[PHASE])
     return any_lane(running & (at_rest | ~goes_on))
 
 
@@ -244,7 +244,7 @@ def fill_responses_with_friction(rubbed, tendon_joints):
 
 @part(inline=True)
 def store_history(rubbed, friction, lane, row):
-    """Copy what friction remembers of a lane that has arrived into its row."""
+    """Copy the history of a lane that has arrived into its row."""
     now, after, angle = rubbed.now, friction.after, numbers(rubbed.block.state.angle)
     states, slips, grips, tension = numbers(now.states), numbers(now.slips), numbers(now.grips), numbers(now.tension)
     for i in range(states.shape[0]):

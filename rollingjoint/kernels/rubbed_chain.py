@@ -1,4 +1,4 @@
-"""A chain with friction: the formulas of its class, and on top of them what friction changes.
+"""A chain with friction: the formulas of its class and, on top of them, the terms of friction.
 
 Newton's method runs on it as on any chain. Residual r and Jacobian A = dr/dangle are exact but for one term: how the
 normal forces between the links change as tendons, loads and contacts turn, where there is rolling resistance. A is not
@@ -50,7 +50,7 @@ _FEW_ITERATIONS = 40
 _SOFTER = (64.0, 16.0, 4.0, 1.0)  # multiples of the presliding on the way to a step that fails
 
 
-class Rolling(NamedTuple):
+class RollingResistance(NamedTuple):
     """Rolling resistance evaluated at one configuration."""
 
     states: Annotated[Floats, "J"]
@@ -61,30 +61,30 @@ class Rolling(NamedTuple):
 
 
 class Rubbed(NamedTuple):
-    """A chain with friction, its history, and what is evaluated beside the State."""
+    """A chain with friction, its history, and the quantities of friction at the State's configuration."""
 
     chain: Any
     joints: Floats  # of the chain
     law: FrictionLaw
     before: History
     now: Rubbing
-    rolling: Rolling
+    rolling: RollingResistance
     A: Floats  # (J, J) Jacobian of short chains
     base: Sweep  # generators of the chain
     lu: LongLu
     symmetric: bool  # whether H is to be the symmetric part of A: where the loads have a potential
 
 
-class Memory(NamedTuple):
-    """What is evaluated in a step, and the coefficients as they are used."""
+class StepFriction(NamedTuple):
+    """Friction evaluated in a step, and the coefficients in use, which a softer presliding may have replaced."""
 
     law: FrictionLaw
     now: Rubbing
-    rolling: Rolling
+    rolling: RollingResistance
 
 
-class MemorySizes(NamedTuple):
-    """Lengths of the axes of Memory."""
+class StepFrictionSizes(NamedTuple):
+    """Lengths of the axes of StepFriction."""
 
     J: int
     m: int
@@ -92,7 +92,7 @@ class MemorySizes(NamedTuple):
 
 @part
 def rubbed(chain, before, memory, n_long, columns, symmetric):
-    """The chain with friction; n_long: joints if it is a long one, else 0; columns: of the generators of the chain."""
+    """The chain with friction; n_long: joints of a long chain, else 0; columns: number of the chain's generators."""
     law, lower, n_short = memory.law, columns, chain.joints.shape[0] - n_long
     for j in range(law.tendons.shape[0]):
         if law.tendons[j, COMPLIANCE] != 0.0 or law.tendons[j, CONSTANT] != 0.0:
@@ -126,14 +126,14 @@ def evaluate(chain, law, loads, state):
 
 @part
 def _rolling_work(law, before, rolling, state, i):
-    """What the rolling resistance of a joint takes up per newton of normal force and millimetre of its arm."""
+    """Work against the rolling resistance of a joint, per newton of normal force and millimetre of its arm."""
     way = state.angle[i] - before.angles[i]
     return work_per_grip(-before.rolling[i], -rolling.states[i], way, law.rolling[ROLLING_PRESLIDING])
 
 
 @part
 def _evaluate_rolling(chain, state):
-    """Fill the rolling resistance, and the levers with its share; a joint whose links separate has none."""
+    """Fill the rolling resistance, and the levers with its share; a joint with separated links has none."""
     before, now, rolling, tendon_joints = chain.before, chain.now, chain.rolling, chain.chain.tendon_joints
     arm, presliding = chain.law.rolling[ARM], chain.law.rolling[ROLLING_PRESLIDING]
     formulas.fill_normals(chain.chain, state, rolling)
@@ -176,7 +176,7 @@ def overshoots(chain, slope, new_slope):
 
 @part
 def _rolling_stiffness(chain, state, i):
-    """What the rolling resistance of a joint adds to its own stiffness while it builds up."""
+    """Stiffness of a joint against turning while its rolling resistance builds up [N·mm/rad]."""
     arm, presliding = chain.law.rolling[ARM], chain.law.rolling[ROLLING_PRESLIDING]
     if arm > 0.0 and abs(chain.rolling.states[i]) < 1.0:
         return arm * chain.rolling.pressing[i] / presliding
@@ -202,7 +202,7 @@ def stiffness(chain, loads, state, H):
 
 @part(inline=True)
 def _add_tension_rates(state, now, i, j, count, A):
-    """Add to row i what tension_rate of a tendon brings, less what the stretch brings without friction."""
+    """Add a tendon's terms with friction (`tension_rate`) to row i, less its stretch term without friction."""
     lever, carried, stretch = now.lever[i, j], now.carried[i, j], state.elastic[j] * now.passed[i, j]
     pull = state.elastic[j] * state.gap[i, j, 1]
     for m in range(i):
@@ -217,7 +217,7 @@ def _add_tension_rates(state, now, i, j, count, A):
 
 @formula(formulas.fill_generators, Rubbed)
 def fill_generators(chain, loads, state, prox, sweep):
-    """Fill the generators of A, and the Sweep with those of its symmetric part."""
+    """Fill the generators of A, and in the Sweep the generators of its symmetric part."""
     state, now, base, lu, sweep = borrow(state), borrow(chain.now), borrow(chain.base), borrow(chain.lu), borrow(sweep)
     n_joints, columns, width = state.angle.size, base.U.shape[1], lu.U.shape[1]
     elastic = np.empty(state.elastic.size)
@@ -243,7 +243,7 @@ def fill_generators(chain, loads, state, prox, sweep):
 
 @part
 def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
-    """Fill the generators of one tendon at joint i; returns what it adds to the diagonal."""
+    """Fill the generators of one tendon at joint i; returns its term on the diagonal."""
     split, a, b = lu.U.shape[1] > columns, first + j, columns + 2 * j
     lu.U[i, a] = lu.V[i, a] = lu.P[i, a] = lu.Q[i, a] = 0.0
     if split:
@@ -252,20 +252,20 @@ def _fill_tendon_columns(crossed, state, now, lu, i, j, first, columns):
         return 0.0
     lever, rate, motor = now.lever[i, j], state.gap[i, j, 1], state.tension[j]
     carried, stretch = now.carried[i, j], state.elastic[j] * now.passed[i, j]
-    own = now.give[i, j] * rate - now.bend[i, j, 1]
+    own_rate = now.give[i, j] * rate - now.bend[i, j, 1]
     lu.P[i, a], lu.Q[i, a] = lever * (stretch + carried * now.give[i, j] + now.flat[i, j]), rate
     if split:
-        lu.U[i, a], lu.V[i, a] = lever * carried, own
+        lu.U[i, a], lu.V[i, a] = lever * carried, own_rate
         lu.U[i, b], lu.V[i, b] = lever * stretch, rate
         lu.U[i, b + 1], lu.V[i, b + 1] = lever, now.flat[i, j] * rate
-    else:  # stretch and carried tension are both multiples of what passes the holes
-        lu.U[i, a], lu.V[i, a] = lever * now.passed[i, j], state.elastic[j] * rate + motor * own
+    else:  # stretch and carried tension are both multiples of the tension that passes the holes
+        lu.U[i, a], lu.V[i, a] = lever * now.passed[i, j], state.elastic[j] * rate + motor * own_rate
     return lever * tension_rate(state, now, i, i, j) + (now.tension[i, j] - motor) * state.gap[i, j, 2]
 
 
 @formula(formulas.direction, Rubbed)
 def direction(chain, H, sweep, free, residual, L, step):
-    """Newton's step on A; where that does not descend, with |eigenvalues| of its symmetric part, or a shift."""
+    """Newton's step on A; where it does not descend, with |eigenvalues| of A's symmetric part, or a shift."""
     if sweep.diagonal.size > 0:
         lu_long_step(chain.lu, sweep, free, residual, step)
         return
@@ -288,37 +288,35 @@ def reconsider(chain, loads, state, free, kind):
 
 @part
 def settle_rubbed(chain, friction, before, conservative, most_escapes, columns, law, loads, start, state, memory):
-    """The step with friction from its history, begun at joint angles `start`; returns what `settle` returns.
+    """The step with friction from its history, begun at joint angles `start`; returns as `settle`.
 
     Where it fails, Newton's method goes by the magnitude of the residual, then the step is solved with a softer
-    presliding first, then by the slow descent: only the way to the equilibrium is another one.
+    presliding first, then by the slow descent: only the way to the equilibrium differs.
     """
     n = long_joints(start.size, conservative)
     _soften(friction, 1.0, memory.law)
-    one = rubbed(chain, before, memory, n, columns, conservative)
-    sweep = new_sweep(n, one.lu.U.shape[1] + columns)
+    friction_chain = rubbed(chain, before, memory, n, columns, conservative)
+    sweep = new_sweep(n, friction_chain.lu.U.shape[1] + columns)
     H = np.empty((start.size - n, start.size - n))
-    how = one, conservative, most_escapes, _patience(friction), False
+    how = friction_chain, conservative, most_escapes, _patience(friction), False
     status, count, worst = settle(*how, law, loads, start, state, H, sweep)
     if status == NOT_CONVERGED and conservative:
-        found = _by_residual(chain, before, memory, columns, law, loads, start, state)
-        count += found[1]
-        if found[0] < UNSTABLE:
-            return found[0], count, found[2]
+        outcome = _by_residual(chain, before, memory, columns, law, loads, start, state)
+        count += outcome[1]
+        if outcome[0] < UNSTABLE:
+            return outcome[0], count, outcome[2]
     if status == NOT_CONVERGED:
-        begin(one, start, state.angle)
+        begin(friction_chain, start, state.angle)
         for softness in _SOFTER:
             _soften(friction, softness, memory.law)
-            how = one, law, loads, conservative, most_escapes, MAX_ITERATIONS
-            found = minimise(*how, 0.0, start, state, H, sweep)
-            status, iterations, worst = found
+            how = friction_chain, law, loads, conservative, most_escapes, MAX_ITERATIONS
+            status, iterations, worst = minimise(*how, 0.0, start, state, H, sweep)
             count += iterations
     if status == NOT_CONVERGED and conservative and most_descent_steps(start.size) > 0:
         dense = rubbed(chain, before, memory, 0, columns, True)
         H, sweep = np.empty((start.size, start.size)), new_sweep(0, 0)
         how = dense, conservative, most_escapes, MAX_ITERATIONS, True
-        found = settle(*how, law, loads, start, state, H, sweep)
-        status, iterations, worst = found
+        status, iterations, worst = settle(*how, law, loads, start, state, H, sweep)
         count += iterations
     return status, count, worst
 
@@ -334,7 +332,7 @@ def _patience(friction):
 
 @part
 def _by_residual(chain, before, memory, columns, law, loads, start, state):
-    """The step from its start by Newton's method with a line search on |r|; returns what `minimise` returns.
+    """The step from its start by Newton's method with a line search on |r|; returns as `minimise`.
 
     The incremental potential changes with the grips after every search, and constant friction forces that use up a
     tension make it jump; the residual does not. It also leads to unstable equilibria.
@@ -359,9 +357,9 @@ def _soften(friction, softness, law):
 
 @part
 def remember(chain, before, memory, status, state, after):
-    """Fill what friction remembers after a step; returns what it took up [N·mm].
+    """Fill the history after a step; returns the work of friction in it [N·mm].
 
-    Where nothing holds the pose the friction states stay as they were; where there is no equilibrium, everything does.
+    Where the pose is indeterminate the friction states stay as they were; without an equilibrium all of it does.
     """
     now, rolling, law = memory.now, memory.rolling, memory.law
     stands, holds = status <= INDETERMINATE, status < INDETERMINATE
@@ -382,7 +380,7 @@ def remember(chain, before, memory, status, state, after):
 
 @part
 def begin_history(chain, friction, state, memory, history):
-    """Fill the history of an evaluated state in which nothing has ever slipped."""
+    """Fill the history of an evaluated state before any slip."""
     _soften(friction, 1.0, memory.law)
     for i in range(state.angle.size):
         history.rolling[i] = 0.0
@@ -396,7 +394,7 @@ def begin_history(chain, friction, state, memory, history):
 
 @part
 def _hold(chain, state, memory, history):
-    """Evaluate the friction of a state that is reached with the friction states of a history; fill what it lacks."""
+    """Evaluate the friction of a state reached with the friction states of a history; fill its other fields."""
     formulas.fill_turns(chain, state, memory.now.turn)
     evaluate_slips(memory.law.tendons, chain.tendon_joints, state, memory.now)
     for i in range(state.angle.size):
@@ -410,7 +408,7 @@ def _hold(chain, state, memory, history):
 def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques):
     """Fill A, and d residual / d tension at the motor, (J, m), at an evaluated state.
 
-    That is the state that left this history, or another one, which a step from this history did not bring to rest.
+    The state is the one that left this history, or another one, which a step from this history did not bring to rest.
     """
     _soften(friction, 1.0, memory.law)
     if moved(state.angle, history.angles):
@@ -419,10 +417,10 @@ def rubbed_stiffness(chain, friction, loads, state, memory, history, A, torques)
         evaluate_holes(memory.law.tendons, history, chain.tendon_joints, state, memory.now)
     else:
         _hold(chain, state, memory, history)
-    one = rubbed(chain, history, memory, 0, 0, False)
+    friction_chain = rubbed(chain, history, memory, 0, 0, False)
     if friction.rolling[ARM] > 0.0:
-        _evaluate_rolling(one, state)
-    formulas.stiffness(one, loads, state, A)
+        _evaluate_rolling(friction_chain, state)
+    formulas.stiffness(friction_chain, loads, state, A)
     for i in range(state.angle.size):
         for j in range(state.tension.size):
             torques[i, j] = memory.now.lever[i, j] * memory.now.passed[i, j] if i < chain.tendon_joints[j] else 0.0

@@ -15,12 +15,12 @@ _PROXIMAL_PATH = (0.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)  # weights of the way back t
 
 @part
 def long_joints(n_joints, conservative):
-    """How many joints take the O(n) steps: all of a long chain whose loads have a potential, else none."""
+    """Number of joints that take the O(n) steps: all of a long chain under conservative loads, else 0."""
     return n_joints if conservative and n_joints > DENSE_JOINTS else 0
 
 
 @part
-def settle(chain, conservative, most_escapes, most, careful, law, loads, start, state, H, sweep):
+def settle(chain, conservative, most_escapes, max_iterations, careful, law, loads, start, state, H, sweep):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, largest free |r|).
 
     Where slack tendons leave the pose open, the minimum of V + prox/2 |phi - start|² is followed from the start as prox
@@ -35,8 +35,9 @@ def settle(chain, conservative, most_escapes, most, careful, law, loads, start, 
         prox = size * _PROXIMAL_PATH[phase]
         if careful:
             count += descend(chain, law, loads, conservative, prox, start, state)
-        found = minimise(chain, law, loads, conservative, most_escapes, most, prox, start, state, H, sweep)
-        status, iterations, worst = found
+        status, iterations, worst = minimise(
+            chain, law, loads, conservative, most_escapes, max_iterations, prox, start, state, H, sweep
+        )
         count += iterations
         if phase == last:
             break

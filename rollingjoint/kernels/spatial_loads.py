@@ -1,8 +1,8 @@
-"""Loads on a spatial chain: everything that kernels make of the rows of a load table, and the residual.
+"""Loads on a spatial chain: all formulas of the rows of a load table, and the residual.
 
 A row acts on one body point x of one link: force and moment of fixed direction, force and moment that turn with the
-link, a spring to an anchor; its torsion spring acts on that link and another one. The standing rows of a chain, its
-springs, act beside those of a call. Symbols as in docs/theory.md: a axis, c hinge. Dead forces alone act in
+link, a spring to an anchor; its torsion spring acts on that link and a second one. The standing rows of a chain, its
+springs, act together with the rows of a call. Symbols as in docs/theory.md: a axis, c hinge. Dead forces alone act in
 lanes.
 """
 
@@ -86,7 +86,7 @@ def has_potential(chain, loads):
 
 @part
 def generator_columns(standing, loads):
-    """How many columns of a Sweep the loads need: three, three for springs, one for each torsion spring over hinges."""
+    """Number of columns of a Sweep for the loads: three, three for springs, one for each torsion spring over hinges."""
     return (6 if _has_springs(standing, loads) else 3) + torsion_columns(standing, loads, False)
 
 
@@ -99,7 +99,7 @@ def _clear(sums):
 
 @part(inline=True)
 def _accumulate(sums):
-    """Turn what acts on each link into what acts beyond each hinge."""
+    """Turn the sums of each link into sums over all links beyond each hinge, in place."""
     for i in range(sums.shape[0] - 2, -1, -1):
         for column in range(sums.shape[1]):
             sums[i, column] += sums[i + 1, column]
@@ -119,7 +119,7 @@ def evaluate_table(chain, loads, state):
     """Fill the sums of loads beyond each hinge, end couples among them; returns (energy, magnitude of its terms)."""
     springs = _has_springs(chain.standing, loads)
     _clear(state.sums)
-    state.held[0, K] = 0.0  # enough to say that there are none
+    state.held[0, K] = 0.0  # marks that there are none
     energy, magnitude = _add_loads(loads, state)
     if springs:
         _clear(state.held)
@@ -179,18 +179,18 @@ def _add_springs(loads, state):
 
 @part
 def _add_torsion_springs(standing, loads, state, energy, magnitude):
-    """Add the moments of torsion springs to the sums; returns energy and magnitude with theirs."""
+    """Add the moments of torsion springs to the sums; returns energy and magnitude with the springs' terms."""
     for place in range(standing.shape[0] + loads.shape[0]):
         row = row_of(standing, loads, place)
         if row[TORSION] == 0.0:
             continue
-        link, other = int(row[LINK]), int(row[OTHER])
-        term, size, couple = twisted(_turn_of(state, link), _turn_of(state, other), row[TORSION], row[REST])
+        link, partner = int(row[LINK]), int(row[OTHER])
+        term, size, couple = twisted(_turn_of(state, link), _turn_of(state, partner), row[TORSION], row[REST])
         energy, magnitude = energy + term, magnitude + size
         if link > 0:
             state.sums[link - 1, TWIST] += couple
-        if other > 0:
-            state.sums[other - 1, TWIST] -= couple
+        if partner > 0:
+            state.sums[partner - 1, TWIST] -= couple
     return energy, magnitude
 
 
@@ -243,7 +243,7 @@ def lever(state, i):
 
 @part(inline=True)
 def spring_lever(state, i):
-    """p and s of H_im = a_m . p + (c_m × a_m) . s for m <= i: what the springs' give adds, from sums beyond hinge i."""
+    """p and s of H_im = a_m . p + (c_m × a_m) . s for m <= i: terms of the springs' give, from sums beyond hinge i."""
     held, axis, hinge = state.held, in_space(state.axis, i, 0), in_space(state.pose, i, PX)
     kx = in_space(held, i, KX)
     xx, xy, xz = in_space(held, i, KXX)
@@ -262,7 +262,7 @@ def turned_about_origin(state, m):
 
 @formula(formulas.fill_load_stiffness, Hinges)
 def fill_load_stiffness(chain, state, i, H):
-    """Fill H_im and H_mi, m <= i, with what loads beyond hinge i add."""
+    """Fill H_im and H_mi, m <= i, with the terms of loads beyond hinge i."""
     axis, sums = state.axis, state.sums
     w, springs = lever(state, i), state.held[0, K] != 0.0
     p, s = spring_lever(state, i) if springs else (w, w)
@@ -288,7 +288,7 @@ def _any(sums, i, first, count):
 
 @part(inline=True)
 def _add_followers(state, i, H):
-    """Add what turning the follower loads beyond hinge i about it does to the hinges below."""
+    """Add the moments about the hinges below that follow from turning the follower loads beyond hinge i about it."""
     axis, hinge, force = in_space(state.axis, i, 0), in_space(state.pose, i, PX), in_space(state.sums, i, B)
     turning = about(axis, minus(in_space(state.sums, i, TB), about(hinge, force)))
     moved = about(axis, force)
@@ -305,7 +305,7 @@ def add_between_links(chain, loads, H):
 
 @formula(formulas.fill_load_generators, Hinges)
 def fill_load_generators(chain, loads, state, prox, sweep):
-    """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first, and s, c × a in three of their own."""
+    """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first columns, and s, c × a in three more."""
     springs = _has_springs(chain.standing, loads)
     for i in range(state.angle.size):
         w, axis = lever(state, i), in_space(state.axis, i, 0)
@@ -324,16 +324,16 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 @part(inline=True)
 def fill_dead_loads(loads, table, lane):
     """Copy the loads of one lane into the table of dead loads; False where they need the solver for all cases."""
-    usual = True
+    supported = True
     for row in range(table.shape[0]):
         for column in range(N_DEAD):
             table[row, column, lane] = loads[row, column]
         for column in range(N_COLUMNS):
-            usual = usual and resolvable(loads[row, column])
+            supported = supported and resolvable(loads[row, column])
         for column in range(MOMENT, SPRING + 1):
-            usual = usual and (loads[row, column] == 0.0 or (loads[row, LINK] == 0.0 and column < SPRING))
-        usual = usual and loads[row, TORSION] == 0.0
-    return usual
+            supported = supported and (loads[row, column] == 0.0 or (loads[row, LINK] == 0.0 and column < SPRING))
+        supported = supported and loads[row, TORSION] == 0.0
+    return supported
 
 
 @part(inline=True)
@@ -352,9 +352,9 @@ def evaluate_dead_loads(table, state):
             point, nowhere = at, (zero, zero, zero)
             at, force = nowhere, choose(link > 0.0, force, nowhere)
             for k in range(1, n_joints + 1):
-                here = link == float(k)
-                at = choose(here, placed(state.pose, k, point), at)
-                _add_force(sums, k - 1, at, choose(here, force, nowhere))
+                on_link = link == float(k)
+                at = choose(on_link, placed(state.pose, k, point), at)
+                _add_force(sums, k - 1, at, choose(on_link, force, nowhere))
         elif first > 0.0:
             at = placed(state.pose, int(first), at)
             _add_force(sums, int(first) - 1, at, force)

@@ -1,13 +1,13 @@
-"""What tendons do: tensions, their rates and their energy from the lengths, and the balance at a joint.
+"""Tendons: tensions, their rates and their energy from the lengths, and the balance at a joint.
 
-Of numbers and of SIMD lanes alike.
+For numbers and SIMD lanes alike.
 """
 
 from __future__ import annotations
 
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import where
-from rollingjoint.transmission.kernels import at_limit, limited_tension
+from rollingjoint.transmission.kernels import at_limit, elastic_tension
 
 
 @part(inline=True)
@@ -18,12 +18,11 @@ def evaluate_tendons(law, state):
     for j in range(state.length.size):
         length, k, low, high = state.length[j], law.stiffness[j], law.low[j], law.high[j]
         stretch = length - law.command[j]
-        pull = k * stretch
-        tension = limited_tension(pull, low, high)
+        tension = elastic_tension(length, law.command[j], k, low, high)
         # 1/2 k stretch² while elastic; beyond a limit the line that continues it
         term = tension * stretch - 0.5 * tension * tension / k
         state.tension[j] = tension
-        state.elastic[j] = where(at_limit(pull, low, high), 0.0, k)
+        state.elastic[j] = where(at_limit(k * stretch, low, high), 0.0, k)
         energy = energy + term
         magnitude = magnitude + abs(term) + abs(tension * length)
     return energy, magnitude

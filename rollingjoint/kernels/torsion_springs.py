@@ -18,18 +18,18 @@ def row_of(standing, loads, place):
 
 
 @part(inline=True)
-def twisted(theta, other, k, rest):
-    """Energy of a torsion spring, its magnitude with that of its terms, and the moment on the first link."""
-    twist = theta - other - rest
+def twisted(theta, partner, k, rest_angle):
+    """(energy, magnitude of its terms, moment on the first link) of a torsion spring between two links."""
+    twist = theta - partner - rest_angle
     energy, moment = 0.5 * k * twist * twist, -(k * twist)
-    return energy, energy + abs(moment) * (abs(theta) + abs(other) + abs(rest)), moment
+    return energy, energy + abs(moment) * (abs(theta) + abs(partner) + abs(rest_angle)), moment
 
 
 @part(inline=True)
 def _spring(row):
     """Stiffness of a torsion spring, the first joint between its links, and the joint after the last."""
-    link, other = int(row[_LINK]), int(row[row.size - 1])
-    return row[row.size - 3], min(link, other), max(link, other)
+    link, partner = int(row[_LINK]), int(row[row.size - 1])
+    return row[row.size - 3], min(link, partner), max(link, partner)
 
 
 @part
@@ -50,7 +50,7 @@ def _needs_column(low, high, ones):
 
 @part
 def torsion_columns(standing, loads, ones):
-    """How many columns of a Sweep torsion springs need, one for each over two joints or more.
+    """Number of columns of a Sweep for torsion springs, one for each over two joints or more.
 
     ones: whether the first column of V is ones, which serves the springs to the base.
     """
@@ -75,6 +75,6 @@ def fill_torsion_generators(standing, loads, ones, column, sweep):
                 sweep.U[i, 0] += k
         if _needs_column(low, high, ones):
             for i in range(sweep.diagonal.size):
-                inside = low <= i < high
-                sweep.U[i, column], sweep.V[i, column] = k if inside else 0.0, 1.0 if inside else 0.0
+                spanned = low <= i < high
+                sweep.U[i, column], sweep.V[i, column] = k if spanned else 0.0, 1.0 if spanned else 0.0
             column += 1

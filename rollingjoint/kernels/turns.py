@@ -61,7 +61,7 @@ def fill_rolling_turns(chain, state, turn):
 
 @formula(formulas.fill_normals, Chain)
 def fill_rolling_normals(chain, state, rolling):
-    """Fill normal force per tension, and that of the loads."""
+    """Fill the normal force per tension, and the normal force of the loads."""
     for i in range(state.angle.size):
         _, _, ex, ey = contact_forces(chain.tendon_joints, state, state.tension, i)
         rolling.of_loads[i] = state.sums[i, FX] * ey - state.sums[i, FY] * ex
@@ -120,7 +120,7 @@ def fill_hinge_turns(chain, state, turn):
 
 @formula(formulas.fill_normals, Hinges)
 def fill_hinge_normals(chain, state, rolling):
-    """Nothing presses the beads on each other, so hinges have no rolling resistance."""
+    """Zeros: beads do not press on each other, so hinges have no rolling resistance."""
     for i in range(state.angle.size):
         rolling.of_loads[i] = 0.0
         for j in range(state.tension.size):

@@ -1,8 +1,8 @@
 """Vectors of the plane and of space: tuples of two or three numbers, or of SIMD lanes.
 
-One formula serves both: which of the two it is made for is known by the length of its vectors when a kernel is
-compiled. In the plane every axis is the normal and is not looked at. Against formulas written out in coordinates this
-costs nothing and changes no bit (benchmarks/vectors.py).
+One formula serves both: the length of its vectors selects the version when a kernel is compiled. In the plane every
+axis is the normal and is ignored. Formulas written out in coordinates take the same time and give the same bits
+(benchmarks/vectors.py).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def times(a: Any, factor: Any) -> Any:
 
 
 def about(axis: Any, arm: Any) -> Any:
-    """axis × arm: how the end of an arm moves while it turns about an axis; in space the product of any two vectors."""
+    """axis × arm: velocity of the end of an arm that turns about an axis; in space the product of any two vectors."""
     raise TypeError("about is compiled into kernels")
 
 
@@ -59,7 +59,7 @@ def choose(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def _vectors(dimension: int, generic: Callable[..., Any], function: Callable[..., Any]) -> None:
-    """Make a function of tuples of so many numbers what stands for a generic one."""
+    """Make a function of tuples of `dimension` numbers the implementation of a generic one."""
 
     @overload(generic, jit_options=PART_OPTIONS | {"forceinline": True}, strict=False)
     def of_dimension(*arguments: Any) -> Callable[..., Any] | None:

@@ -1,11 +1,11 @@
 """External loads, and the tables of rows that the kernels read.
 
-One row acts on one body point x of one link and is the sum of everything a row can hold: world force + body force
+One row acts on one body point x of one link and is the sum of its columns: world force + body force
 turned with the link + spring k (anchor - x), and a moment. Planar chains take pairs (x, y) and a moment; spatial ones
 triples (x, y, z) throughout. Mechanism files use the names of the fields.
 
 Modules:
-    columns: columns of load tables, and checks of tables that are given whole.
+    columns: columns of load tables, and checks of complete tables.
     kinds: the kinds of loads, their rows of load tables, the springs of mechanisms, and the options of `rj`.
     table: the rows of all loads on a mechanism.
 """

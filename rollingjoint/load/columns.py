@@ -1,4 +1,4 @@
-"""Columns of load tables, and checks of tables that are given whole.
+"""Columns of load tables, and checks of complete tables.
 
 LOAD_COLUMNS: link, body point [mm], world force, body force [N], moment [N·mm], spring [N/mm], anchor [mm], torsion
 spring [N·mm/rad], its angle at rest [rad] and its other link.
@@ -28,7 +28,7 @@ __all__ = [
     "wrong_links",
 ]
 
-_OPTIONAL_COLUMNS = 3  # a table may end before the columns of torsion springs, which are zero then
+_OPTIONAL_COLUMNS = 3  # a table may leave out its last columns, of torsion springs, which are zero then
 
 
 def pair_columns(*letters: str) -> list[slice]:

@@ -125,11 +125,11 @@ class TorsionSpring(Load):
 
     def rows(self, n_links: int) -> list[Row]:
         """Rows of a planar table."""
-        link, other = link_index(self.link, n_links), link_index(self.other, n_links)
-        if link == other:
+        link, partner = link_index(self.link, n_links), link_index(self.other, n_links)
+        if link == partner:
             raise InvalidInput("TorsionSpring other", self.other, f"a link other than {self.link}")
-        k, rest = number("torsion spring stiffness", self.stiffness), number("rest angle", self.rest_angle)
-        return [{"link": link, "torsion": k, "rest": rest, "other": other}]
+        k, angle = number("torsion spring stiffness", self.stiffness), number("rest angle", self.rest_angle)
+        return [{"link": link, "torsion": k, "rest": angle, "other": partner}]
 
     def spatial_rows(self, n_links: int) -> list[Row]:
         """Rows of a spatial table."""
@@ -152,8 +152,8 @@ class Gravity(Load):
         if norm == 0:
             raise InvalidInput("Gravity direction", self.direction, "a direction other than (0, 0)")
         forces = [(w * dx / norm, w * dy / norm) for w in weights.tolist()]
-        acting = enumerate(zip(map(body_point, points), forces, strict=True))
-        return [{"link": link, "px": px, "py": py, "fx": fx, "fy": fy} for link, ((px, py), (fx, fy)) in acting]
+        numbered = enumerate(zip(map(body_point, points), forces, strict=True))
+        return [{"link": link, "px": px, "py": py, "fx": fx, "fy": fy} for link, ((px, py), (fx, fy)) in numbered]
 
     def spatial_rows(self, n_links: int) -> NDArray[np.float64]:
         """Rows of a spatial table, whole: a third of the time for an arm of 32 beads."""
@@ -228,7 +228,7 @@ OPTIONS = (
         make=BodyWrench,
     ),
 )
-"""The loads that `rj` takes by link, in the order in which it adds them; gravity has options of its own."""
+"""The loads that `rj` takes by link, in the order in which it adds them; gravity has separate options."""
 
 
 def in_words(*kinds: type) -> str:
@@ -257,7 +257,7 @@ def checked_springs(springs: object, n_links: int, dimension: int) -> tuple[Load
         checked.append(
             replace(
                 spring,
-                **{each.name: _plain(each.type, getattr(spring, each.name), dimension) for each in fields(spring)},
+                **{field.name: _plain(field.type, getattr(spring, field.name), dimension) for field in fields(spring)},
             )
         )
     return tuple(checked)
@@ -269,7 +269,7 @@ def _plain(kind: object, value: Any, dimension: int) -> Any:
         return int(value)
     if kind == "float":
         return float(value)
-    point = tuple(float(each) for each in value)
+    point = tuple(float(coordinate) for coordinate in value)
     return point + (0.0,) * (dimension - len(point))  # the origin of a link is (0, 0) by default
 
 

@@ -56,10 +56,10 @@ def _table(
 
 
 def _filled(rows: Sequence[Row], places: Mapping[str, int]) -> NDArray[np.float64]:
-    """The table of rows that name the columns that are not zero."""
+    """The table of rows given by their columns that are not zero."""
     table = np.zeros((len(rows), len(places)))
     for index, row in enumerate(rows):
         for column, value in row.items():
-            if value:  # most are zero, and a look at a number takes less than writing one
+            if value:  # most are zero, and a check takes less time than a write
                 table[index, places[column]] = value
     return table

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Batch:
-    """Rows that are solved in one call: the inputs of each, (B, m), and its mechanism."""
+    """Rows that are solved in one call: their inputs, (B, m), and their mechanisms."""
 
     mechanism: AnyChain | tuple[AnyChain, ...]
     kind: type[AnyChain]  # of the mechanisms
@@ -69,16 +69,16 @@ class Batch:
             return solve_batch(*inputs)
         before = checked_history(self.mechanism, history, len(self.inputs))
         if all(rub):
-            one = self.mechanism if self.variations is None else self.chains[0]
-            return step_batch(*inputs, before, friction_laws(one, len(self.inputs)))
+            mechanism = self.mechanism if self.variations is None else self.chains[0]
+            return step_batch(*inputs, before, friction_laws(mechanism, len(self.inputs)))
         return self._solve_apart(np.array(rub)[self.designs], laws, tables, phi, before)
 
     def _solve_apart(
         self, rub: NDArray[np.bool_], laws: TendonLaw, tables: Array, phi: Array, before: FrictionState
     ) -> Any:
-        """The equilibria where only some rows have friction: each kind in a batch of its own."""
+        """The equilibria where only some rows have friction: rows with and without friction in separate batches."""
         every = cast("tuple[AnyChain, ...]", self.mechanism)
-        found: dict[int, Any] = {}
+        solutions: dict[int, Any] = {}
         for kind in (True, False):
             rows = np.flatnonzero(rub == kind)
             mechanisms = tuple(every[row] for row in rows)
@@ -86,8 +86,8 @@ class Batch:
             inputs = self.kind, mechanisms, *designs_of(mechanisms, len(rows)), law, tables[rows], phi[rows]
             past = FrictionState(*(values[rows] for values in before))
             solved = step_batch(*inputs, past) if kind else solve_batch(*inputs)
-            found |= {int(row): solved.row(place) for place, row in enumerate(rows)}
-        return replace(stacked([found[row] for row in range(len(rub))]), mechanism=every)
+            solutions |= {int(row): solved.row(place) for place, row in enumerate(rows)}
+        return replace(stacked([solutions[row] for row in range(len(rub))]), mechanism=every)
 
     def _tables(self, loads: Sequence[Load] | Array) -> Array:
         """Load tables of all rows, (B, rows, columns)."""

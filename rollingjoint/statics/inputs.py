@@ -19,13 +19,13 @@ Start = ArrayLike | Solution | None
 """Joint angles to start from, an equilibrium that has them, or None for the mechanism at rest."""
 
 History = Solution | FrictionState | None
-"""The equilibrium before a step with friction, what friction remembers of it, or None for no friction at all."""
+"""The equilibrium before a step with friction, its state of friction, or None for no friction at all."""
 
 _ALLOWED = "an equilibrium or its friction_state"
 
 
 def start_of(start: Start, history: History) -> ArrayLike | None:
-    """The joint angles to start from: those of the history if there is no other start."""
+    """The joint angles to start from: the history's if there is no other start."""
     if start is not None:  # isinstance takes four times as long
         return getattr(start, "joint_angles", start)  # type: ignore[arg-type]
     if isinstance(history, Solution):  # a step that failed leaves its own history as it was
@@ -34,7 +34,7 @@ def start_of(start: Start, history: History) -> ArrayLike | None:
 
 
 def angles_of(mechanism: AnyChain, start: Start, history: History) -> Array:
-    """Joint angles to start from, (n - 1,) [rad], to be read at once: they may be the caller's.
+    """Joint angles to start from, (n - 1,) [rad]. Not a copy: read them before returning.
 
     Raises:
         InvalidInput: other numbers of angles, or no numbers.
@@ -46,15 +46,15 @@ def angles_of(mechanism: AnyChain, start: Start, history: History) -> Array:
 
 
 def checked_history(mechanism: AnyChain | tuple[AnyChain, ...], history: object, rows: int | None) -> FrictionState:
-    """What friction remembers, of one mechanism or of so many rows.
+    """State of friction of one mechanism (rows: None) or of a batch of `rows` rows.
 
     Raises:
         InvalidInput: neither an equilibrium nor a FrictionState, or one of other numbers of rows, joints or tendons.
     """
     state = _state_of(mechanism, history)
-    one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
+    first = mechanism[0] if isinstance(mechanism, tuple) else mechanism
     leading = () if rows is None else (rows,)
-    per_hole, per_joint = (*leading, one.n_joints, one.n_tendons), (*leading, one.n_joints)
+    per_hole, per_joint = (*leading, first.n_joints, first.n_tendons), (*leading, first.n_joints)
     if isinstance(history, Solution) and state.states.shape == per_hole:
         return state
     arrays = [_floats(array) for array in state]
@@ -67,7 +67,7 @@ def checked_history(mechanism: AnyChain | tuple[AnyChain, ...], history: object,
 
 
 def _state_of(mechanism: AnyChain | tuple[AnyChain, ...], history: object) -> FrictionState:
-    """The state of a history; that of an equilibrium without friction in terms of the mechanism that takes the step."""
+    """The state of a history; of an equilibrium without friction, by the coefficients of the mechanism of the step."""
     if isinstance(history, FrictionState):
         return history
     if not isinstance(history, Solution):
@@ -76,12 +76,12 @@ def _state_of(mechanism: AnyChain | tuple[AnyChain, ...], history: object) -> Fr
         )
     if history.friction is not None or history.mechanism is mechanism:
         return history.friction_state
-    one = mechanism[0] if isinstance(mechanism, tuple) else mechanism
-    if (history.joint_angles.shape[-1], history.tensions.shape[-1]) != (one.n_joints, one.n_tendons):
-        allowed = f"that of a mechanism with {one.n_joints} joints and {one.n_tendons} tendons"
+    first = mechanism[0] if isinstance(mechanism, tuple) else mechanism
+    if (history.joint_angles.shape[-1], history.tensions.shape[-1]) != (first.n_joints, first.n_tendons):
+        allowed = f"that of a mechanism with {first.n_joints} joints and {first.n_tendons} tendons"
         raise InvalidInput("history", history, allowed)
     rows = history.joint_angles.shape[0] if history.joint_angles.ndim > 1 else 1
-    taking = mechanism if isinstance(mechanism, tuple) and len(mechanism) == rows else one
+    taking = mechanism if isinstance(mechanism, tuple) and len(mechanism) == rows else first
     designs = designs_of(taking, rows)
     return virgin_state(taking, designs, history.tensions, history.joint_angles)
 
@@ -94,7 +94,7 @@ def _floats(values: object) -> np.ndarray:
 
 
 def broadcast_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tuple[ArrayLike, ArrayLike]:
-    """`tension_limits_of` to be broadcast: two floats, the usual ones, stay as they are, in a fifth of the time."""
+    """`tension_limits_of`, ready to broadcast: two floats, the usual case, stay unchanged, in a fifth of the time."""
     if type(limits) is tuple and len(limits) == 2 and type(limits[0]) is float and type(limits[1]) is float:
         return limits
     low, high = tension_limits_of(limits, n_tendons)
@@ -103,14 +103,14 @@ def broadcast_limits(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> tup
 
 def tension_limits_of(limits: tuple[ArrayLike, ArrayLike], n_tendons: int) -> Array:
     """Minimum and maximum tension of every tendon, (2, m) [N]; InvalidInput for anything else."""
-    both = np.empty((2, n_tendons))
+    lowest_and_highest = np.empty((2, n_tendons))
     allowed = f"(lowest, highest), numbers or {n_tendons} values each"
     try:
-        for side, values in zip(both, limits, strict=True):
+        for side, values in zip(lowest_and_highest, limits, strict=True):
             array = as_floats("tension_limits", values, allowed)
             if array.shape not in ((), (n_tendons,)):
                 raise InvalidInput("tension_limits", limits, allowed)
             side[:] = array
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput("tension_limits", limits, allowed) from None
-    return both
+    return lowest_and_highest

@@ -1,7 +1,7 @@
 """Desired tendon lengths met in the least-squares sense: bounded Levenberg-Marquardt on the tensions.
 
 min over tensions in [low, high] of 1/2 |l(tau) - l_des|², where l(tau) is the length at the equilibrium under tau and
-dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (its own algorithm takes fixed gradient steps).
+dl/dtau = -Gᵀ H⁻¹ G. Source: rolling-contact paper, eq. 29 (the paper's algorithm takes fixed gradient steps).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _ROUNDING = 1e-15  # of the lengths
 
 
 def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array, table: Array, start: Array) -> Any:
-    """The equilibrium whose lengths are nearest the desired ones, tensions between low and high.
+    """The equilibrium with lengths nearest the desired ones, tensions between low and high.
 
     Args:
         mechanism: a chain of a class that supports the method.
@@ -43,7 +43,7 @@ def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array,
         table: load table, (rows, columns).
         start: joint angles, (n - 1,) [rad].
     Returns:
-        Equilibrium; its iterations are those of all trials. Status.NOT_CONVERGED: 300 trials were not enough.
+        Equilibrium; its iterations are summed over all trials. Status.NOT_CONVERGED: 300 trials were not enough.
     """
     high = np.minimum(high, LARGEST_TENSION)
 
@@ -54,7 +54,7 @@ def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array,
     if elastic.status == Status.INVALID_INPUT:
         return elastic
     tensions = _first_tensions(elastic, bool(mechanism.springs) or acts(table), low, high)
-    best = _Trial.at(solve, tensions, desired, low, high, elastic.joint_angles)
+    best = _TensionTrial.at(solve, tensions, desired, low, high, elastic.joint_angles)
     damping, iterations = 1e-6, int(best.equilibrium.iterations)
     for _ in range(_MAX_ITERATIONS):
         if best.rates is None:
@@ -63,16 +63,16 @@ def solve_least_squares(mechanism: Any, desired: Array, low: Array, high: Array,
         stepped = np.clip(tensions + step, low, high)
         if np.abs(best.rates @ (stepped - tensions)).max() < _GOAL:
             return replace(best.equilibrium, iterations=iterations)
-        found = _Trial.at(solve, stepped, desired, low, high, best.equilibrium.joint_angles)
-        iterations += int(found.equilibrium.iterations)
-        if found.equilibrium.status < Status.NOT_CONVERGED and found.beats(best):
-            best, tensions, damping = found, stepped, max(0.1 * damping, _SMALLEST_DAMPING)
+        trial = _TensionTrial.at(solve, stepped, desired, low, high, best.equilibrium.joint_angles)
+        iterations += int(trial.equilibrium.iterations)
+        if trial.equilibrium.status < Status.NOT_CONVERGED and trial.beats(best):
+            best, tensions, damping = trial, stepped, max(0.1 * damping, _SMALLEST_DAMPING)
         else:
             damping *= 10.0
     return replace(best.equilibrium, iterations=iterations, status=Status.NOT_CONVERGED)
 
 
-class _Trial(NamedTuple):
+class _TensionTrial(NamedTuple):
     """The equilibrium under trial tensions, and how near its lengths are to the desired ones."""
 
     equilibrium: Any
@@ -82,36 +82,36 @@ class _Trial(NamedTuple):
     slope: float  # largest entry of the gradient of the cost [mm²/N]
 
     @classmethod
-    def at(cls, solve: _Solve, tensions: Array, desired: Array, low: Array, high: Array, start: Array) -> _Trial:
+    def at(cls, solve: _Solve, tensions: Array, desired: Array, low: Array, high: Array, start: Array) -> _TensionTrial:
         """The trial, from joint angles to start from."""
-        found = solve(prescribed(tensions), start)
-        miss, rates = found.lengths - desired, _length_rates(found)
+        equilibrium = solve(prescribed(tensions), start)
+        miss, rates = equilibrium.lengths - desired, _length_rates(equilibrium)
         noise = _ROUNDING * float(np.linalg.norm(desired) * np.linalg.norm(miss))
         if rates is None:
-            return cls(found, miss, noise, None, np.inf)
+            return cls(equilibrium, miss, noise, None, np.inf)
         gradient, free = _free_gradient(rates, miss, tensions, low, high)
-        return cls(found, miss, noise, rates, float(np.abs(gradient[free]).max(initial=0.0)))
+        return cls(equilibrium, miss, noise, rates, float(np.abs(gradient[free]).max(initial=0.0)))
 
     @property
     def cost(self) -> float:
         """1/2 |miss|² [mm²]."""
         return 0.5 * float(self.miss @ self.miss)
 
-    def beats(self, other: _Trial) -> bool:
+    def beats(self, rival: _TensionTrial) -> bool:
         """Whether the cost is lower; where rounding hides that, near the minimum, whether the slope is smaller."""
-        if abs(self.cost - other.cost) > other.noise:
-            return self.cost < other.cost
-        return self.slope < other.slope
+        if abs(self.cost - rival.cost) > rival.noise:
+            return self.cost < rival.cost
+        return self.slope < rival.slope
 
 
 def _nearly_inextensible(solve: _Solve, law: TendonLaw, start: Array) -> Any:
-    """Equilibrium with increasingly stiff elastic tendons whose unstretched lengths are the desired ones."""
+    """Equilibrium with increasingly stiff elastic tendons, the desired lengths as their unstretched lengths."""
     for stiffness in (1.0, 30.0, 1000.0):
-        found = solve(law._replace(stiffness=np.full_like(law.command, stiffness)), start)
-        if found.status == Status.INVALID_INPUT:
+        equilibrium = solve(law._replace(stiffness=np.full_like(law.command, stiffness)), start)
+        if equilibrium.status == Status.INVALID_INPUT:
             break
-        start = found.joint_angles
-    return found
+        start = equilibrium.joint_angles
+    return equilibrium
 
 
 def _first_tensions(elastic: Solution, loaded: bool, low: Array, high: Array) -> Array:
@@ -136,7 +136,7 @@ def _length_rates(equilibrium: Solution) -> Array | None:
 
 
 def _free_gradient(rates: Array, miss: Array, tensions: Array, low: Array, high: Array) -> tuple[Array, Mask]:
-    """Gradient of the cost by the tensions, (m,) [mm²/N], and which tensions are not held at a limit, (m,)."""
+    """Gradient of the cost by the tensions, (m,) [mm²/N], and True for tensions that are not held at a limit, (m,)."""
     gradient = rates.T @ miss
     return gradient, ~((tensions <= low) & (gradient > 0.0)) & ~((tensions >= high) & (gradient < 0.0))
 

@@ -1,4 +1,4 @@
-"""Loops: paths back and forth between two inputs, which friction makes wide."""
+"""Loops: paths back and forth between two inputs, which open up under friction."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ Array = NDArray[np.float64]
 MIDDLE_TENSION = 3.0
 """Tension of every tendon in the middle of a loop unless another middle is given [N]."""
 MOST_STEPS = 25_000
-"""Cycles times steps of a loop, whose every equilibrium is kept."""
+"""Largest product of cycles and steps of a loop: every equilibrium is kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A path back and forth between two inputs; the figures are those of its last cycle.
+    """A path back and forth between two inputs; the figures are of its last cycle.
 
     Attributes:
-        path: equilibria of all K steps: from the middle to the first end, then in every cycle to the other and back.
+        path: equilibria of all K steps: from the middle to the first end, then in every cycle to the second and back.
         shares: (K,) input of every step as a share of the swing: 0 in the middle, 1 and -1 at the ends.
         middle, swing: (m,) input in the middle, and from there to the first end, lengths [mm] or tensions [N].
         steps: steps from one end to the other.
@@ -45,7 +45,7 @@ class Loop:
 
     @property
     def ok(self) -> bool:
-        """Whether every step is a stable equilibrium."""
+        """True if every step is a stable equilibrium."""
         return bool(np.all(self.path.ok))
 
     @property
@@ -60,15 +60,15 @@ class Loop:
 
     @property
     def branches(self) -> Array:
-        """(2, steps + 1, 2 or 3) tip on the way there and on the way back, in the order of the way there [mm]."""
+        """(2, steps + 1, 2 or 3) tip on the outward and the return branch, both in the outward order [mm]."""
         tips = self.path.tip[self.cycle]
         return np.stack([tips[: self.steps + 1], tips[: self.steps - 1 : -1]])
 
     @property
     def widths(self) -> Array:
         """(steps + 1,) distance of the tip between both branches at equal inputs [mm]."""
-        there, back = self.branches
-        return np.linalg.norm(there - back, axis=-1)
+        outward, inward = self.branches
+        return np.linalg.norm(outward - inward, axis=-1)
 
     @property
     def width(self) -> float:
@@ -77,23 +77,23 @@ class Loop:
 
     @property
     def width_in_the_middle(self) -> float:
-        """The width at the input in the middle, or next to it on the way there [mm]."""
+        """The width at the input in the middle, or next to it on the outward branch [mm]."""
         return float(self.widths[self.steps // 2])
 
     @property
     def travel(self) -> float:
         """Distance of the tip between both ends [mm]."""
-        there, _ = self.branches
-        return float(np.linalg.norm(there[-1] - there[0]))
+        outward, _ = self.branches
+        return float(np.linalg.norm(outward[-1] - outward[0]))
 
     @property
     def dissipated_work(self) -> float:
-        """What friction takes up in a cycle [N·mm]."""
+        """Work of friction in a cycle [N·mm]."""
         return float(np.sum(self.path.dissipated_work[self.cycle][1:]))
 
     @property
     def motor_work(self) -> float:
-        """What the motors put in in a cycle, by the trapezoidal rule [N·mm]."""
+        """Work of the motors in a cycle, by the trapezoidal rule [N·mm]."""
         tensions, lengths = self.path.tensions[self.cycle], self.path.lengths[self.cycle]
         return float(-np.sum(0.5 * (tensions[1:] + tensions[:-1]) * np.diff(lengths, axis=0)))
 
@@ -118,17 +118,17 @@ def trace_loop(
 ) -> Loop:
     """The loop of a mechanism that is driven to both sides of a middle.
 
-    It begins in the middle, in the pose without friction, in which nothing has ever slipped.
+    It begins in the middle, in the pose without friction, before any slip.
 
     Args:
         mechanism: a RollingChain or a HingeChain.
         swing: (m,) change of the inputs from the middle to the first end, lengths [mm] or tensions [N].
-        middle: (m,) inputs in the middle; default: a tension of 3 N in every tendon, or with lengths what the motors
-            leave of each in that pose.
+        middle: (m,) inputs in the middle; default: a tension of 3 N in every tendon, or the commanded lengths that
+            give it.
         loads: external loads of all steps.
         given: "lengths" or "tensions".
         tension_limits: with lengths, minimum and maximum tendon tension, numbers or (m,) [N].
-        cycles: how often it goes there and back, 1 or more.
+        cycles: number of cycles, 1 or more.
         steps: steps from one end to the other, 1 or more; cycles x steps is at most MOST_STEPS.
     Raises:
         InvalidInput: wrong shapes or types, numbers that are not finite, too many steps.
@@ -138,9 +138,9 @@ def trace_loop(
     centre = _middle(mechanism, given) if middle is None else _per_tendon("middle", middle, mechanism)
     steps = as_integer("steps", steps, 1, MOST_STEPS)
     cycles = as_integer("cycles", cycles, 1, MOST_STEPS // steps)
-    there = np.linspace(1.0, -1.0, steps + 1)
+    outward = np.linspace(1.0, -1.0, steps + 1)
     shares = np.concatenate(
-        [np.linspace(0.0, 1.0, (steps + 1) // 2 + 1), *([there[1:], there[-2::-1]] * cycles)], axis=0
+        [np.linspace(0.0, 1.0, (steps + 1) // 2 + 1), *([outward[1:], outward[-2::-1]] * cycles)], axis=0
     )
     inputs = inputs_of(centre, to_end, shares)
     path = trace(mechanism, inputs, loads, given=given, tension_limits=tension_limits)

@@ -25,7 +25,7 @@ GIVEN = ("lengths", "tensions")
 class Problem(Generic[S]):
     """A mechanism under fixed loads; `solve` finds its equilibria, and `prepare` makes it.
 
-    Any number of threads may solve one problem at once. Pickles hold what it was prepared from.
+    Any number of threads may solve one problem at once. Pickles hold the arguments of its constructor.
 
     Attributes:
         mechanism: the RollingChain or HingeChain. given: "lengths" or "tensions".
@@ -65,23 +65,23 @@ class Problem(Generic[S]):
         else:
             slot.law.low[...] = slot.law.high[...] = command
         slot.start[...] = angles
-        found: S = slot.solve(self.mechanism, self.loads)
+        equilibrium: S = slot.solve(self.mechanism, self.loads)
         spares.append(slot)  # not after an interrupt: a thread that was abandoned may still be writing into it
-        return found
+        return equilibrium
 
     def __repr__(self) -> str:
         return f"<Problem of {self.mechanism.name!r}: {self.given} given, {len(self.loads)} rows of loads>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What it was prepared from: addresses mean nothing to another process."""
+        """The arguments of the constructor: addresses have no meaning in another process."""
         return _restored, (self.mechanism, self.given, self.loads, self.tension_limits)
 
     def _step(self, command: Array, angles: Array, history: History) -> S:
         """A step with friction."""
         before = checked_history(self.mechanism, history, None)
         law, loads = full_law(self._law(command), self._n_tendons), self.loads.copy()
-        found: S = solve_one(self.mechanism, law, loads, angles.copy(), before)
-        return found
+        equilibrium: S = solve_one(self.mechanism, law, loads, angles.copy(), before)
+        return equilibrium
 
     def _law(self, command: ArrayLike) -> Law:
         if self.given == "tensions":

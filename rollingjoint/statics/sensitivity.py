@@ -1,8 +1,9 @@
 """Derivatives of an equilibrium by the implicit function theorem: dphi/dx = -H⁻¹ dr/dx.
 
-Joints at a limit stay there. After a step with friction they hold for inputs and loads under which the holes that stick
-go on sticking, and the others sliding. Every function takes one Solution or a batch; it raises SolverError unless all
-are stable equilibria, and InvalidInput where their stiffness is singular, or after a step with rolling resistance.
+Joints at a limit stay there. After a step with friction the derivatives hold for inputs and loads under which sticking
+holes go on sticking, and sliding ones sliding. Every function takes one Solution or a batch; it raises SolverError
+unless all are stable equilibria, and InvalidInput where their stiffness is singular, or after a step with rolling
+resistance.
 Source: docs/theory.md, sections 4, 5 and 9.
 """
 
@@ -60,8 +61,8 @@ def dposes_dload(equilibrium: Solution, link: int, point: Sequence[float] | None
     Planar: (fx, fy, moment); spatial: (fx, fy, fz, mx, my, mz), (n, 6, 6).
 
     Args:
-        equilibrium: under given tensions or given lengths; which stay constant.
-        link: where the load acts, -1 is the tip.
+        equilibrium: under given tensions or given lengths, which stay constant.
+        link: the link on which the load acts, -1 is the tip.
         point: body point [mm]; default: the origin.
     Raises:
         InvalidInput: a link that does not exist.
@@ -103,8 +104,8 @@ def joint_response(equilibrium: Solution, stiffness: Array, torque: Array) -> Ar
         numpy.linalg.LinAlgError: the stiffness of the free joints is singular.
     """
     free = equilibrium.free_joints
-    both = free[..., :, None] & free[..., None, :]
-    held = np.where(both, stiffness, 0.0) + np.eye(free.shape[-1]) * ~free[..., None, :]
+    coupled = free[..., :, None] & free[..., None, :]
+    held = np.where(coupled, stiffness, 0.0) + np.eye(free.shape[-1]) * ~free[..., None, :]
     return np.asarray(np.linalg.solve(held, np.where(free[..., :, None], torque, 0.0)), float)
 
 
@@ -123,9 +124,9 @@ def _respond(equilibrium: Solution, stiffness: Array, torque: Array) -> Array:
 
 
 def _refuse_rolling(equilibrium: Solution) -> None:
-    """Raise InvalidInput after a step with rolling resistance: the stiffness leaves out how the normal forces turn."""
+    """Raise InvalidInput after a step with rolling resistance: its stiffness neglects the turning of normal forces."""
     every = equilibrium.mechanism if isinstance(equilibrium.mechanism, tuple) else (equilibrium.mechanism,)
-    if equilibrium.friction is not None and any(each.rolling_coefficients[0] > 0.0 for each in every):
+    if equilibrium.friction is not None and any(chain.rolling_coefficients[0] > 0.0 for chain in every):
         raise InvalidInput("equilibrium", equilibrium, "one without rolling resistance", "Its stiffness is not exact.")
 
 

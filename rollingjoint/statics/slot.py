@@ -68,7 +68,7 @@ class Slot:
         self.start[...] = start
 
     def solve(self, mechanism: AnyChain, table: Array) -> Any:
-        """The equilibrium for what has been filled in; table: the loads that it shows, read-only."""
+        """The equilibrium for the inputs of `enter`; table: its load table, read-only."""
         if self._at_once:
             self._solve(0, 1)
         else:
@@ -79,21 +79,21 @@ class Slot:
 
 
 def full_law(law: Law, n_tendons: int) -> TendonLaw:
-    """The law as arrays of its own, (m,): kernels are compiled again for arrays that are read-only."""
+    """The law as new arrays, (m,): kernels would be compiled again for read-only ones."""
     return TendonLaw(*(np.full(n_tendons, values, float) for values in law))
 
 
 def spare_slot(mechanism: AnyChain, rows: int) -> tuple[Slot, list[Any]]:
-    """A slot of the mechanism that nobody uses, and the list to put it back into.
+    """An unused slot of the mechanism, and the list to put it back into.
 
-    A list gives and takes in one step, whichever threads come together; a slot whose solve is interrupted is not put
-    back, since a thread that was abandoned may still be writing into it.
+    Lists pop and append in one step, safe between threads; after an interrupted solve a slot is not put back, since an
+    abandoned thread may still be writing into it.
     """
     spares = mechanism.spares.setdefault(rows, [])
     try:
         slot = spares.pop()
     except IndexError:
         return Slot(mechanism, rows), spares
-    if slot.arrays is not mechanism.arrays:  # that of a mechanism of which this one is a copy with other numbers
+    if slot.arrays is not mechanism.arrays:  # the slot of a mechanism from which this one was copied with other numbers
         slot = Slot(mechanism, rows)
     return slot, spares

@@ -40,7 +40,7 @@ def solve_tensions(
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
-            result is the pose without friction, in which nothing has ever slipped. Default start: its joint angles.
+            result is the pose without friction, before any slip. Default start: its joint angles.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status. NaN, huge or negative numbers give Status.INVALID_INPUT.
     Raises:
@@ -71,12 +71,12 @@ def solve_lengths(
         loads: external loads.
         start: joint angles (n - 1,) [rad] or an equilibrium to start from; default s = 0, or hinges at rest.
         method: "elastic": tension = clip(stiffness × stretch, *tension_limits), unique and well posed while a tendon is
-            taut. "least_squares" (RollingChain only): the tensions within the limits whose lengths are nearest the
-            desired ones.
+            taut. "least_squares" (RollingChain only): the tensions within the limits that bring the lengths nearest
+            the desired ones.
         tension_limits: minimum and maximum tendon tension, numbers or (m,) [N]. With "least_squares" an infinite
             maximum stands for 1000 N.
         history: for a mechanism with friction, the equilibrium before this step, or its friction_state. Without it the
-            result is the pose without friction, in which nothing has ever slipped. Default start: its joint angles.
+            result is the pose without friction, before any slip. Default start: its joint angles.
     Returns:
         Equilibrium or HingeEquilibrium; look at its status.
     Raises:
@@ -94,8 +94,8 @@ def solve_lengths(
     if history is not None and mechanism.has_friction:
         raise InvalidInput("history", history, 'None with method "least_squares"', 'Use "elastic" with friction.')
     phi = angles_of(mechanism, start, history).copy()
-    least, most = tension_limits_of(tension_limits, mechanism.n_tendons)
-    return solve_least_squares(mechanism, command.copy(), least, most, table, phi)
+    lowest, highest = tension_limits_of(tension_limits, mechanism.n_tendons)
+    return solve_least_squares(mechanism, command.copy(), lowest, highest, table, phi)
 
 
 def solve_tensions_batch(
@@ -108,7 +108,7 @@ def solve_tensions_batch(
     """Equilibria under given tensions, row by row.
 
     Args:
-        mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
+        mechanism: the chain, or one per row, all with equal numbers of links, tendons and crossed joints.
         tensions: (B, m) [N].
         loads: loads shared by all rows, or a table (B, rows, columns) with columns load.LOAD_COLUMNS, or
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
@@ -134,7 +134,7 @@ def solve_lengths_batch(
     """Equilibria under given lengths (elastic tendons), row by row.
 
     Args:
-        mechanism: the chain, or one per row, each with as many links, tendons and crossed joints as the others.
+        mechanism: the chain, or one per row, all with equal numbers of links, tendons and crossed joints.
         lengths: (B, m) unstretched lengths [mm].
         loads: loads shared by all rows, or a table (B, rows, columns) with columns load.LOAD_COLUMNS, or
             load.SPATIAL_LOAD_COLUMNS for a HingeChain.
@@ -159,8 +159,8 @@ def _solve_one(mechanism: AnyChain, law: Law, table: Array, start: Start, histor
     if history is None or not mechanism.has_friction:
         slot, spares = spare_slot(mechanism, len(table))
         slot.enter(law, table, angles)
-        found = slot.solve(mechanism, read_only(table))
+        equilibrium = slot.solve(mechanism, read_only(table))
         spares.append(slot)
-        return found
+        return equilibrium
     before = checked_history(mechanism, history, None)
     return solve_one(mechanism, full_law(law, mechanism.n_tendons), table, angles.copy(), before)

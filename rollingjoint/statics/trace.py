@@ -36,11 +36,11 @@ def trace(
         loads: external loads of all steps, or a list of loads for every step.
         given: "lengths" or "tensions".
         tension_limits: with lengths, minimum and maximum tendon tension, numbers or (m,) [N].
-        history: the equilibrium before the first step. Without it the first step is the pose without friction, in which
-            nothing has ever slipped.
+        history: the equilibrium before the first step. Without it the first step is the pose without friction, before
+            any slip.
     Returns:
-        Equilibrium or HingeEquilibrium, a leading axis K on its arrays. Where a step has no stable equilibrium, its
-        status says so, and the next one is taken from the history of the last that had.
+        Equilibrium or HingeEquilibrium, a leading axis K on its arrays. A step without a stable equilibrium has the
+        status of its failure, and the next one is taken from the history of the last stable one.
     Raises:
         InvalidInput: wrong shapes or types.
     """
@@ -53,11 +53,11 @@ def trace(
     if len(every) != len(path):
         raise InvalidInput("number of lists of loads", len(every), f"{len(path)}, one per step")
     steps: list[Any] = []
-    for values, acting in zip(path, every, strict=True):
+    for values, step_loads in zip(path, every, strict=True):
         if given == "tensions":
-            step: Any = solve_tensions(mechanism, values, acting, history=history)
+            step: Any = solve_tensions(mechanism, values, step_loads, history=history)
         else:
-            step = solve_lengths(mechanism, values, acting, tension_limits=tension_limits, history=history)
+            step = solve_lengths(mechanism, values, step_loads, tension_limits=tension_limits, history=history)
         if step.status <= Status.INDETERMINATE:
             history = step
         steps.append(step)

@@ -1,17 +1,17 @@
-"""Motors and what lies between them and the tendons: play, the friction of a sheath, and the limits of tension.
+"""From motors to tendons: play, the friction of a sheath, and the limits of tension.
 
     p ← clip(p, q - h, q + h)                           play (backlash) of half width h
     T = clip(k (l - p), low, high),  then p ← l - T / k     the motor holds at `low` and gives way at `high`
     T_motor = T exp(ν ζ),  ζ = (p - q) / h                  friction of the bent sheath, by the capstan's law
 
-A motor at q [mm] moves its tendon through play: p is the unstretched length that the tendon is left with [mm]. A tendon
+A motor at q [mm] moves its tendon through play: p is the unstretched length of the tendon [mm]. A tendon
 of length l [mm] and stiffness k [N/mm] then has the tension T [N] where the sheath ends, and its motor measures
 T_motor [N]. ζ is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
 play is crossed; ν is the coefficient of friction times the turn of the sheath.
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
-`rollingjoint.compiled`; both give the same numbers, to the last bit. Tensors have a statement of their own,
+`rollingjoint.compiled`; both give the same numbers, to the last bit. The formulas for tensors are in
 `rollingjoint.differentiable.transmission`. Source: docs/theory.md, section 10.
 
 Modules:
@@ -56,7 +56,7 @@ def play_step(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Arr
 
 
 def play_contact(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Array:
-    """Which end of the play moves the tendon on in a step: 1 as it is pulled in, -1 as it is paid out, 0 where none.
+    """The end of the play that moves the tendon in a step: 1 as it is pulled in, -1 as it is paid out, 0 where none.
 
     Args:
         tendon: p before the step [mm]. motor: q after it [mm]. half_width: h, 0 or more [mm].
@@ -65,7 +65,7 @@ def play_contact(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> 
 
 
 def play_place(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Array:
-    """Where in the play a tendon is: (p - q) / h, 0 without play. Beliefs, and rounding, may lie beyond [-1, 1].
+    """Position of a tendon in its play: (p - q) / h, 0 without play; beyond [-1, 1] for beliefs, or by rounding.
 
     Args:
         tendon: p [mm]. motor: q [mm]. half_width: h, 0 or more [mm].
@@ -86,7 +86,7 @@ def play_inverse(tendon: ArrayLike, move: ArrayLike, half_width: ArrayLike) -> A
 
 
 def sheath_direction(tendon: ArrayLike, motor: ArrayLike, half_width: ArrayLike) -> Array:
-    """ζ, within [-1, 1]: where in the play a tendon is; 0 without play, where no friction is modelled.
+    """ζ, within [-1, 1]: position of a tendon in its play; 0 without play, where no friction is modelled.
 
     Args:
         tendon: p [mm]. motor: q [mm]. half_width: h, 0 or more [mm].
@@ -136,13 +136,13 @@ def unstretched_length(length: ArrayLike, tension: ArrayLike, stiffness: ArrayLi
 
 
 def _filled(fill: Callable[..., None], *values: ArrayLike) -> Any:
-    """What a kernel makes of values that broadcast against each other, in their common shape."""
+    """Output of a kernel for values that broadcast against each other, in their common shape."""
     arrays = [np.asarray(value, np.float64) for value in values]
     first, *others = {array.shape for array in arrays}
     shape = np.broadcast_shapes(first, *others) if others else first
-    made = np.empty(shape)
-    fill(*(_row(array, shape) for array in arrays), made.reshape(-1))
-    return made if shape else made[()]
+    output = np.empty(shape)
+    fill(*(_row(array, shape) for array in arrays), output.reshape(-1))
+    return output if shape else output[()]
 
 
 def _row(array: Array, shape: tuple[int, ...]) -> Array:

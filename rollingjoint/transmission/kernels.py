@@ -1,6 +1,6 @@
 """The formulas of a motor's transmission, for kernels, and the kernels in which they fill arrays.
 
-Symbols and units are those of the package's docstring. Parts are of numbers; those of the limit of SIMD lanes, too.
+Symbols and units as in the package's docstring. Parts take numbers; for the limit of tension, SIMD lanes too.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ import math
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.simd import where
 
-FREE = 1e-9  # mm: a tendon that ends so near to where its motor asked it to be is at no limit of tension
+FREE = 1e-9  # mm: a tendon this near to the place its motor asked for is at no limit of tension
 
 
 @part(inline=True)
 def play_step(tendon, motor, half_width):
-    """p after a step of the motor to q: clip(p, q - h, q + h). A motor that is NaN moves nothing."""
+    """p after a step of the motor to q: clip(p, q - h, q + h). p for a motor that is NaN."""
     return min(max(tendon, motor - half_width), motor + half_width)
 
 
 @part(inline=True)
 def play_contact(tendon, motor, half_width):
-    """Which end of the play moves the tendon on when its motor goes to q: the sign of p - q, or 0 within the play."""
+    """The end of the play that moves the tendon when its motor goes to q: the sign of p - q, or 0 within the play."""
     if abs(tendon - motor) >= half_width:
         return 1.0 if tendon > motor else -1.0
     return 0.0
@@ -29,13 +29,13 @@ def play_contact(tendon, motor, half_width):
 
 @part(inline=True)
 def play_place(tendon, motor, half_width):
-    """Where in the play a tendon is: (p - q) / h, within [-1, 1] but for rounding; 0 without play."""
+    """Position of a tendon in its play: (p - q) / h, within [-1, 1] but for rounding; 0 without play."""
     return (tendon - motor) / half_width if half_width > 0.0 else 0.0
 
 
 @part(inline=True)
 def play_inverse(tendon, move, half_width):
-    """q that moves a tendon by this much, whichever way it was moved before."""
+    """q that moves a tendon by `move` [mm], whichever way it was moved before."""
     return tendon + move + (half_width if move > 0.0 else -half_width)
 
 
@@ -71,13 +71,13 @@ def elastic_tension(length, unstretched, stiffness, low, high):
 
 @part(inline=True)
 def unstretched_length(length, tension, stiffness):
-    """p of a tendon with this length and tension: l - T / k, at a limit what its motor has left of it."""
+    """p of a tendon with this length and tension: l - T / k."""
     return length - tension / stiffness
 
 
 @part(inline=True)
 def motor_yield(motor, goal, shift):
-    """(q, where the motor is going) after a limit of tension has shifted its tendon by this much; there it stays."""
+    """(q, goal) of a motor after a limit of tension has moved its tendon by `shift` [mm]; it stays there."""
     motor, goal = motor + shift, goal + shift
     return motor, motor if abs(shift) > FREE else goal
 

@@ -17,7 +17,7 @@ from rollingjoint import warmup
 from rollingjoint._numba.cache import NotCompiled
 from rollingjoint.cli import commands, warmup_command
 from rollingjoint.interrupts import INTERRUPTED
-from rollingjoint.warmup import Group, Progress, compile_kernels, missing
+from rollingjoint.warmup import Group, WarmupProgress, compile_kernels, missing
 
 ROOT = Path(__file__).resolve().parents[2]
 ALL = (*warmup.GROUPS, *rj_gym.warmup.GROUPS)
@@ -28,7 +28,7 @@ wrong = operator.add  # raises TypeError without arguments
 ERROR = "TypeError: add expected 2 arguments, got 0"
 
 
-class Recorded(Progress):
+class Recorded(WarmupProgress):
     """What a run has told."""
 
     def __init__(self):
@@ -103,7 +103,7 @@ def test_an_error_is_one_line_and_the_others_go_on():
 
 @pytest.mark.posix
 def test_an_interrupt_ends_all_processes(monkeypatch, started):
-    class Interrupts(Progress):
+    class Interrupts(WarmupProgress):
         def waits(self):
             raise KeyboardInterrupt
 

@@ -19,7 +19,7 @@ from agents.executors import folders, options
 from agents.executors import local as processes
 from agents.executors.cluster import RayExecutor
 from agents.executors.driver import Unit, work_through
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.search import __main__ as search
 from rollingjoint.errors import ConfigError
 from tests.agents.executors import units
@@ -179,7 +179,7 @@ def local(tmp_path_factory):
 def test_units_end_as_on_local_processes(executor, tmp_path):
     some = [Unit(f"unit {i}", units.double, (i,)) for i in range(4)]
     some += [Unit("bad", units.fail, (tmp_path,)), Unit("threads", units.threads)]
-    with ProgressDisplay(len(some), "unit") as progress:
+    with Progress(len(some), "unit") as progress:
         found = {one.unit.name: one.value or one.failure for one in work_through(executor, some, progress, [])}
     assert [found[f"unit {i}"] for i in (1, 2, 3)] == [2, 4, 6]
     assert found["bad"] == "ValueError('two\\nlines')" and (tmp_path / "calls").read_text() == "x"

@@ -15,7 +15,7 @@ from agents.executors import driver, folders, local, options
 from agents.executors.driver import RETRIES, Unit, work_through
 from agents.executors.folders import FolderUnit, marked
 from agents.executors.local import InlineExecutor, LocalExecutor
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.executors.protocol import UnitFailed, UnitStopped
 from agents.runs.command_line import exit_code, signals_seen
 from agents.runs.locks import alone_in, file_lock
@@ -36,7 +36,7 @@ def executor(monkeypatch):
 
 def worked(executor, *given, signals=None):
     """Values by name, failures by name, and the display."""
-    with ProgressDisplay(len(given), "unit") as progress:
+    with Progress(len(given), "unit") as progress:
         ended = list(work_through(executor, given, progress, [] if signals is None else signals))
     values = {one.unit.name: one.value for one in ended if not one.failure}
     return values, {one.unit.name: one.failure for one in ended if one.failure}, progress
@@ -295,7 +295,7 @@ def test_a_folder_that_cannot_be_unpacked_leaves_the_old_one(tmp_path):
 def test_a_display_without_a_terminal_is_a_plain_line_now_and_then(monkeypatch, capsys):
     clock = [0.0]
     monkeypatch.setattr("agents.executors.progress.time.monotonic", lambda: clock[0])
-    with ProgressDisplay(10, "run") as progress:
+    with Progress(10, "run") as progress:
         clock[0], progress.done, progress.failed, progress.running = 10.0, 3, 1, 2
         progress.show()
         clock[0] = 40.0
@@ -350,7 +350,7 @@ def test_units_can_depend_on_what_has_ended_and_parts_do_not_count(executor):
         while ready is not None:
             yield ready.pop() if ready else None
 
-    with ProgressDisplay(1, "unit") as progress:
+    with Progress(1, "unit") as progress:
         values = []
         for ended in work_through(executor, given(), progress, []):
             values.append(ended.value)

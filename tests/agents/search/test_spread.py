@@ -15,7 +15,7 @@ from agents.executors import local
 from agents.executors.driver import work_through
 from agents.executors.folders import FolderUnit, marked
 from agents.executors.local import InlineExecutor, LocalExecutor
-from agents.executors.progress import ProgressDisplay
+from agents.executors.progress import Progress
 from agents.search import spread
 from agents.search.config import SearchConfig, load_search
 from agents.search.folder import SearchRun
@@ -52,7 +52,7 @@ def journal(run):
 def searched(runs, executor=None, signals=(), submitted=None):
     """What the command does with runs: values and failures by name of the method; the display."""
     out, signals = runs[0].path.parent.parent, list(signals)
-    with marked(out) as home, ProgressDisplay(len(runs), "run") as progress:
+    with marked(out) as home, Progress(len(runs), "run") as progress:
         units = [FolderUnit(str(run.path), search_in, (), home, run.path.relative_to(out).as_posix()) for run in runs]
         with SpreadRuns(units, progress) as made:
             seen = (one for one in made.units() if submitted is None or submitted.append(one) is None)

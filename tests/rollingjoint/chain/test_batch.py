@@ -18,6 +18,7 @@ from rollingjoint import (
     five_link,
     sensitivity,
     set_threads,
+    small_arm,
     solve_lengths,
     solve_lengths_batch,
     solve_tensions,
@@ -337,3 +338,18 @@ print(np.array_equal(found.joint_angles, few.joint_angles))
 @pytest.mark.parametrize("where", ["plane", "space"])
 def test_lanes_keep_their_memory_while_they_work(where, run_python):
     assert run_python("-c", MANY_LOADS, where) == "True\n"
+
+
+@pytest.mark.parametrize("chain", [five_link(), small_arm(3)], ids=["rolling", "hinges"])
+def test_a_joint_at_its_end_leaves_it_under_a_small_moment(chain):
+    pull = np.full(chain.n_tendons, 0.02)  # N: moments far below 1 N·mm
+    expected = solve_tensions(chain, pull)
+    for side in (0, 1):
+        start = np.array(expected.joint_angles)
+        start[0] = chain.arrays.joints[0, 0, side]
+        for found in (
+            solve_tensions(chain, pull, start=start),
+            solve_tensions_batch(chain, [pull] * 9, starts=np.repeat(start[None], 9, axis=0)).row(0),
+        ):
+            assert found.status == Status.CONVERGED
+            assert found.joint_angles == pytest.approx(expected.joint_angles, abs=1e-6)

@@ -25,7 +25,7 @@ from rollingjoint.chain.random_chain import random_chain, random_loads
 from rollingjoint.kernels import long_chain, long_lu, planar_loads, rolling, rubbed_chain
 from rollingjoint.kernels.arrays import TendonLaw
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
-from rollingjoint.kernels.rubbed_chain import Memory, Rolling
+from rollingjoint.kernels.rubbed_chain import RollingResistance, StepFriction
 from rollingjoint.load import LOAD_COLUMNS, load_table
 from rollingjoint.statics import sensitivity
 
@@ -56,7 +56,7 @@ class Moment:
         per_hole = [hole() for _ in range(9)]
         now = Rubbing(np.zeros((n, m, 4)), *per_hole, np.zeros((n, m, 2)), hole(), np.zeros(m))
         law = FrictionLaw(chain.friction_coefficients.copy(), chain.rolling_coefficients.copy())
-        self.memory = Memory(law, now, Rolling(joint(), joint(), joint(), hole(), joint()))
+        self.memory = StepFriction(law, now, RollingResistance(joint(), joint(), joint(), hole(), joint()))
         angles = self.angles + rng.normal(0.0, 5e-4, n)
         self.before = History(rng.uniform(-1.0, 1.0, (n, m)), hole(), hole(), angles, rng.uniform(-1.0, 1.0, n))
         self.chain = self.with_friction(0)

@@ -193,7 +193,7 @@ def test_a_planted_file_is_not_run(tmp_path):
 ANNOUNCED = """
 import sys
 sys.stderr.isatty = lambda: True
-from rollingjoint._numba.cache import NotCompiled, only_what_is_kept
+from rollingjoint._numba.cache import NotCompiled, without_compiling
 from rollingjoint._numba.jit import kernel
 import rollingjoint as rj
 
@@ -206,7 +206,7 @@ def twice(x):
     return once(x) + once(x)
 
 try:
-    with only_what_is_kept():
+    with without_compiling():
         twice(1.0)
 except NotCompiled as error:
     print("NotCompiled:", error)
