@@ -18,7 +18,7 @@ from agents.runs.command_line import exit_code, typed_command
 from agents.runs.consent import add_consent, consent_of
 
 if TYPE_CHECKING:
-    from agents.adaptation.trial import Plan, Trial
+    from agents.adaptation.trial import RobotTrial, TrialPlan
 
 NAMED = "an opponent by name, a run folder or policy file of apg or distill, FILE.py:NAME or MODULE:NAME; repeatable"
 VERSION = 1  # of the results file
@@ -45,12 +45,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.adaptation.robot import robot
-    from agents.adaptation.trial import Plan, adaptable, leads, trial_table, tried
+    from agents.adaptation.trial import TrialPlan, adaptable, leads, trial_table, tried
 
-    plan = Plan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
+    plan = TrialPlan(arguments.episodes, arguments.sees == "tip", arguments.tries, arguments.updates, arguments.scored)
     numbers = _numbers(arguments)
     controllers = {_short(name): adaptable(name) for name in arguments.controller}
-    trials: list[Trial] = []
+    trials: list[RobotTrial] = []
     for number in numbers:
         trials.append(tried(robot(number), controllers, plan, lambda line: print(line, flush=True)))
         _keep(trials, plan, arguments, command)
@@ -76,7 +76,7 @@ def _short(name: str) -> str:
     return name if not path.exists() else "/".join(path.resolve().parts[-2:]) if path.is_dir() else path.stem
 
 
-def _keep(trials: Sequence[Trial], plan: Plan, arguments: argparse.Namespace, command: Sequence[str]) -> None:
+def _keep(trials: Sequence[RobotTrial], plan: TrialPlan, arguments: argparse.Namespace, command: Sequence[str]) -> None:
     """Write the results so far, and the policies of the last robot, where that is wanted."""
     from agents.policies.file import SUFFIX
     from agents.policies.shipped import ShippedPolicy

@@ -1,10 +1,10 @@
 """Gymnasium environments for tendon-driven mechanisms.
 
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
-rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains whose tip is
-not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an arm
-whose tip is not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch and is imported when it is first asked
-for.
+rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains with the
+tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
+arm with the tip not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch and is imported when it is first
+asked for.
 
 Modules:
     core: shared by all tasks.

@@ -191,13 +191,13 @@ class Canvas:
         self, j: int, tension: float, limits: tuple[float, float], pitch: int = 32, width: int = 120
     ) -> None:
         """The tension of tendon j as a bar of that width next to its number; bars are `pitch` pixels apart."""
-        left, top, height = SIZE[0] - 130 - width, 26 + pitch * j, 14
+        start, top, height = SIZE[0] - 130 - width, 26 + pitch * j, 14
         filled = width * min(max(tension / limits[1], 0.0), 1.0)
         color = tension_color(tension, limits)
-        self.text(f"tendon {j}", (left - 78, top - 3), 24, FAINT)
-        self.box((left, top, width, height), GRID)
-        self.box((left, top, filled, height), color)
-        self.text(f"{tension:.1f} N", (left + width + 12, top - 3), 24, color)
+        self.text(f"tendon {j}", (start - 78, top - 3), 24, FAINT)
+        self.box((start, top, width, height), GRID)
+        self.box((start, top, filled, height), color)
+        self.text(f"{tension:.1f} N", (start + width + 12, top - 3), 24, color)
 
     def _grid(self) -> None:
         step = 0.2 * self._length

@@ -41,7 +41,7 @@ class SB3VecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """First observations of all lanes; seeds and options set by `seed` and `set_options` are used once."""
         options = self._options[0] or None
-        if any(other != self._options[0] for other in self._options):
+        if any(lane_options != self._options[0] for lane_options in self._options):
             raise InvalidInput("options", self._options, "the same options for every lane")
         observations, infos = self.env.reset(seed=self._seeds, options=options)
         self.reset_infos = every_lane(infos, range(self.num_envs))

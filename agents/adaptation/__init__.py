@@ -2,7 +2,7 @@
 
 Modules:
     robot: robots by number.
-    controllers: those of Instrument-v0 by name, file, run or policy.
+    controllers: Instrument-v0's by name, file, run or policy.
     driving: one score per controller, with an interval over robots.
     bench: robots on the bench: motors sweep to and fro, positions, tensions and perhaps the tip are recorded.
     identify: beliefs about a robot, and the twin that explains a recording of it.
@@ -12,5 +12,5 @@ Modules:
     fine_tuning: policies with memory, trained on in that world.
     trial: before and after, on many robots.
 
-Nothing is imported here; torch is loaded by fine_tuning alone.
+This package imports no modules; torch is loaded by fine_tuning alone.
 """

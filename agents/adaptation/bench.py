@@ -24,7 +24,7 @@ _SILENT = {"sensing": {"pose": "none", "tension_noise": 0.0}}  # the sensors of 
 
 
 @dataclass(frozen=True)
-class Recording:
+class BenchRecording:
     """E episodes of T steps of a robot, or of a model of it.
 
     Args:
@@ -54,7 +54,7 @@ class Bench:
         self.steps: int = self.envs.config.episode_steps
         self.n_tendons: int = self.envs.task.mechanism.n_tendons
 
-    def follow(self, robot: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> Recording:
+    def follow(self, robot: Robot, seeds: Sequence[int], paths: Array, relative: bool = False) -> BenchRecording:
         """Recording of a robot while its motors go along paths (E, T, m) [mm] as fast as they can.
 
         relative: whether paths begin at zero, wherever motors are.
@@ -68,7 +68,7 @@ class Bench:
             actions = np.clip((motors - ways[:, step]) / scale, -1.0, 1.0)
             observation, _, terminated, _, info = self.envs.step(np.where(running[:, None], actions, 0.0))
             series.append(self._measured(observation, info, running & ~terminated))
-        return Recording(seeds, *(np.stack(each, axis=1) for each in zip(*series, strict=True)))
+        return BenchRecording(seeds, *(np.stack(values, axis=1) for values in zip(*series, strict=True)))
 
     def _measured(self, observation: Any, info: Any, running: NDArray[np.bool_]) -> tuple[Any, ...]:
         reading = Reading(observation, self.envs.task)
@@ -79,7 +79,7 @@ class Bench:
         self.envs.close()
 
 
-def record(robot: Robot, episodes: int, sees_tip: bool) -> Recording:
+def record(robot: Robot, episodes: int, sees_tip: bool) -> BenchRecording:
     """Recording of episodes in which motors sweep to and fro, with seeds that no score uses.
 
     Args:

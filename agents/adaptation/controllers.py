@@ -1,4 +1,4 @@
-"""Controllers that drive robots: opponents and policies by name, those of run folders, and one's own."""
+"""Controllers that drive robots: opponents and policies by name, policies of run folders, and one's own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rollingjoint.errors import ConfigError
 
 @dataclass(frozen=True)
 class InstrumentController:
-    """A controller, and the settings of Instrument-v0 that change what it sees of it."""
+    """A controller, and the settings of Instrument-v0 that change its observation."""
 
     controller: Controller
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -33,24 +33,24 @@ class InstrumentController:
 
 def instrument_controllers() -> dict[str, InstrumentController]:
     """All that ship for Instrument-v0, by name: tuned opponents, policies, and the privileged teacher, so marked."""
-    found = {name: InstrumentController(made) for name, made in tuned_controllers(WORLD).items()}
+    controllers = {name: InstrumentController(controller) for name, controller in tuned_controllers(WORLD).items()}
     for name in list_policies():
         policy = load_policy(name)
         if policy.env_id == WORLD:
-            found[name] = _policy(name, policy)
-    return found | {"privileged teacher": InstrumentController(PrivilegedFeedback())}
+            controllers[name] = _policy(name, policy)
+    return controllers | {"privileged teacher": InstrumentController(PrivilegedFeedback())}
 
 
 def instrument_controller(text: str) -> InstrumentController:
-    """What the text names: one of `instrument_controllers`, a policy file, a run folder, or FILE.py:NAME.
+    """The controller named by the text: one of `instrument_controllers`, a policy file, a run folder, or FILE.py:NAME.
 
     Raises:
-        ConfigError: nothing of the kind, or a policy that needs to see something else.
+        ConfigError: no such controller, or a policy with another observation.
         PolicyError, RunFolderError: a damaged policy or run.
     """
-    known = instrument_controllers()
-    if text in known:
-        return known[text]
+    controllers = instrument_controllers()
+    if text in controllers:
+        return controllers[text]
     if text.endswith(SUFFIX) or text in list_policies():
         return _policy(text, load_policy(text))
     if Path(text).is_dir():
@@ -58,13 +58,13 @@ def instrument_controller(text: str) -> InstrumentController:
         return InstrumentController(load_driving(run), _sight(text, run.config().env))
     if ":" in text:
         return InstrumentController(load_controller(text))
-    allowed = f"one of {', '.join(known)}; a policy file, a run folder, FILE.py:NAME or MODULE:NAME"
-    raise ConfigError("--controller", text, allowed, suggestion(text, list(known)))
+    allowed = f"one of {', '.join(controllers)}; a policy file, a run folder, FILE.py:NAME or MODULE:NAME"
+    raise ConfigError("--controller", text, allowed, suggestion(text, list(controllers)))
 
 
-def marked(name: str, one: InstrumentController) -> str:
+def marked(name: str, entry: InstrumentController) -> str:
     """The name as tables show it."""
-    return f"{name} (privileged)" if is_privileged(one.controller) else name
+    return f"{name} (privileged)" if is_privileged(entry.controller) else name
 
 
 def _policy(name: str, policy: ShippedPolicy) -> InstrumentController:
@@ -72,13 +72,13 @@ def _policy(name: str, policy: ShippedPolicy) -> InstrumentController:
 
 
 def _sight(name: str, env: EnvConfig) -> dict[str, Any]:
-    """The settings with which Instrument-v0 shows what the policy of that name saw in its own environment."""
+    """The settings with which Instrument-v0 has the observation of that policy's own environment."""
     allowed = f"a policy that sees what {WORLD} shows"
     if not env.is_tracking:
         raise ConfigError("--controller", name, allowed, f"It was trained in {env.id}.")
     settings: TaskConfig = env.arguments()["config"]
     sight = {"observe_history": settings.observe_history}
-    here: TaskConfig = EnvConfig(WORLD, settings=sight).arguments()["config"]
-    if entry_names(settings, env.has_goals) != entry_names(here, goal=False):
+    world: TaskConfig = EnvConfig(WORLD, settings=sight).arguments()["config"]
+    if entry_names(settings, env.has_goals) != entry_names(world, goal=False):
         raise ConfigError("--controller", name, allowed, f"It was trained in {env.id}, with other observations.")
     return sight

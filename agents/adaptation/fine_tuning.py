@@ -26,7 +26,8 @@ class FineTuning:
     Args:
         updates: gradient steps, each after one episode of all lanes. lanes: episodes side by side.
         learning_rate: of Adam at the first update; it falls to a tenth of that, linearly.
-        settled_steps, whole_weight: the loss is the mean error over so many last steps plus that over all, weighted.
+        settled_steps, whole_weight: the loss is the mean error over the last `settled_steps` steps plus
+            `whole_weight` times the mean over all.
         lane_gradient, max_grad_norm: as of APG.
     """
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, Recording
+from agents.adaptation.bench import CAMERA_MM, FIRST_STEPS, Bench, BenchRecording
 from agents.adaptation.driving import MOST_EPISODES
 from agents.adaptation.robot import Robot
 from agents.controllers.controller import Array
@@ -122,7 +122,7 @@ class Identified:
 
 
 def identify(
-    recording: Recording, number: int, evaluations: int = EVALUATIONS, say: Callable[[], object] = lambda: None
+    recording: BenchRecording, number: int, evaluations: int = EVALUATIONS, say: Callable[[], object] = lambda: None
 ) -> Identified:
     """Beliefs about a robot after a recording of it.
 
@@ -156,7 +156,7 @@ class _Misfit:
     Robots are vectors of Space minus its means, over its standard deviations.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: BenchRecording) -> None:
         self.recording, self.space, self.bench = recording, Space(), Bench(len(recording.seeds))
         self.counts = recording.running[:, FIRST_STEPS:]
         self.seeds = [seed + MOST_EPISODES // 2 for seed in recording.seeds]  # begins elsewhere in its play
@@ -179,8 +179,8 @@ class _Misfit:
 
     def derivatives(self, scaled: Array) -> Array:
         """By forward differences; surfaces, of which tensions say little, stay as they are if no tip is seen."""
-        here, units = self(scaled), np.eye(scaled.size)
-        found = np.vstack([np.zeros((here.size - scaled.size, scaled.size)), units])
+        residuals, units = self(scaled), np.eye(scaled.size)
+        jacobian = np.vstack([np.zeros((residuals.size - scaled.size, scaled.size)), units])
         for place in range(self.space.surfaces if self.recording.tips is None else scaled.size):
-            found[:, place] = (self(scaled + REACH * units[place]) - here) / REACH
-        return found
+            jacobian[:, place] = (self(scaled + REACH * units[place]) - residuals) / REACH
+        return jacobian

@@ -30,7 +30,7 @@ class Informed(Controller):
         self.twin = identified.twin
 
     def bind(self, task: TrackingTask | None) -> None:
-        """Take over a task, whose nominal mechanism and offsets become those of the twin."""
+        """Take over a task, with the twin's mechanism and offsets as its nominal ones."""
         if task is None:
             raise ConfigError("environment", "not one of rj_gym", "rj_gym/Instrument-v0", "Robots are instruments.")
         self.told = _told(task, self.twin)
@@ -47,9 +47,9 @@ class Informed(Controller):
 
 def _told(task: TrackingTask, twin: Any) -> TrackingTask:
     """The task with the twin's mechanism; positions keep the units and zeros in which they are observed."""
-    told = type(task)(replace(task.config, mechanism=twin.chain))
-    told.length, told.neutral_lengths = task.length, task.neutral_lengths + twin.motor_offsets
-    return told
+    informed = type(task)(replace(task.config, mechanism=twin.chain))
+    informed.length, informed.neutral_lengths = task.length, task.neutral_lengths + twin.motor_offsets
+    return informed
 
 
 def _narrowed(controller: Controller, identified: Identified) -> Controller:

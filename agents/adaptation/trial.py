@@ -34,7 +34,7 @@ Say = Callable[[str], object]
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrialPlan:
     """The effort of adapting to a robot, and the episodes that judge it.
 
     Args:
@@ -55,7 +55,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """One controller on one robot: errors before and after, (E,) [mm]; seconds that adapting it took in simulation."""
 
     before: Array
@@ -72,13 +72,13 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Trial:
+class RobotTrial:
     """One robot: its identification, the seconds that took, and the outcomes by name of the controller."""
 
     robot: Robot
     identified: Identified
     seconds: float
-    outcomes: Mapping[str, Outcome] = field(default_factory=dict)
+    outcomes: Mapping[str, TrialOutcome] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -110,7 +110,9 @@ def adaptable(name: str) -> InstrumentController:
     return candidate
 
 
-def adapted(name: str, candidate: InstrumentController, identified: Identified, plan: Plan) -> InstrumentController:
+def adapted(
+    name: str, candidate: InstrumentController, identified: Identified, plan: TrialPlan
+) -> InstrumentController:
     """A controller after adapting to a robot.
 
     Policies are trained on; opponents are told the identified parameters, and their settings are searched; other
@@ -130,8 +132,8 @@ def adapted(name: str, candidate: InstrumentController, identified: Identified, 
 
 
 def tried(
-    robot: Robot, contestants: Mapping[str, InstrumentController], plan: Plan, say: Say = lambda line: None
-) -> Trial:
+    robot: Robot, contestants: Mapping[str, InstrumentController], plan: TrialPlan, say: Say = lambda line: None
+) -> RobotTrial:
     """Identify a robot, adapt the controllers to it, and score them in its episodes before and after.
 
     say: called with a line about everything that was done.
@@ -147,32 +149,34 @@ def tried(
         outcomes[name] = outcome = _tried(name, contestant, robot, identified, plan)
         errors = f"{mm(outcome.before.mean())} -> {mm(outcome.after.mean())} mm"
         say(f"robot {robot.number}: {name} {errors}, adapted in {outcome.seconds:.0f} s")
-    return Trial(robot, identified, seconds, outcomes)
+    return RobotTrial(robot, identified, seconds, outcomes)
 
 
-def _tried(name: str, contestant: InstrumentController, robot: Robot, identified: Identified, plan: Plan) -> Outcome:
+def _tried(
+    name: str, contestant: InstrumentController, robot: Robot, identified: Identified, plan: TrialPlan
+) -> TrialOutcome:
     start = time.process_time()
     after = adapted(name, contestant, identified, plan)
     seconds = time.process_time() - start
     before, now = (
         score_on_robots(x.controller, [robot], plan.scored, x.settings).errors[0] for x in (contestant, after)
     )
-    return Outcome(before, now, seconds, after)
+    return TrialOutcome(before, now, seconds, after)
 
 
-def gains(trials: Sequence[Trial], name: str) -> tuple[Interval, Interval, Interval]:
+def gains(trials: Sequence[RobotTrial], name: str) -> tuple[Interval, Interval, Interval]:
     """Means over robots before, after, and after minus before, with intervals from a bootstrap of robots [mm]."""
     before, after = (np.array([getattr(t.outcomes[name], when).mean() for t in trials]) for when in ("before", "after"))
     resampled = Bootstrap(len(trials))
     return resampled.mean(before), resampled.mean(after), resampled.compare(after, before).difference
 
 
-def _ranked(trials: Sequence[Trial]) -> list[str]:
+def _ranked(trials: Sequence[RobotTrial]) -> list[str]:
     """The controllers, the best adapted one first."""
     return sorted(trials[0].outcomes, key=lambda name: gains(trials, name)[1].value)
 
 
-def trial_table(trials: Sequence[Trial]) -> str:
+def trial_table(trials: Sequence[RobotTrial]) -> str:
     """One row per controller, for a terminal: means over robots, the best adapted one first."""
     rows = []
     for name in _ranked(trials):
@@ -184,7 +188,7 @@ def trial_table(trials: Sequence[Trial]) -> str:
     return text_table(head, rows, ruled=True)
 
 
-def leads(trials: Sequence[Trial]) -> str:
+def leads(trials: Sequence[RobotTrial]) -> str:
     """A line per adapted controller that the best one is compared with, on the same robots."""
     best, *others = _ranked(trials)
     best_errors = np.array([trial.outcomes[best].after.mean() for trial in trials])

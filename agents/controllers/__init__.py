@@ -4,7 +4,7 @@ Controllers that are not marked as privileged see the observation alone, and kno
 randomisation.
 
 Modules:
-    controller: the protocol, readings of observations, and the controller that does nothing.
+    controller: the protocol, readings of observations, and the controller without actions.
     open_loop: the model inverse, without feedback; also where tendons rub.
     jacobian_feedback: damped resolved rate.
     smith_predictor: the same on the pose that the model predicts from a late picture.
@@ -47,14 +47,14 @@ NEED_POSES = ("predictive", "load estimate", "jacobian feedback")
 
 def untuned_controllers(poses: bool = True) -> dict[str, Controller]:
     """A new one of each that needs no tuning, by its name in reports; without `poses`, of those that need none."""
-    each: dict[str, Controller] = {
+    controllers: dict[str, Controller] = {
         "predictive": Predictive(),
         "load estimate": LoadEstimate(),
         "jacobian feedback": JacobianFeedback(),
         "open loop": OpenLoop(),
         "do nothing": DoNothing(),
     }
-    return {name: controller for name, controller in each.items() if poses or name not in NEED_POSES}
+    return {name: controller for name, controller in controllers.items() if poses or name not in NEED_POSES}
 
 
 def why_left_out(config: TaskConfig) -> str:

@@ -1,4 +1,4 @@
-"""The Controller protocol, readings of observations in mm, rad and N, and the controller that does nothing."""
+"""The Controller protocol, readings of observations in mm, rad and N, and the controller without actions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Controller(ABC):
         """Take over the task of the environment, before the first reset."""
         self.task = task
 
-    def reset(self, mask: Mask) -> None:  # noqa: B027 (most controllers remember nothing)
+    def reset(self, mask: Mask) -> None:  # noqa: B027 (most controllers have no memory)
         """Begin new episodes where the mask (B,) is true; all of them after `bind`."""
 
     @abstractmethod
@@ -144,15 +144,15 @@ def _check_all(mask: Mask) -> None:
         raise InvalidInput("episodes that begin", int(mask.sum()), f"all {len(mask)}", "It has no reset(mask).")
 
 
-def as_controller(made: Any) -> Controller:
+def as_controller(source: Any) -> Controller:
     """A controller itself, or one made of a function, or an object with begin and act; else raises InvalidInput."""
-    if isinstance(made, Controller):
-        return made
-    if callable(getattr(made, "begin", None)) and callable(getattr(made, "act", None)):
-        return EarlierController(made)
-    if callable(made):
-        return FunctionController(made)
-    raise InvalidInput("controller", made, "a Controller, or a function from observations to actions")
+    if isinstance(source, Controller):
+        return source
+    if callable(getattr(source, "begin", None)) and callable(getattr(source, "act", None)):
+        return EarlierController(source)
+    if callable(source):
+        return FunctionController(source)
+    raise InvalidInput("controller", source, "a Controller, or a function from observations to actions")
 
 
 def load_controller(text: str) -> Controller:
@@ -167,9 +167,9 @@ def load_controller(text: str) -> Controller:
     module, _, name = text.rpartition(":")
     allowed = "FILE.py:NAME or MODULE:NAME, of a controller or of what makes one without arguments"
     try:
-        found = getattr(imported(module), name)
-        made = found if hasattr(found, "act") and not isinstance(found, type) else found()
-        return as_controller(made)
+        attribute = getattr(imported(module), name)
+        controller = attribute if hasattr(attribute, "act") and not isinstance(attribute, type) else attribute()
+        return as_controller(controller)
     except Exception as error:  # whatever the code there raises
         raise ConfigError("controller", text, allowed, f"{type(error).__name__}: {error}") from error
 
@@ -282,8 +282,8 @@ class Reading:
     def commands(self) -> Array:
         """Commanded tendon lengths, (B, m) [mm]: measured motor positions, which differ by play from the tendons'."""
         tendons = range(self._task.mechanism.n_tendons)
-        away = self._entries(*(f"tendon {j} command" for j in tendons))
-        return self._task.neutral_lengths + self._task.config.command_scale_mm * away
+        offsets = self._entries(*(f"tendon {j} command" for j in tendons))
+        return self._task.neutral_lengths + self._task.config.command_scale_mm * offsets
 
     @cached_property
     def tensions(self) -> Array:

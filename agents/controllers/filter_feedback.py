@@ -107,10 +107,10 @@ class FilterFeedback(Controller):
         return self._known
 
     def _known_of(self, reading: Reading, estimate: Estimate) -> Array:
-        some = self.task.config
-        way, tensions = reading.target - estimate.tip, estimate.tensions / some.tension_range[1]
+        config = self.task.config
+        way, tensions = reading.target - estimate.tip, estimate.tensions / config.tension_range[1]
         behind = estimate.played - reading.commands
-        return np.hstack([way / some.reward.error_scale_mm, tensions, behind, estimate.half_widths])
+        return np.hstack([way / config.reward.error_scale_mm, tensions, behind, estimate.half_widths])
 
     def feedback(self, reading: Reading, estimate: Estimate) -> Array:
         """Actions towards the target, (B, m)."""
@@ -118,14 +118,15 @@ class FilterFeedback(Controller):
 
     def motor_moves(self, reading: Reading, estimate: Estimate) -> Array:
         """Moves of the motors towards the target, (B, m) [mm]."""
-        some, target = self.settings.feedback, reading.target
-        way, wanted = some.gain * (target - estimate.tip) + self.motion.since_last(target), self.wanted(estimate)
-        weights = some.stiffen, some.damping, some.far, KEEP
+        settings, target = self.settings.feedback, reading.target
+        way = settings.gain * (target - estimate.tip) + self.motion.since_last(target)
+        goals = self.wanted(estimate)
+        weights = settings.stiffen, settings.damping, settings.far, KEEP
         model = estimate.tip_by_command, estimate.tensions_by_command, estimate.tensions
-        tendons, motors = np.empty_like(wanted), np.empty_like(wanted)
-        damped_increments(*model, way, wanted, *self.limits, self.task.config.action_scale_mm, *weights, tendons)
+        tendons, motors = np.empty_like(goals), np.empty_like(goals)
+        damped_increments(*model, way, goals, *self.limits, self.task.config.action_scale_mm, *weights, tendons)
         play = estimate.played, reading.commands, estimate.half_widths
-        cross_play(tendons, *play, some.dead_band_mm, some.crossing, motors)
+        cross_play(tendons, *play, settings.dead_band_mm, settings.crossing, motors)
         return motors
 
     def wanted(self, estimate: Estimate) -> Array:
@@ -142,8 +143,8 @@ class FilterFeedback(Controller):
 class FilterPredictive(FilterFeedback):
     """Model-predictive control over the moves of a few steps, for all hypotheses of the bank at once.
 
-    The moves of the motors minimise the mean square of the tip error over the hypotheses, whose tendons each follow
-    through the play of their own: where its width is uncertain, the moves are those that are best on average. Responses
+    The moves of the motors minimise the mean square of the tip error over the hypotheses, with tendons that each follow
+    through their own play: where its width is uncertain, the moves are those that are best on average. Responses
     are linear over the horizon. The search begins at the moves of FilterFeedback.
     """
 
@@ -152,12 +153,12 @@ class FilterPredictive(FilterFeedback):
 
     def motor_moves(self, reading: Reading, estimate: Estimate) -> Array:
         """Moves of the motors towards the target, (B, m) [mm]."""
-        some, bank, at = self.settings.feedback, self.bank, self.bank.model.places
+        settings, bank, at = self.settings.feedback, self.bank, self.bank.model.places
         reach = self.REACH * self.task.config.action_scale_mm
         moves = np.clip(super().motor_moves(reading, estimate), -reach, reach)
         outlook = Outlook(
             bank.weights,
-            some.gain * (reading.target[:, None] - bank.tips),
+            settings.gain * (reading.target[:, None] - bank.tips),
             np.ascontiguousarray(bank.linear.tip[:, :, at.offsets : at.stiffnesses]),
             bank.belief.play.played,
             np.ascontiguousarray(bank.belief.states[:, at.half_widths : at.frictions]),
@@ -165,6 +166,6 @@ class FilterPredictive(FilterFeedback):
             estimate.tensions,
             estimate.tensions_by_command,
         )
-        weights = some.stiffen, some.damping, *self.limits, KEEP
+        weights = settings.stiffen, settings.damping, *self.limits, KEEP
         look_ahead(outlook, self.wanted(estimate), weights, reach, self.POINTS, moves)
         return moves

@@ -37,7 +37,7 @@ class AssumedPlay:
     def reset(self, mask: Mask, n_tendons: int) -> None:
         """Forget the motors of the episodes of the mask, (B,)."""
         unknown = np.full((len(mask), n_tendons), np.nan)
-        self.motors, self.tendons = (restarted(each, mask, unknown) for each in (self.motors, self.tendons))
+        self.motors, self.tendons = (restarted(values, mask, unknown) for values in (self.motors, self.tendons))
 
     def follow(self, motors: Array) -> Array:
         """Commands of the tendons, (B, m) [mm], when the motors are there; they begin in the middle of the play."""
@@ -66,7 +66,7 @@ class JacobianFeedback(Controller):
     the second term keeps the tensions as they are.
 
     Args:
-        settings: the weights; those of `crossing`, `dead_band_mm` and `half_width_mm` are for motors with play: the
+        settings: the weights; `crossing`, `dead_band_mm` and `half_width_mm` are for motors with play: the
             tendons are then taken to follow the motors by the play operator of that half width.
     """
 
@@ -109,7 +109,7 @@ class JacobianFeedback(Controller):
             return model.tensions
         return model.tensions + self.tension_range[1] - model.tensions.max(axis=1, keepdims=True)
 
-    def step(self, model: Solution, way: Array, wanted: Array, done: Array) -> Array:
+    def step(self, model: Solution, way: Array, goals: Array, done: Array) -> Array:
         """One Gauss-Newton step of the increments, beyond those done already, (B, m) [mm].
 
         Tensions that would leave their range get the weight KEEP and the end of the range as their goal.
@@ -119,7 +119,7 @@ class JacobianFeedback(Controller):
         damping = settings.damping**2 + settings.far**2 * np.sum(way**2, axis=1)
         free = np.swapaxes(tips, 1, 2) @ tips + damping[:, None, None] * np.eye(tips.shape[2])
         pull = np.einsum("bim,bi->bm", tips, way) - damping[:, None] * done
-        weights, changes = np.full_like(done, settings.stiffen**2), wanted - model.tensions
+        weights, changes = np.full_like(done, settings.stiffen**2), goals - model.tensions
         limit = self.task.config.action_scale_mm
         for _ in range(3):
             weighted = weights[:, :, None] * tensions

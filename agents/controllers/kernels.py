@@ -28,12 +28,12 @@ class Outlook(NamedTuple):
 
 
 @kernel(nogil=True, title="the controllers")
-def damped_increments(tips, tensions, now, way, wanted, low, high, most, stiffen, damping, far, keep, moves):
-    """Fill moves (B, m) [mm], the damped increments within +-most of JacobianFeedback.
+def damped_increments(tips, tensions, now, way, goals, low, high, limit, stiffen, damping, far, keep, moves):
+    """Fill moves (B, m) [mm], the damped increments within +-limit of JacobianFeedback.
 
     Args:
         tips, tensions: derivatives by increments, (B, d, m) [mm/mm], (B, m, m) [N/mm].
-        now, wanted: tensions, (B, m) [N]. low, high: their limits [N].
+        now, goals: tensions, (B, m) [N]. low, high: their limits [N].
         way: (B, d) [mm] that the tip should go.
         stiffen, damping, far, keep: weights as of FeedbackSettings.
     """
@@ -46,7 +46,7 @@ def damped_increments(tips, tensions, now, way, wanted, low, high, most, stiffen
             for k in range(m):
                 free[i, k] = _product(tips[b, :, i], tips[b, :, k])
             free[i, i] += damping**2 + far**2 * distance
-            weights[i], changes[i] = stiffen**2, wanted[b, i] - now[b, i]
+            weights[i], changes[i] = stiffen**2, goals[b, i] - now[b, i]
         for _ in range(PASSES):
             trace = 0.0
             for i in range(m):
@@ -60,14 +60,14 @@ def damped_increments(tips, tensions, now, way, wanted, low, high, most, stiffen
                 trace += hessian[i, i]
             for i in range(m):
                 hessian[i, i] += ROUNDING * trace
-            _bounded_step(hessian, slope, most, moves[b])
+            _bounded_step(hessian, slope, limit, moves[b])
             for j in range(m):
                 after = now[b, j]
                 for i in range(m):
                     after += tensions[b, j, i] * moves[b, i]
-                kept = min(max(after, low), high)
-                if after != kept:
-                    weights[j], changes[j] = keep**2, kept - now[b, j]
+                clipped = min(max(after, low), high)
+                if after != clipped:
+                    weights[j], changes[j] = keep**2, clipped - now[b, j]
 
 
 @part
@@ -80,27 +80,27 @@ def _product(a, b):
 
 
 @part
-def _bounded_step(hessian, slope, most, step):
-    """The step of responses.bounded_step within +-most."""
+def _bounded_step(hessian, slope, limit, step):
+    """The step of responses.bounded_step within +-limit."""
     m = len(step)
-    held, system, rest = np.zeros(m), np.empty((m, m)), np.empty(m)
+    held, system, solution = np.zeros(m), np.empty((m, m)), np.empty(m)
     step[:] = 0.0
     for _ in range(m):
         for i in range(m):
-            rest[i] = -slope[i]
+            solution[i] = -slope[i]
             for k in range(m):
-                either = held[i] > 0.0 or held[k] > 0.0
-                system[i, k] = (1.0 if i == k else 0.0) if either else hessian[i, k]
+                fixed = held[i] > 0.0 or held[k] > 0.0
+                system[i, k] = (1.0 if i == k else 0.0) if fixed else hessian[i, k]
                 if held[k] > 0.0:
-                    rest[i] -= hessian[i, k] * step[k]
+                    solution[i] -= hessian[i, k] * step[k]
         for i in range(m):
             if held[i] > 0.0:
-                rest[i] = 0.0
-        _eliminate(system, rest)
+                solution[i] = 0.0
+        _eliminate(system, solution)
         for i in range(m):
             if held[i] == 0.0:
-                step[i] = min(max(rest[i], -most), most)
-                held[i] = 1.0 if step[i] != rest[i] else 0.0
+                step[i] = min(max(solution[i], -limit), limit)
+                held[i] = 1.0 if step[i] != solution[i] else 0.0
 
 
 @part
@@ -120,17 +120,17 @@ def _eliminate(system, values):
 
 
 @kernel(nogil=True, title="the controllers")
-def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
-    """Fill moves (B, m) [mm] of the motors that move the tendons behind their play by `wanted`.
+def cross_play(tendon_moves, played, motors, half_widths, dead_band, crossing, moves):
+    """Fill moves (B, m) [mm] of the motors that move the tendons behind their play by `tendon_moves`.
 
     Args:
-        wanted: (B, m) [mm]; moves within +-dead_band do not cross the play.
+        tendon_moves: (B, m) [mm]; moves within +-dead_band do not cross the play.
         played, motors: commands of tendons and motors, (B, m) [mm]. half_widths: of the play, (B, m) [mm].
         crossing: share of the half width by which a motor goes ahead of its tendon.
     """
     for b in range(len(moves)):
         for j in range(moves.shape[1]):
-            way = wanted[b, j]
+            way = tendon_moves[b, j]
             if abs(way) > dead_band:
                 moves[b, j] = play_inverse(played[b, j], way, crossing * half_widths[b, j]) - motors[b, j]
             else:
@@ -138,15 +138,15 @@ def cross_play(wanted, played, motors, half_widths, dead_band, crossing, moves):
 
 
 @kernel(nogil=True, title="the controllers")
-def look_ahead(outlook, wanted, weights, reach, points, moves):
+def look_ahead(outlook, goals, weights, reach, points, moves):
     """Improve moves (B, m) [mm] of motors towards the least expected cost, each within +-reach.
 
-    The cost is the mean square of the tip error over the hypotheses, plus the costs of tensions off the wanted ones
+    The cost is the mean square of the tip error over the hypotheses, plus the costs of tensions off their goals
     and of the moves. One motor after the other goes to the best move of a grid, then of a finer one there.
 
     Args:
         outlook: see Outlook.
-        wanted: tensions, (B, m) [N].
+        goals: tensions, (B, m) [N].
         weights: stiffen, damping, and the lowest and highest tension, beyond which the weight is the last number.
         points: of a grid on either side of its middle.
     """
@@ -155,43 +155,43 @@ def look_ahead(outlook, wanted, weights, reach, points, moves):
         for _ in range(SWEEPS):
             for j in range(m):
                 for width in (reach, reach / points):
-                    _best_of_grid(outlook, b, wanted[b], weights, reach, width, points, moves[b], j)
+                    _best_of_grid(outlook, b, goals[b], weights, reach, width, points, moves[b], j)
 
 
 @part
-def _best_of_grid(outlook, b, wanted, weights, reach, width, points, move, j):
+def _best_of_grid(outlook, b, goals, weights, reach, width, points, move, j):
     """Move motor j of an episode to the best of a grid; the coarse one lies around 0, the fine one around the move."""
     middle = 0.0 if width == reach else move[j]
-    best, least = move[j], _cost(outlook, b, wanted, weights, move)
+    best, lowest = move[j], _cost(outlook, b, goals, weights, move)
     for step in range(-points, points + 1):
         move[j] = min(max(middle + width * step / points, -reach), reach)
-        cost = _cost(outlook, b, wanted, weights, move)
-        if cost < least:
-            best, least = move[j], cost
+        cost = _cost(outlook, b, goals, weights, move)
+        if cost < lowest:
+            best, lowest = move[j], cost
     move[j] = best
 
 
 @part
-def _cost(outlook, b, wanted, weights, move):
+def _cost(outlook, b, goals, weights, move):
     """The expected cost after a move of the motors of an episode [mm²]."""
     stiffen, damping, low, high, keep = weights
     n_hypotheses, m = outlook.weights.shape[1], len(move)
-    mean, left, cost = np.zeros(m), np.empty(outlook.errors.shape[2]), 0.0
+    mean, error, cost = np.zeros(m), np.empty(outlook.errors.shape[2]), 0.0
     for h in range(n_hypotheses):
         row, weight = b * n_hypotheses + h, outlook.weights[b, h]
-        left[:] = outlook.errors[b, h]
+        error[:] = outlook.errors[b, h]
         for j in range(m):
             motor, half, before = outlook.motors[b, j] + move[j], outlook.half_widths[row, j], outlook.played[row, j]
             change = play_step(before, motor, half) - before
             mean[j] += weight * change
-            for axis in range(len(left)):
-                left[axis] -= outlook.tips[row, axis, j] * change
-        cost += weight * _product(left, left)
+            for axis in range(len(error)):
+                error[axis] -= outlook.tips[row, axis, j] * change
+        cost += weight * _product(error, error)
     for j in range(m):
         after = outlook.tensions[b, j]
         for k in range(m):
             after += outlook.tensions_by_command[b, j, k] * mean[k]
-        beyond = min(after - low, 0.0) + max(after - high, 0.0)
-        cost += (stiffen * (wanted[j] - after)) ** 2 + (keep * beyond) ** 2
+        excess = min(after - low, 0.0) + max(after - high, 0.0)
+        cost += (stiffen * (goals[j] - after)) ** 2 + (keep * excess) ** 2
         cost += damping**2 * (mean[j] ** 2 + IDLE * move[j] ** 2)
     return cost

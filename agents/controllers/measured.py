@@ -63,13 +63,13 @@ class MeasuredChain:
     """A planar chain, of which the poses of all links are measured."""
 
     nominal_loads = ()
-    stiffens = True  # nothing but tensions holds the links together
+    stiffens = True  # only tensions hold the links together
 
     def __init__(self, task: TrackingTask) -> None:
         self.mechanism: RollingChain = task.mechanism
 
     def reset(self, mask: Mask) -> None:
-        """Do nothing, for it has no memory."""
+        """No effect, for it has no memory."""
 
     def unloaded(self, reading: Reading) -> Equilibrium:
         """The model at the measured pose and tensions, B rows."""
@@ -132,7 +132,7 @@ def _joint_moments(mechanism: RollingChain, reading: Measurement) -> Array:
 def hanging_loads(arm: HingeChain) -> Array:
     """The load table of an arm's weights and of a payload of 1 N in the last row, both along HANGING."""
     payload = WorldForce(-1, HANGING, point=(0.0, 0.0, 0.0))
-    return np.concatenate([spatial_load_table([each], arm.n_links) for each in (arm.gravity(HANGING), payload)])
+    return np.concatenate([spatial_load_table([load], arm.n_links) for load in (arm.gravity(HANGING), payload)])
 
 
 def loads_along(table: Array, directions: Array, payloads: Array) -> Array:
@@ -213,13 +213,13 @@ class MeasuredArm:
         tables, starts = self.tables(estimate), self._starts if near is None else near.joint_angles
         return solve_lengths_batch(self.mechanism, reading.commands, tables, starts), tables
 
-    def _change(self, reading: Reading, here: HingeEquilibrium) -> Array:
+    def _change(self, reading: Reading, equilibrium: HingeEquilibrium) -> Array:
         """The Gauss-Newton step of the estimate, (B, 3)."""
-        misses, prior = self._misses(reading, here), 1.0 / np.array([self.TILT, self.TILT, self.PAYLOAD])
+        misses, prior = self._misses(reading, equilibrium), 1.0 / np.array([self.TILT, self.TILT, self.PAYLOAD])
         columns = []
         for unknown in range(3):
-            there, _ = self._under(reading, self.estimate + _STEP * np.eye(3)[unknown], here)
-            columns.append((self._misses(reading, there) - misses) / _STEP)
+            shifted, _ = self._under(reading, self.estimate + _STEP * np.eye(3)[unknown], equilibrium)
+            columns.append((self._misses(reading, shifted) - misses) / _STEP)
         rates = np.stack(columns, axis=-1)
         square = np.swapaxes(rates, 1, 2) @ rates + np.diag(prior**2)
         slope = np.einsum("bim,bi->bm", rates, misses) + prior**2 * self.estimate

@@ -46,8 +46,8 @@ class OpenLoop(Controller):
         task, model = self.task, measured_by(self.task)
         self.loads = model.nominal_loads
         default = self.REST_TENSION if model.stiffens else task.config.start_tension
-        rest = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
-        self.rest = np.full((len(mask), task.mechanism.n_tendons), rest)
+        tension = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
+        self.rest = np.full((len(mask), task.mechanism.n_tendons), tension)
         self.tensions = restarted(self.tensions, mask, self.rest)
         self.target = restarted(self.target, mask, np.full((len(mask), task.dimension), np.nan))
 
@@ -92,7 +92,7 @@ class FrictionOpenLoop(OpenLoop):
         self._episodes = np.empty(0)
 
     def reset(self, mask: Mask) -> None:
-        """Begin the next of the episodes, (B,), at their start tension, and nothing has slipped."""
+        """Begin the next of the episodes, (B,), at their start tension and without slip."""
         super().reset(mask)
         self._episodes = restarted(self._episodes, mask, self.begun + np.cumsum(mask, dtype=float) - 1.0)
         self.begun += int(mask.sum())
@@ -150,13 +150,13 @@ class FrictionOpenLoop(OpenLoop):
 def with_friction(task: TrackingTask, mu: Sequence[float]) -> Any:
     """The task's mechanism with these coefficients of friction, one per tendon."""
     presliding = task.config.friction.presliding if task.config.friction else CapstanFriction(0.0).presliding
-    frictions = [CapstanFriction(each, presliding) for each in mu]
+    frictions = [CapstanFriction(coefficient, presliding) for coefficient in mu]
     tendons = tuple(replace(t, friction=f) for t, f in zip(task.mechanism.tendons, frictions, strict=True))
     return task.mechanism.replace(tendons=tendons)
 
 
 def true_friction(env: EnvConfig, seeds: Sequence[int]) -> Array:
-    """The coefficients of friction that were drawn for the episodes of these seeds, (E, m): nobody can measure them."""
+    """The coefficients of friction drawn for the episodes of these seeds, (E, m); they cannot be measured."""
     envs = make_vector_env(env, len(seeds))
     _, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
     envs.close()

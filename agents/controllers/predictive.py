@@ -28,8 +28,9 @@ class LoadEstimate(JacobianFeedback):
     def planned(self, reading: Reading, loads: Array) -> Array:
         """Wanted tensions, (B, m) [N]."""
         start = np.clip(reading.tensions, *self.tension_range)
-        rest = np.full_like(start, self.tension_range[1]) if self.measured.stiffens else start
-        return nearest_tensions(self.task.mechanism, reading.target, self.tension_range, rest, start, loads, self.PLAN)
+        tensions = np.full_like(start, self.tension_range[1]) if self.measured.stiffens else start
+        aim = self.task.mechanism, reading.target, self.tension_range
+        return nearest_tensions(*aim, tensions, start, loads, self.PLAN)
 
 
 class Predictive(LoadEstimate):
@@ -45,11 +46,11 @@ class Predictive(LoadEstimate):
     def increments(self, reading: Reading, way: Array) -> Array:
         """Changes of the commanded lengths that move the predicted tip by `way` (B, d), (B, m) both [mm]."""
         model, loads = self.measured.loaded(reading)
-        commands, wanted = unstretched(model), self.planned(reading, loads)
+        commands, tensions = unstretched(model), self.planned(reading, loads)
         predicted, moves = model, np.zeros_like(model.tensions)
         for _ in range(self.STEPS):
-            trial = moves + self.step(predicted, way - (predicted.tip - model.tip), wanted, moves)
+            trial = moves + self.step(predicted, way - (predicted.tip - model.tip), tensions, moves)
             candidate = solve_lengths_batch(self.task.mechanism, commands + trial, loads, predicted)
-            usable = np.asarray(candidate.ok)
-            predicted, moves = choose(usable, candidate, predicted), np.where(usable[:, None], trial, moves)
+            valid = np.asarray(candidate.ok)
+            predicted, moves = choose(valid, candidate, predicted), np.where(valid[:, None], trial, moves)
         return moves

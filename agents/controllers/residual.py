@@ -64,10 +64,10 @@ def base_controller(name: str, env_id: str, key: str = "residual") -> BaseContro
     Raises:
         ConfigError: no such controller; `key` is its name in the message.
     """
-    known = controllers_in(env_id)
-    if name not in known:
-        raise ConfigError(key, name, f"null, or one of {', '.join(known)}", suggestion(name, list(known)))
-    return BaseController(known[name])
+    controllers = controllers_in(env_id)
+    if name not in controllers:
+        raise ConfigError(key, name, f"null, or one of {', '.join(controllers)}", suggestion(name, list(controllers)))
+    return BaseController(controllers[name])
 
 
 def output_size(name: str, env: EnvConfig, key: str = "residual") -> int:

@@ -38,7 +38,7 @@ class SmithPredictor(JacobianFeedback):
         settings: as of JacobianFeedback; with pictures that are never late it is the same controller.
     """
 
-    TRUST = 0.5  # of a measured tip against that of the measured angles
+    TRUST = 0.5  # of a measured tip against the tip of the measured angles
 
     def reset(self, mask: Mask) -> None:
         """Begin episodes, (B,): their first observation has a picture."""

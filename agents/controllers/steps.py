@@ -18,7 +18,7 @@ from rollingjoint.load import Load
 from rollingjoint.statics.sensitivity import dtip_dtensions, tip_and_tensions_dlengths
 
 KEEP = 3.0  # mm/N: weight of a tension beyond the margin, above any error's
-_MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon controls nothing
+_MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon has no effect
 
 
 def tensions_within_margin(limits: Range) -> Range:
@@ -92,20 +92,20 @@ def length_responses(equilibria: Solution) -> tuple[Array, Array]:
 
     Where an equilibrium is not usable the pose is taken as held, so that tendons only stretch.
     """
-    usable, stiffnesses = np.asarray(equilibria.ok), equilibria.mechanism.stiffnesses
+    valid, stiffnesses = np.asarray(equilibria.ok), equilibria.mechanism.stiffnesses
     tips = np.zeros((*equilibria.tip.shape, len(stiffnesses)))
-    tensions = np.repeat(-np.diag(stiffnesses)[None], len(usable), axis=0)
-    if usable.any():
-        tips[usable], tensions[usable] = tip_and_tensions_dlengths(rows_of(equilibria, usable))
+    tensions = np.repeat(-np.diag(stiffnesses)[None], len(valid), axis=0)
+    if valid.any():
+        tips[valid], tensions[valid] = tip_and_tensions_dlengths(rows_of(equilibria, valid))
     return tips, tensions
 
 
 def tension_response(equilibria: Solution) -> Array:
     """d tip / d tensions, (B, d, m) [mm/N]; zero where an equilibrium is not usable."""
-    usable = np.asarray(equilibria.ok)
+    valid = np.asarray(equilibria.ok)
     tips = np.zeros((*equilibria.tip.shape, equilibria.tensions.shape[1]))
-    if usable.any():
-        tips[usable] = dtip_dtensions(rows_of(equilibria, usable))
+    if valid.any():
+        tips[valid] = dtip_dtensions(rows_of(equilibria, valid))
     return tips
 
 
@@ -126,10 +126,10 @@ def bounded_step(hessian: Array, slope: Array, low: Array, high: Array) -> Array
     hessian = hessian + _ROUNDING * np.trace(hessian, axis1=1, axis2=2)[:, None, None] * eye
     for _ in range(slope.shape[1]):
         reduced = np.where(held[:, :, None] | held[:, None, :], eye, hessian)
-        rest = np.where(held, 0.0, slope + _times(hessian, np.where(held, step, 0.0)))
-        chosen = np.where(held, step, -np.linalg.solve(reduced, rest[..., None])[..., 0])
-        step = np.clip(chosen, low, high)
-        held |= step != chosen
+        gradient = np.where(held, 0.0, slope + _times(hessian, np.where(held, step, 0.0)))
+        minimum = np.where(held, step, -np.linalg.solve(reduced, gradient[..., None])[..., 0])
+        step = np.clip(minimum, low, high)
+        held |= step != minimum
     return step
 
 
@@ -138,18 +138,18 @@ def rows_of(equilibria: Equilibria, rows: Mask) -> Equilibria:
     return with_arrays(equilibria, {name: getattr(equilibria, name)[rows] for name in _array_names(equilibria)})
 
 
-def choose(rows: Mask, one: Equilibria, other: Equilibria) -> Equilibria:
-    """The equilibria of `one` in these rows, of `other`, with equally many loads, elsewhere.
+def choose(rows: Mask, candidates: Equilibria, equilibria: Equilibria) -> Equilibria:
+    """The candidates in these rows, the equilibria, with as many loads, elsewhere.
 
-    Where both have friction, so has the choice; it has the mechanisms of `one`.
+    Where both have friction, so has the choice; it has the candidates' mechanisms.
     """
-    chosen: dict[str, Any] = {
-        name: restarted(getattr(other, name), rows, getattr(one, name)) for name in _array_names(one)
+    arrays: dict[str, Any] = {
+        name: restarted(getattr(equilibria, name), rows, getattr(candidates, name)) for name in _array_names(candidates)
     }
-    first, second = getattr(one, "friction", None), getattr(other, "friction", None)
+    first, second = getattr(candidates, "friction", None), getattr(equilibria, "friction", None)
     if first is not None and second is not None:
-        chosen["friction"] = type(first)(*(restarted(b, rows, a) for a, b in zip(first, second, strict=True)))
-    return with_arrays(one, chosen)
+        arrays["friction"] = type(first)(*(restarted(b, rows, a) for a, b in zip(first, second, strict=True)))
+    return with_arrays(candidates, arrays)
 
 
 def with_arrays(equilibria: Equilibria, arrays: Mapping[str, Any]) -> Equilibria:

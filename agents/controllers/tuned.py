@@ -169,7 +169,7 @@ def tuned_controllers(env_id: str) -> dict[str, Controller]:
         ConfigError: a world without any.
     """
     world = tunable_in(env_id)
-    return {name: world[name].make(found["settings"]) for name, found in _tuned()[env_id].items()}
+    return {name: world[name].make(record["settings"]) for name, record in _tuned()[env_id].items()}
 
 
 def tuned_settings(env_id: str, name: str) -> Settings:

@@ -1,20 +1,20 @@
 """The floor of an episode: the smallest tip error that any command reaches against its true load and mechanism.
 
-A command is an unstretched length per tendon; motors keep the tensions within a range. What a command can reach is
-every stable equilibrium of elastic tendons with tensions in that range. Poses that are unstable under constant tensions
+A command is an unstretched length per tendon; motors keep the tensions within a range. A command can reach every
+stable equilibrium of elastic tendons with tensions in that range. Poses that are unstable under constant tensions
 can be stable under constant lengths, so the search is over commands, and the range is a constraint on its result. An
-error minus its floor is the regret: what a better controller could have gained; it is negative by rounding at most.
+error minus its floor is the regret: the possible gain of a better controller; it is negative by rounding at most.
 
 With friction there is no floor: the equilibrium under a command then depends on the way to it. A bound for every path
-would have to let every hole hold or slip as it likes; then so many tips are within reach that it says nothing.
+would have to let every hole hold or slip as it likes; then too many tips are within reach for it to be of use.
 `why_no_floor` gives the reason, `episode_floor` refuses.
 
-Quasi-static: the floor asks what can be held at one step, not whether there was time to get there, and the errors of
+Quasi-static: the floor is the best equilibrium of one step, whether or not there was time to reach it, and errors of
 a step that ended an episode without an equilibrium (`terminated`) are no equilibrium's. The search is local, from
 several starts; that it finds the global minimum is tested on samples, not proven: with four times the starts and eight
-times the candidates, `pytest -m slow -s tests/agents/evaluation/test_floor.py` finds nothing better by over 5e-7 mm in
+times the candidates, `pytest -m slow -s tests/agents/evaluation/test_floor.py` finds no floor lower by over 5e-7 mm in
 eight planar tasks of 500 episodes, but 0.013 mm in two of 500 episodes where tensions may go down to zero. For the
-flexible arm, three times the starts find nothing better by 1e-8 mm in three hard tasks of 200 episodes.
+flexible arm, three times the starts find no floor lower by 1e-8 mm in three hard tasks of 200 episodes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _LARGEST_DAMPING = 1e6  # beyond it no step improves anything
 _SMALLEST_DAMPING = 1e-10
 _ROUNDING = 1e-15  # of a hessian's trace, added to its diagonal: of many tendons, few move the tip
 _TENSION_TOLERANCE = 1e-8  # N
-_OUTSIDE = 0.01  # mm of tip error that 1 N outside the tension range costs, beyond what it gains
+_OUTSIDE = 0.01  # mm of tip error that 1 N outside the tension range costs, beyond its gain
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def episode_floor(
     Args:
         env: an environment of rj_gym that tracks a target.
         seeds: one per episode.
-        steps: steps to look at, from 0 (what reset shows) to episode_steps: arrays (E, len(steps), ...).
+        steps: steps to look at, from 0 (after reset) to episode_steps: arrays (E, len(steps), ...).
         starts, candidates: as for `floor`.
     Raises:
         ConfigError: another environment, or one with friction.
@@ -113,21 +113,21 @@ def episode_floor(
     varies = max(tensions.shape[1], episodes.forces.shape[1]) > 1
 
     def at(step: int) -> Floor:
-        wanted = tensions[:, min(step, tensions.shape[1] - 1)]
-        found = solve_tensions_batch(chains, wanted, pulled)
-        lost = found.status > int(Status.AT_LIMIT)
+        start_tensions = tensions[:, min(step, tensions.shape[1] - 1)]
+        equilibria = solve_tensions_batch(chains, start_tensions, pulled)
+        lost = equilibria.status > int(Status.AT_LIMIT)
         targets = (
-            found.tip
+            equilibria.tip
             if not lost.any()
-            else np.where(lost[:, None], solve_tensions_batch(chains, wanted, base).tip, found.tip)
+            else np.where(lost[:, None], solve_tensions_batch(chains, start_tensions, base).tip, equilibria.tip)
         )
         loads = task.load_tables(episodes, step)
         return floor(chains, targets, loads, config.tension_range, base, starts, candidates)
 
-    found = [at(step) for step in (moments if varies else moments[:1])]
+    floors = [at(step) for step in (moments if varies else moments[:1])]
     if steps is None:
-        return found[0]
-    return _joined(found if varies else found * len(moments), lambda parts: np.stack(parts, axis=1))
+        return floors[0]
+    return _joined(floors if varies else floors * len(moments), lambda parts: np.stack(parts, axis=1))
 
 
 def floor(
@@ -148,7 +148,7 @@ def floor(
         targets: (E, 2 or 3) [mm].
         loads: load tables, (E, rows, columns), columns rollingjoint.load.LOAD_COLUMNS or SPATIAL_LOAD_COLUMNS.
         tension_range: lowest and highest tension of every tendon [N].
-        base_loads: those of them that act when the tendons are locked, such as weights; None: no loads.
+        base_loads: the ones among them that act when the tendons are locked, such as weights; None: no loads.
         starts: starts per episode, each at another level of tension.
         candidates: equilibria per level of which the one nearest to the target is the start.
     Raises:
@@ -170,7 +170,7 @@ def _joined(parts: Sequence[Floor], join: Callable[..., Any]) -> Floor:
 
 @dataclass(frozen=True)
 class _FloorBatch:
-    """What is searched together: mechanisms (B,), targets (B, d), load tables (B, rows, columns), at the start too."""
+    """A batch of searches: mechanisms (B,), targets (B, d), load tables (B, rows, columns), at the start too."""
 
     chains: NDArray[np.object_]
     targets: Array
@@ -184,9 +184,9 @@ class _FloorBatch:
 
     @property
     def mechanism(self) -> Any:
-        """What the solvers take."""
-        one = bool(np.all(self.chains == self.chains[0]))
-        return self.chains[0] if one else list(self.chains)
+        """The mechanism in the form that the solvers take: one, or one per search."""
+        is_uniform = bool(np.all(self.chains == self.chains[0]))
+        return self.chains[0] if is_uniform else list(self.chains)
 
     @property
     def stiffnesses(self) -> Array:
@@ -194,7 +194,7 @@ class _FloorBatch:
         return np.array([chain.stiffnesses for chain in self.chains])
 
 
-class _Points(NamedTuple):
+class _SearchPoints(NamedTuple):
     """Where the searches are. Limits of tension are not applied here: tendons are elastic."""
 
     commands: Array  # (B, m) mm
@@ -204,13 +204,13 @@ class _Points(NamedTuple):
     misses: Array  # (B, d) tip - target, mm
     tip_rates: Array  # (B, d, m) d tip / d tension, mm/N
     command_rates: Array  # (B, m, m) d command / d tension, mm/N
-    inside: Array  # (B, m) change of tension to the nearest one within the range, N
-    values: Array  # (B,) what is minimised, mm: the tip error where the tensions are within the range
+    corrections: Array  # (B, m) change of tension to the nearest one within the range, N
+    values: Array  # (B,) objective, mm: the tip error where the tensions are within the range
     status: NDArray[np.int64]  # (B,)
 
-    def take(self, rows: NDArray[np.int64]) -> _Points:
+    def take(self, rows: NDArray[np.int64]) -> _SearchPoints:
         """The points in these rows."""
-        return _Points._make(values[rows] for values in self)
+        return _SearchPoints._make(values[rows] for values in self)
 
 
 def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
@@ -218,13 +218,13 @@ def _search(batch: _FloorBatch, starts: int, candidates: int) -> Floor:
     episodes, commands, angles = _starts(batch, starts, candidates)
     many = batch[episodes]
     points, ended = _descend(many, _visit(many, commands, angles, commands))
-    allowed = np.abs(points.inside).max(axis=1) <= _TENSION_TOLERANCE
+    allowed = np.abs(points.corrections).max(axis=1) <= _TENSION_TOLERANCE
     errors = np.where(allowed, np.linalg.norm(points.misses, axis=1), np.inf)
     order = np.lexsort((errors, episodes))
     best = order[np.unique(episodes[order], return_index=True)[1]]
     status = np.where(ended & allowed, points.status, int(Status.NOT_CONVERGED))
-    chosen = points.take(best)
-    return Floor(errors[best], chosen.tips, chosen.tensions, chosen.commands, chosen.angles, status[best])
+    winners = points.take(best)
+    return Floor(errors[best], winners.tips, winners.tensions, winners.commands, winners.angles, status[best])
 
 
 def _starts(batch: _FloorBatch, starts: int, candidates: int) -> tuple[NDArray[np.int64], Array, Array]:
@@ -261,29 +261,33 @@ def _levels(tension_range: tuple[float, float], starts: int, candidates: int, m:
     return tensions
 
 
-def _visit(batch: _FloorBatch, commands: Array, angles: Array, fallback: Array) -> _Points:
+def _visit(batch: _FloorBatch, commands: Array, angles: Array, fallback: Array) -> _SearchPoints:
     """The equilibria under these commands, found from these joint angles; where there is none, under the fallback."""
-    found = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
-    if not np.all(found.ok):
-        commands = np.where(np.asarray(found.ok)[:, None], commands, fallback)
-        found = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
+    equilibria = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
+    if not np.all(equilibria.ok):
+        commands = np.where(np.asarray(equilibria.ok)[:, None], commands, fallback)
+        equilibria = solve_lengths_batch(batch.mechanism, commands, batch.loads, angles)
     k, m = batch.stiffnesses, commands.shape[1]
-    elastic = replace(found, tendon_stiffness=k)  # at the edge of slack too
+    elastic = replace(equilibria, tendon_stiffness=k)  # at the edge of slack too
     tips, rates = tip_and_tensions_dlengths(elastic)
     rates = rates / k[:, :1, None]
     regular = rates @ np.swapaxes(rates, 1, 2) + 1e-8 * np.eye(m)  # tensions turn back at folds
     command_rates = np.swapaxes(rates, 1, 2) @ np.linalg.inv(regular) / k[:, :1, None]
     tip_rates = tips @ command_rates
-    misses = found.tip - batch.targets
-    inside = np.clip(found.tensions, *batch.tension_range) - found.tensions
-    back = _times(tip_rates, inside)
-    values = np.linalg.norm(misses + back, axis=1) + np.linalg.norm(back, axis=1) + _OUTSIDE * np.abs(inside).sum(1)
-    taut = unstretched_length(found.lengths, found.tensions, k)
-    where = (taut, found.joint_angles, found.tensions, found.tip)
-    return _Points(*where, misses, tip_rates, command_rates, inside, values, np.asarray(found.status))
+    misses = equilibria.tip - batch.targets
+    corrections = np.clip(equilibria.tensions, *batch.tension_range) - equilibria.tensions
+    tip_shifts = _times(tip_rates, corrections)
+    values = (
+        np.linalg.norm(misses + tip_shifts, axis=1)
+        + np.linalg.norm(tip_shifts, axis=1)
+        + _OUTSIDE * np.abs(corrections).sum(1)
+    )
+    taut = unstretched_length(equilibria.lengths, equilibria.tensions, k)
+    where = (taut, equilibria.joint_angles, equilibria.tensions, equilibria.tip)
+    return _SearchPoints(*where, misses, tip_rates, command_rates, corrections, values, np.asarray(equilibria.status))
 
 
-def _descend(batch: _FloorBatch, points: _Points) -> tuple[_Points, NDArray[np.bool_]]:
+def _descend(batch: _FloorBatch, points: _SearchPoints) -> tuple[_SearchPoints, NDArray[np.bool_]]:
     """The local minima below these points, and whether each was reached, (B,)."""
     points = points.take(np.arange(len(points.values)))  # a copy, to be changed below
     damping, ended = np.full(len(points.values), 1e-3), np.zeros(len(points.values), bool)
@@ -291,21 +295,21 @@ def _descend(batch: _FloorBatch, points: _Points) -> tuple[_Points, NDArray[np.b
         rows = np.flatnonzero(~ended)
         if len(rows) == 0:
             break
-        here = points.take(rows)
-        change = _bounded_change(here, batch.tension_range, damping[rows])
-        gain = here.values - np.linalg.norm(here.misses + _times(here.tip_rates, change), axis=1)
-        trial = here.commands + _times(here.command_rates, change)
-        there = _visit(batch[rows], trial, here.angles, here.commands)
-        better = there.values < here.values
-        for kept, new in zip(points, there, strict=True):
-            kept[rows[better]] = new[better]
+        current = points.take(rows)
+        change = _bounded_change(current, batch.tension_range, damping[rows])
+        gain = current.values - np.linalg.norm(current.misses + _times(current.tip_rates, change), axis=1)
+        trial = current.commands + _times(current.command_rates, change)
+        stepped = _visit(batch[rows], trial, current.angles, current.commands)
+        better = stepped.values < current.values
+        for values, new in zip(points, stepped, strict=True):
+            values[rows[better]] = new[better]
         damping[rows] *= np.where(better, 1 / 3, 4.0)
         damping = np.maximum(damping, _SMALLEST_DAMPING)
         ended[rows] = (gain < _GOAL) | (damping[rows] > _LARGEST_DAMPING)
     return points, ended
 
 
-def _bounded_change(points: _Points, tension_range: tuple[float, float], damping: Array) -> Array:
+def _bounded_change(points: _SearchPoints, tension_range: tuple[float, float], damping: Array) -> Array:
     """Change of the tensions (B, m) that minimises |tip - target|² + damping |change of command|², linearised.
 
     Straight to the minimum over the free tensions, as far as the first limit; that tension is held there, and so on.
@@ -314,12 +318,12 @@ def _bounded_change(points: _Points, tension_range: tuple[float, float], damping
     tip, command = points.tip_rates, points.command_rates
     square = np.swapaxes(tip, 1, 2) @ tip + damping[:, None, None] * np.swapaxes(command, 1, 2) @ command
     square += _ROUNDING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
-    change, held = points.inside.copy(), np.zeros(points.inside.shape, bool)
+    change, held = points.corrections.copy(), np.zeros(points.corrections.shape, bool)
     for _ in range(change.shape[1] + 1):
         slope = _times(np.swapaxes(tip, 1, 2), points.misses) + _times(square, change)
         fixed = held | ((change <= low) & (slope > 0)) | ((change >= high) & (slope < 0))
-        either = fixed[:, :, None] | fixed[:, None, :]
-        free = np.where(either, 0.0, square) + np.eye(change.shape[1]) * fixed[:, None, :]
+        blocked = fixed[:, :, None] | fixed[:, None, :]
+        free = np.where(blocked, 0.0, square) + np.eye(change.shape[1]) * fixed[:, None, :]
         way = np.linalg.solve(free, np.where(fixed, 0.0, -slope)[..., None])[..., 0]
         room = np.where(way > 0, high - change, low - change)
         share = np.divide(room, way, out=np.full(way.shape, np.inf), where=way != 0)

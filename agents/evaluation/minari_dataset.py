@@ -81,9 +81,9 @@ def write_dataset(
     about: Mapping[str, str] | None = None,
     progress: Any = None,
 ) -> Path:
-    """The folder of a new Minari dataset with whole episodes of this controller: at least so many steps.
+    """The folder of a new Minari dataset with whole episodes of this controller, at least `steps` steps.
 
-    The same arguments give the same episodes. Interrupted, it leaves nothing.
+    The same arguments give the same episodes. An interrupted call leaves no folder.
 
     Args:
         env: a tracking environment of rj_gym. seed: of the first episode; the next ones have the numbers after it.
@@ -98,14 +98,14 @@ def write_dataset(
     total = as_integer("steps", steps, 1, 10**9, error=ConfigError)
     if not env.is_tracking:
         raise ConfigError("environment", env.id, "a tracking environment of rj_gym")
-    each = env.episode_steps or 1
-    _check_seeds(seed, -(-total // each))
+    length = env.episode_steps or 1
+    _check_seeds(seed, -(-total // length))
     folder, name = _place(where)
     with _made(folder) as partial:
         storage = _new(partial / "data", env, name, dict(about or {}))
         first, written = 0, 0
         while written < total:
-            seeds = range(seed + first, seed + first + min(LANES, -(-(total - written) // each)))
+            seeds = range(seed + first, seed + first + min(LANES, -(-(total - written) // length)))
             _check_seeds(seeds.start, len(seeds))
             block = record_episodes(env, controller, seeds, infos)
             storage.update_episodes(_buffers(block, first))
@@ -122,18 +122,18 @@ def read_dataset(where: str | Path) -> Transitions:
     try:
         dataset = minari.MinariDataset(data)
         episodes = list(dataset.storage.get_episodes(range(dataset.total_episodes)))
-        known = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
+        metadata = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
     except (OSError, ValueError, KeyError, AssertionError, RecursionError) as error:
         raise RunFolderError("dataset", str(where), "a Minari dataset", f"{type(error).__name__}: {error}") from error
-    column = {key: [each[key] for each in episodes] for key in ("actions", "rewards", "terminations", "truncations")}
-    infos = [each["infos"] or {} for each in episodes]
+    column = {key: [run[key] for run in episodes] for key in ("actions", "rewards", "terminations", "truncations")}
+    infos = [run["infos"] or {} for run in episodes]
     return Transitions(
-        observations=_joined([each["observations"] for each in episodes], slice(None, -1)),
-        next_observations=_joined([each["observations"] for each in episodes], slice(1, None)),
+        observations=_joined([run["observations"] for run in episodes], slice(None, -1)),
+        next_observations=_joined([run["observations"] for run in episodes], slice(1, None)),
         **{key: np.concatenate(values) for key, values in column.items()},
         infos=_joined(infos, slice(1, None)),
-        lengths=np.array([len(each) for each in column["rewards"]]),
-        seeds=np.array([each.get("seed", -1) for each in known]),
+        lengths=np.array([len(run) for run in column["rewards"]]),
+        seeds=np.array([run.get("seed", -1) for run in metadata]),
     )
 
 
@@ -152,11 +152,11 @@ def recorded_by(where: str | Path) -> tuple[str, Mapping[str, Any]]:
 
 
 def _check_seeds(first: int, episodes: int) -> None:
-    """Raise ConfigError for negative seeds, and for those of the episodes that controllers are compared in."""
+    """Raise ConfigError for negative seeds, and for seeds of the episodes that controllers are compared in."""
     seeds = range(as_integer("seed", first, 0, 2**31 - episodes, error=ConfigError), first + episodes)
-    for other in (VALIDATION, TEST):
-        if seeds.start < other.stop and other.start < seeds.stop:
-            allowed = f"none of {other.start} to {other.stop - 1}: controllers are compared in these episodes"
+    for reserved in (VALIDATION, TEST):
+        if seeds.start < reserved.stop and reserved.start < seeds.stop:
+            allowed = f"none of {reserved.start} to {reserved.stop - 1}: controllers are compared in these episodes"
             raise ConfigError("seeds", f"{seeds.start} to {seeds.stop - 1}", allowed)
 
 
@@ -186,23 +186,23 @@ def _made(folder: Path) -> Iterator[Path]:
 
 def _new(data: Path, env: EnvConfig, name: str, about: dict[str, Any]) -> MinariStorage:
     """An empty dataset that knows its environment."""
-    made = make_env(env)
-    storage = MinariStorage.new(data, made.observation_space, made.action_space, _spec(env))
-    made.close()
+    instance = make_env(env)
+    storage = MinariStorage.new(data, instance.observation_space, instance.action_space, _spec(env))
+    instance.close()
     complete = {"id": env.id, "settings": env.complete_settings()}
     storage.update_metadata({"dataset_id": name, "minari_version": minari.__version__, ENVIRONMENT: complete, **about})
     return storage
 
 
 def _name_folders_of(name: str) -> None:
-    """Make the folders of an id with "/" what Minari calls a namespace."""
+    """Register the folders of an id with "/" as a namespace of Minari."""
     namespace = name.rpartition("/")[0]
     if namespace and namespace not in list_local_namespaces():
         create_namespace(namespace)
 
 
 def _spec(env: EnvConfig) -> EnvSpec | None:
-    """What gymnasium.make makes the environment of, as JSON can hold it; None for a mechanism without a name."""
+    """The spec of the environment for gymnasium.make, as JSON can hold it; None for a mechanism without a name."""
     config = env.arguments()["config"]
     mechanism = config.mechanism if isinstance(config.mechanism, str) else config.mechanism.name
     if mechanism is not config.mechanism and not _is_preset(config.mechanism):
@@ -219,14 +219,16 @@ def _is_preset(mechanism: Any) -> bool:
 
 def _buffers(block: Iterable[Recording], first: int) -> Iterator[EpisodeBuffer]:
     """Episodes as Minari takes them, numbered from `first` on."""
-    for number, each in zip(count(first), block, strict=False):
-        ends: dict[str, Any] = {"terminations": each.terminations, "truncations": each.truncations}
-        seen, infos = each.observations, dict(each.infos)
-        yield EpisodeBuffer(number, each.seed, None, seen, each.actions, each.rewards, **ends, infos=infos)
+    for number, recording in zip(count(first), block, strict=False):
+        ends: dict[str, Any] = {"terminations": recording.terminations, "truncations": recording.truncations}
+        observations, infos = recording.observations, dict(recording.infos)
+        yield EpisodeBuffer(
+            number, recording.seed, None, observations, recording.actions, recording.rewards, **ends, infos=infos
+        )
 
 
 def _joined(episodes: Sequence[Any], times: slice) -> Any:
     """One array of the arrays of all episodes at these times; of dictionaries by key."""
     if isinstance(episodes[0], Mapping):
-        return {key: _joined([each[key] for each in episodes], times) for key in episodes[0]}
-    return np.concatenate([each[times] for each in episodes])
+        return {key: _joined([episode[key] for episode in episodes], times) for key in episodes[0]}
+    return np.concatenate([episode[times] for episode in episodes])

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.controllers.controller import Controller
 from agents.evaluation.pictures import animation, error_distribution, error_over_time
-from agents.evaluation.report import OPEN_LOOP, POLICY, Report
+from agents.evaluation.report import OPEN_LOOP, POLICY, EvaluationReport
 from agents.evaluation.rollout import film
 from agents.runs.environment import EnvConfig
 from agents.runs.files import write_bytes, write_json, write_text
@@ -17,7 +17,7 @@ from agents.runs.files import write_bytes, write_json, write_text
 FILMED = (POLICY, "jacobian feedback", OPEN_LOOP)
 
 
-def write_report(report: Report, controllers: Mapping[str, Controller], env: EnvConfig, folder: Path) -> None:
+def write_report(report: EvaluationReport, controllers: Mapping[str, Controller], env: EnvConfig, folder: Path) -> None:
     """Write report.md, report.json and pictures into the folder."""
     errors = {name: episodes.errors for name, episodes in report.episodes.items()}
     pictures = {
@@ -40,7 +40,7 @@ def write_report(report: Report, controllers: Mapping[str, Controller], env: Env
     write_text(folder / "report.md", report.markdown(notes, captions))
 
 
-def _film(report: Report, controllers: Mapping[str, Controller], env: EnvConfig) -> tuple[int, bytes]:
+def _film(report: EvaluationReport, controllers: Mapping[str, Controller], env: EnvConfig) -> tuple[int, bytes]:
     """Seed and animation of the episode in which open loop's final error is its median one."""
     order = np.argsort(report.episodes[OPEN_LOOP].final_errors)
     seed = report.seeds[int(order[len(order) // 2])]

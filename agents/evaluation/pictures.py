@@ -41,8 +41,8 @@ def error_over_time(errors: Mapping[str, Array], floors: Mapping[int, Array] | N
     for axes, (share, title) in zip(panels, PANELS.items(), strict=True):
         _error_axis(axes, "y")
         axes.axhline(1.0, color="black", linestyle=":", linewidth=1)
-        for (name, some), colour, dashes in zip(errors.items(), cycle(COLOURS), cycle(DASHES), strict=False):
-            below = np.percentile(np.maximum(some, SMALLEST_MM), share, axis=0)
+        for (name, values), colour, dashes in zip(errors.items(), cycle(COLOURS), cycle(DASHES), strict=False):
+            below = np.percentile(np.maximum(values, SMALLEST_MM), share, axis=0)
             axes.plot(below, color=colour, linestyle=dashes, linewidth=2, label=name)
         if reached := _below(floors or {}, share):
             axes.plot(*zip(*reached, strict=True), "o", color="black", markersize=4, clip_on=False, label="floor")
@@ -55,8 +55,8 @@ def error_over_time(errors: Mapping[str, Array], floors: Mapping[int, Array] | N
 
 def _below(floors: Mapping[int, Array], share: float) -> list[tuple[int, float]]:
     """Steps, and the error that this share [%] of their known floors stays below [mm]."""
-    known = {step: some[np.isfinite(some)] for step, some in floors.items()}
-    return [(step, max(np.percentile(some, share), SMALLEST_MM)) for step, some in known.items() if len(some)]
+    finite = {step: values[np.isfinite(values)] for step, values in floors.items()}
+    return [(step, max(np.percentile(values, share), SMALLEST_MM)) for step, values in finite.items() if len(values)]
 
 
 def error_distribution(errors: Mapping[str, Array], floors: Array | None = None) -> bytes:
@@ -66,15 +66,15 @@ def error_distribution(errors: Mapping[str, Array], floors: Array | None = None)
         errors: (E, T + 1) [mm], by controller.
         floors: at the last step, (E,) [mm].
     """
-    rows = {name: some[:, -1] for name, some in errors.items()} | ({} if floors is None else {"floor": floors})
+    rows = {name: values[:, -1] for name, values in errors.items()} | ({} if floors is None else {"floor": floors})
     figure = figure_of(8, 1.5 + 0.6 * len(rows))
     axes = figure.add_subplot()
     _error_axis(axes, "x")
     axes.axvline(1.0, color="black", linestyle=":", linewidth=1)
     spread = np.random.default_rng(0)
     colours = dict(zip(errors, cycle(COLOURS), strict=False)) | {"floor": "black"}
-    for place, (name, some) in enumerate(rows.items()):
-        final = np.maximum(some, SMALLEST_MM)
+    for place, (name, values) in enumerate(rows.items()):
+        final = np.maximum(values, SMALLEST_MM)
         beside = place + spread.uniform(-0.3, 0.3, len(final))
         axes.scatter(final, beside, s=9, color=colours[name], alpha=0.4, linewidths=0)
         line = {"color": "black", "linewidth": 1.2}
@@ -82,7 +82,7 @@ def error_distribution(errors: Mapping[str, Array], floors: Array | None = None)
             [final], positions=[place], widths=0.35, whis=(5, 95), showfliers=False, orientation="horizontal",
             boxprops=line, whiskerprops=line, capprops=line, medianprops=line | {"linewidth": 2.5},
         )  # fmt: skip
-    axes.set_yticks(range(len(rows)), [f"{name}\nmedian {np.median(some):.2g} mm" for name, some in rows.items()])
+    axes.set_yticks(range(len(rows)), [f"{name}\nmedian {np.median(values):.2g} mm" for name, values in rows.items()])
     axes.invert_yaxis()
     axes.set(title="Tip error at the end of the episode", xlabel="tip error [mm]")
     return png(figure)
@@ -95,9 +95,9 @@ def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440) -> b
         frames: RGB images (height, width, 3) per controller, one per step.
         width: of one controller's picture [pixels].
     """
-    count = max(len(some) for some in frames.values())
+    count = max(len(series) for series in frames.values())
     pictures = [
-        _side_by_side([_titled(some[min(step, len(some) - 1)], name, width) for name, some in frames.items()])
+        _side_by_side([_titled(series[min(step, len(series) - 1)], name, width) for name, series in frames.items()])
         for step in range(count)
     ]
     palette = _palette(pictures[:: max(1, count // 5)])
@@ -109,7 +109,7 @@ def animation(frames: Mapping[str, Sequence[np.ndarray]], width: int = 440) -> b
 
 
 def _palette(pictures: Sequence[Image.Image]) -> Image.Image:
-    """256 colours for all the pictures: each colour counts once, or a thin arrow would take that of a large area."""
+    """256 colours for all the pictures: each counts once, or a thin arrow would take the colour of a large area."""
     pixels = np.concatenate([np.asarray(picture).reshape(-1, 3) for picture in pictures]).astype(np.uint32)
     colours = np.unique(pixels @ np.array([1 << 16, 1 << 8, 1], np.uint32))  # six times as fast as unique rows
     rows = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.uint8)
@@ -130,12 +130,12 @@ def _titled(frame: np.ndarray, name: str, width: int) -> Image.Image:
 def _side_by_side(images: Sequence[Image.Image]) -> Image.Image:
     gap = 4
     width = sum(image.width for image in images) + gap * (len(images) - 1)
-    both = Image.new("RGB", (width, max(image.height for image in images)), "#bbbbbb")
-    left = 0
+    canvas = Image.new("RGB", (width, max(image.height for image in images)), "#bbbbbb")
+    offset = 0
     for image in images:
-        both.paste(image, (left, 0))
-        left += image.width + gap
-    return both
+        canvas.paste(image, (offset, 0))
+        offset += image.width + gap
+    return canvas
 
 
 def figure_of(width: float, height: float) -> Figure:

@@ -1,4 +1,4 @@
-"""Episodes with all that happened in them: what a controller saw and did, rewards, ends, and infos."""
+"""Recorded episodes: the observations and actions of a controller, rewards, ends, and infos."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Recording:
         observations: (length + 1, entries) float32, the first before the first action; or a dictionary of such arrays.
         actions: (length, m) float32, within the bounds of the space.
         rewards, terminations, truncations: (length,) each.
-        infos: what was asked for by name, (length + 1, ...) each.
+        infos: the requested entries by name, (length + 1, ...) each.
     """
 
     seed: int
@@ -47,7 +47,7 @@ def record_episodes(
 ) -> list[Recording]:
     """One episode per seed, all side by side, each the episode of the scalar environment after reset(seed=seed).
 
-    A lane is recorded until its episode ends: what the environment resets after that belongs to none.
+    A lane is recorded until its episode ends: steps after that belong to no recording.
 
     Args:
         infos: entries of the environment's info, numbers for every step.
@@ -59,24 +59,26 @@ def record_episodes(
     observation, info = envs.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
     controller.begin(getattr(envs, "task", None), len(seeds))
     space: Any = envs.single_action_space
-    seen, told, steps = [observation], [_chosen(info, infos)], []
+    observations, step_infos, steps = [observation], [_chosen(info, infos)], []
     running = np.ones(len(seeds), bool)
     while running.any():
-        wanted = np.asarray(controller.act(observation), np.float32)
-        action = np.clip(wanted, space.low, space.high)
+        command = np.asarray(controller.act(observation), np.float32)
+        action = np.clip(command, space.low, space.high)
         observation, reward, terminated, truncated, info = envs.step(action)
         steps.append((action, reward, terminated, truncated, running))
-        seen.append(observation)
-        told.append(_chosen(info, infos))
+        observations.append(observation)
+        step_infos.append(_chosen(info, infos))
         running = running & ~(terminated | truncated)
     envs.close()
-    return list(_lanes(seeds, seen, told, steps))
+    return list(_lanes(seeds, observations, step_infos, steps))
 
 
-def _lanes(seeds: Sequence[int], seen: list[Any], told: list[dict[str, Any]], steps: list[Any]) -> Iterator[Recording]:
+def _lanes(
+    seeds: Sequence[int], observed: list[Any], step_infos: list[dict[str, Any]], steps: list[Any]
+) -> Iterator[Recording]:
     """The episode of every lane, cut off where it ended."""
-    actions, rewards, terminated, truncated, running = (np.stack(each, axis=1) for each in zip(*steps, strict=True))
-    observations, infos = _stacked(seen), _stacked(told)
+    actions, rewards, terminated, truncated, running = (np.stack(values, axis=1) for values in zip(*steps, strict=True))
+    observations, infos = _stacked(observed), _stacked(step_infos)
     for lane, seed in enumerate(seeds):
         length = int(running[lane].sum())
         yield Recording(
@@ -107,5 +109,5 @@ def _stacked(steps: list[Any]) -> Any:
 
 def _part(values: Any, lane: int, times: int) -> Any:
     if isinstance(values, Mapping):
-        return {key: _part(each, lane, times) for key, each in values.items()}
+        return {key: _part(value, lane, times) for key, value in values.items()}
     return values[lane, :times]

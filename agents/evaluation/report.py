@@ -26,14 +26,14 @@ POLICY, OPEN_LOOP = "policy", "open loop"  # names of controllers
 
 
 @dataclass(frozen=True)
-class Report:
+class EvaluationReport:
     """Everything that an evaluation found.
 
     Args:
         episodes: of every controller, by name, with the same seeds.
         length_mm: of the mechanism; None where the environment is not one of rj_gym.
         floors: the smallest error that any command reaches at the end of every episode, (E,) [mm].
-        about: what was evaluated.
+        about: the evaluated environment and episodes.
         no_floor: why there are no floors where one would look for them, one line.
         floors_at: the floors after other steps than the last, too, (E,) each, by step.
     """
@@ -53,8 +53,8 @@ class Report:
     @property
     def known_floors(self) -> Array | None:
         """The floors that are finite, if there are any."""
-        known = self.floors[np.isfinite(self.floors)] if self.floors is not None else np.empty(0)
-        return known if len(known) else None
+        finite = self.floors[np.isfinite(self.floors)] if self.floors is not None else np.empty(0)
+        return finite if len(finite) else None
 
     @property
     def seeds(self) -> list[int]:
@@ -92,7 +92,7 @@ class Report:
             "length_mm": self.length_mm,
             "scores": {name: asdict(score) for name, score in self.scores.items()},
             "seeds": self.seeds,
-            "final_errors_mm": {name: _plain(some.final_errors) for name, some in self.episodes.items()},
+            "final_errors_mm": {name: _plain(episodes.final_errors) for name, episodes in self.episodes.items()},
             **floors,
         }
 
@@ -100,7 +100,7 @@ class Report:
         """The text of report.md.
 
         Args:
-            notes: what each controller is, by name.
+            notes: descriptions of the controllers, by name.
             pictures: caption by file name.
         """
         head, *rows = self.table()
@@ -138,8 +138,8 @@ def evaluate_controllers(
     with_floor: bool = True,
     executor: Executor | None = None,
     moments: int = 1,
-) -> Report:
-    """What the controllers do in the same episodes, one per seed, and the floors of these; nothing is written.
+) -> EvaluationReport:
+    """Results of the controllers in the same episodes, one per seed, and the floors of these; no files are written.
 
     Environments with another task than tracking have no floor, and none is known with friction.
 
@@ -153,7 +153,7 @@ def evaluate_controllers(
     """
     episodes = driven(env, controllers, seeds, executor)
     if not env.is_tracking:
-        return Report(episodes)
+        return EvaluationReport(episodes)
     why = why_no_floor(env) if with_floor else ""
     config = env.arguments()["config"]
     floors_at: dict[int, Array] = {}
@@ -162,7 +162,7 @@ def evaluate_controllers(
         steps = sorted({round(step) for step in np.linspace(config.episode_steps, 0, moments)})
         floors_at = dict(zip(steps, episode_floor(env, seeds, steps).errors.T, strict=True))
     floors = floors_at.get(config.episode_steps)
-    return Report(episodes, task_of(config).length, floors, no_floor=why, floors_at=floors_at)
+    return EvaluationReport(episodes, task_of(config).length, floors, no_floor=why, floors_at=floors_at)
 
 
 def driven(

@@ -21,7 +21,7 @@ BLOCK = 256  # episodes side by side
 
 @dataclass(frozen=True)
 class Episodes:
-    """E episodes of T steps, and what was drawn for them.
+    """E episodes of T steps, and their random draws.
 
     Args:
         seeds: (E,). terminated: (E,) whether the environment ended the episode early.
@@ -69,12 +69,12 @@ def run_episodes(env: EnvConfig, controller: Controller, seeds: Sequence[int], b
 def run_with_options(
     env: EnvConfig, controller: Controller, seeds: Sequence[int], options: Sequence[Mapping[str, Any]]
 ) -> Episodes:
-    """One episode per seed, all side by side, each with reset options of its own: `options` has one for every seed.
+    """One episode per seed, all side by side, each with its reset options, one entry of `options` per seed.
 
-    What was drawn for them is not kept.
+    Their random draws are not returned.
 
     Raises:
-        InvalidInput: as many options as seeds are needed; or options that cannot be used.
+        InvalidInput: another number of options than of seeds; or options that cannot be used.
     """
     if len(options) != len(seeds):
         raise InvalidInput("number of options", len(options), f"{len(seeds)}, one per seed")
@@ -125,7 +125,7 @@ def _side_by_side(
 
 
 def _begun(envs: VectorEnv[Any, Any, Any], seeds: list[int], options: Sequence[Mapping[str, Any]]) -> tuple[Any, Any]:
-    """Observation and info of new episodes; lanes beside each other that share one object of options begin together."""
+    """Observation and info of new episodes; neighbouring lanes that share one object of options begin together."""
     if not options:
         return envs.reset(seed=seeds)  # type: ignore[arg-type]
     observation, info = envs.reset(seed=seeds, options=dict(options[0]))  # type: ignore[arg-type]
@@ -141,7 +141,7 @@ def _begun(envs: VectorEnv[Any, Any, Any], seeds: list[int], options: Sequence[M
 
 
 def joined(blocks: Sequence[Episodes]) -> Episodes:
-    """The episodes of all blocks; those of shorter ones keep their last error."""
+    """The episodes of all blocks; shorter ones keep their last error."""
     times = max(block.errors.shape[1] for block in blocks)
     padded = [np.pad(block.errors, ((0, 0), (0, times - block.errors.shape[1])), mode="edge") for block in blocks]
     series: list[Any] = []

@@ -18,7 +18,7 @@ FLOOR = "floor"
 class Score:
     """How one controller did: tip error at the end of the episodes [mm], shares from 0 to 1.
 
-    `last_10_mm` is the mean tip error over the last 10 steps: what benchmarks are judged by, since an error at one
+    `last_10_mm` is the mean tip error over the last 10 steps: the measure of benchmarks, since an error at one
     moment may be small by chance where loads, targets or sensors move. `within_1_mm` is the share of episodes that end
     within 1 mm of the target, `held_1_mm` the share that are within 1 mm during all of the last 10 steps, `ended_early`
     the number of episodes that the environment ended. `regret_mm` is the mean of final error minus floor of the same
@@ -53,5 +53,5 @@ class Score:
 
 
 def _mean_of_finite(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else None
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else None

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.executors.protocol import UnitStopped, WorkerLost
-from agents.executors.worker import Answer, answered, end_process, prepare
+from agents.executors.worker import UnitAnswer, answered, end_process, prepare
 from rollingjoint import __version__
 from rollingjoint.errors import ConfigError
 from rollingjoint.interrupts import Interruptible
@@ -34,7 +34,7 @@ class RayExecutor:
 
     Args:
         address: HOST:PORT of its head, or "auto": the cluster that runs on this machine.
-        memory: what a unit takes [bytes]; Ray starts no more units on a machine than fit.
+        memory: of a unit [bytes]; Ray starts no more units on a machine than fit.
     Raises:
         ConfigError: no cluster there.
     """
@@ -75,7 +75,7 @@ class RayExecutor:
         """Leave the cluster, which goes on running."""
         self._ray.shutdown()
 
-    def _settle(self, future: Future[Any], theirs: Future[Answer]) -> None:
+    def _settle(self, future: Future[Any], theirs: Future[UnitAnswer]) -> None:
         del self._references[future]
         error = theirs.exception()
         if error is None:
@@ -83,7 +83,7 @@ class RayExecutor:
         elif future in self._stopped or isinstance(error, self._ray.exceptions.TaskCancelledError):
             future.set_exception(UnitStopped())
         elif isinstance(error, self._ray.exceptions.RayTaskError):  # such as a function that cannot be imported there
-            Answer(failure=_reason(error.cause), details=str(error)).settle(future)
+            UnitAnswer(failure=_reason(error.cause), details=str(error)).settle(future)
         else:
             future.set_exception(WorkerLost(f"its worker or machine is gone ({type(error).__name__})"))
 
@@ -107,7 +107,7 @@ def _joined(address: str) -> Any:
 
 
 def _address(address: str) -> str:
-    """The address of the head; of "auto" the one that Ray has noted on this machine, or nothing."""
+    """The address of the head; of "auto" the one that Ray has noted on this machine, or empty."""
     if address != "auto":
         return address
     noted = Path(tempfile.gettempdir()) / "ray" / "ray_current_cluster"
@@ -128,11 +128,13 @@ def _reason(error: BaseException) -> str:
     return f"{text}: every machine of the cluster needs rollingjoint and its extras installed" if missing else text
 
 
-def _answer_there(version: str, folder: str, function: Callable[..., Any], arguments: Any) -> Answer:
+def _answer_there(version: str, folder: str, function: Callable[..., Any], arguments: Any) -> UnitAnswer:
     """In a worker of Ray: call the function; the answer."""
     if version != __version__:
         place = f"the machine {platform.node()} has {__version__}"
-        return Answer(failure=f"rollingjoint {version} is needed, {place}: install the same version on all machines")
+        return UnitAnswer(
+            failure=f"rollingjoint {version} is needed, {place}: install the same version on all machines"
+        )
     if Path(folder).is_dir():
         os.chdir(folder)
     if not callable(signal.getsignal(signal.SIGINT)):  # ignored, if Ray was started in the background of a script

@@ -15,14 +15,14 @@ from agents.runs.consent import call_with, consent
 from rollingjoint.errors import RollingJointError
 
 POLL = 0.2  # seconds between two looks at signals and display
-RETRIES = 3  # of a unit whose worker was lost
+RETRIES = 3  # of a unit after a lost worker
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of work: what it is called, and a function with arguments.
+    """A unit of work: a name, and a function with arguments.
 
-    Subclasses can change what is called after a loss, and what is done with a result.
+    Subclasses can change the call after a loss, and the treatment of a result.
 
     Args:
         note: a line to show when it begins in the place of another.
@@ -40,7 +40,7 @@ class Unit:
         return self.function, self.arguments
 
     def received(self, value: Any) -> Any:
-        """What the unit returns, from what the function returned; a Unit: that is done in its place."""
+        """The unit's result, from the function's; a Unit: that is done in its place."""
         return value
 
 
@@ -62,7 +62,7 @@ def work_through(
 ) -> Iterator[Ended[U]]:
     """The units as they end; those that are stopped are left out.
 
-    A unit whose worker was lost is tried again, up to three times. One that raised is not.
+    A unit with a lost worker is tried again, up to three times. One that raised is not.
 
     Args:
         units: taken one by one as there is room; None: there is none before one that runs has ended.
@@ -72,19 +72,19 @@ def work_through(
             itself counts as Ctrl-C.
     """
     work = _Work[U](executor, progress)
-    left, told, is_all = iter(units), 0, False
+    queue, n_signals, is_all = iter(units), 0, False
     while True:
         while not (is_all or signals or work.early) and len(work.running) < executor.slots:
             try:
-                unit = next(left)
+                unit = next(queue)
             except StopIteration:
                 is_all = True
                 break
             if unit is None:
                 break
             work.begin(unit)
-        if len(signals) > told:
-            told = len(signals)
+        if len(signals) > n_signals:
+            n_signals = len(signals)
             work.stop()
         yield from work.ended(signals)
         progress.running = min(len(work.running), executor.slots)
@@ -126,15 +126,15 @@ class _Work(Generic[U]):
         self.finished: SimpleQueue[Future[Any]] = SimpleQueue()
         self.early: list[Ended[U]] = []
 
-    def begin(self, unit: U, attempt: int = 0, asked: U | None = None) -> None:
+    def begin(self, unit: U, attempt: int = 0, origin: U | None = None) -> None:
         """Submit a unit, which may stand for the one that was asked for."""
         try:
             function, arguments = unit.call(attempt)
         except (RollingJointError, OSError) as error:
-            self.early.append(self._failed(asked or unit, error))
+            self.early.append(self._failed(origin or unit, error))
             return
         future = self.executor.submit(call_with, consent(), function, *arguments)
-        self.running[future] = unit, asked or unit, attempt
+        self.running[future] = unit, origin or unit, attempt
         future.add_done_callback(self.finished.put)
 
     def stop(self) -> None:
@@ -160,7 +160,7 @@ class _Work(Generic[U]):
                 return
 
     def _settled(self, future: Future[Any], signals: MutableSequence[int]) -> Iterator[Ended[U]]:
-        unit, asked, attempt = self.running.pop(future)
+        unit, origin, attempt = self.running.pop(future)
         error = future.exception()
         if isinstance(error, UnitStopped):
             if not signals:
@@ -169,30 +169,30 @@ class _Work(Generic[U]):
             pass  # lost while it stopped: it goes on when the work does
         elif isinstance(error, WorkerLost) and attempt < RETRIES:
             self.progress.lost += 1
-            self.progress.write(f"{asked.name}: {error}; it goes on elsewhere, attempt {attempt + 2} of {RETRIES + 1}")
-            self.begin(unit, attempt + 1, asked)
+            self.progress.write(f"{origin.name}: {error}; it goes on elsewhere, attempt {attempt + 2} of {RETRIES + 1}")
+            self.begin(unit, attempt + 1, origin)
         elif isinstance(error, WorkerLost):
-            yield self._failed(asked, WorkerLost(f"{error}, {attempt + 1} times; the same command goes on with it"))
+            yield self._failed(origin, WorkerLost(f"{error}, {attempt + 1} times; the same command goes on with it"))
         elif error is not None:
-            yield self._failed(asked, error)
+            yield self._failed(origin, error)
         else:
-            yield from self._done(unit, asked, attempt, future.result())
+            yield from self._done(unit, origin, attempt, future.result())
 
-    def _done(self, unit: U, asked: U, attempt: int, value: Any) -> Iterator[Ended[U]]:
+    def _done(self, unit: U, origin: U, attempt: int, value: Any) -> Iterator[Ended[U]]:
         try:
             value = unit.received(value)
         except (RollingJointError, OSError) as error:
-            yield self._failed(asked, error)
+            yield self._failed(origin, error)
             return
         if isinstance(value, Unit):
             if value.note:
-                self.progress.write(f"{asked.name}: {value.note}")
-            self.begin(value, attempt, asked)  # type: ignore[arg-type]
+                self.progress.write(f"{origin.name}: {value.note}")
+            self.begin(value, attempt, origin)  # type: ignore[arg-type]
             return
-        self.progress.done += not asked.is_part
-        yield Ended(asked, value)
+        self.progress.done += not origin.is_part
+        yield Ended(origin, value)
 
     def _failed(self, unit: U, error: BaseException) -> Ended[U]:
         self.progress.failed += not unit.is_part
-        known = isinstance(error, UnitFailed | WorkerLost | RollingJointError | OSError)
-        return Ended(unit, failure=" ".join((str(error) if known else repr(error)).split()), error=error)
+        is_expected = isinstance(error, UnitFailed | WorkerLost | RollingJointError | OSError)
+        return Ended(unit, failure=" ".join((str(error) if is_expected else repr(error)).split()), error=error)

@@ -1,7 +1,7 @@
-"""Units that work in a folder below that of a campaign, a search or a study.
+"""Units that work in a folder below the folder of a campaign, a search or a study.
 
-A machine that sees the folder works in it: what is on its disk is never lost. Another one receives a copy, works in a
-private folder of its own, and the folder travels home when the unit has ended: whole or not at all.
+A machine that sees the folder works in it: files on its disk are never lost. Another one receives a copy, works in a
+private folder, and the folder travels home when the unit has ended: whole or not at all.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from agents.runs.locks import file_lock
 WAIT = 120.0  # seconds that a further attempt waits for the process of the one before to end
 FIRST_WAIT = 30.0  # seconds that a first attempt waits: a worker that a killed command left behind may still save
 PAUSE = 0.2
-FILES = ("*.yaml*", "*.json*", "command.txt*", "policy.*", "normaliser.pkl*", "best/*")  # what a policy is made of
+FILES = ("*.yaml*", "*.json*", "command.txt*", "policy.*", "normaliser.pkl*", "best/*")  # files of a policy
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def marked(path: Path) -> Iterator[Home]:
 
 
 class _Travelled(NamedTuple):
-    """What came of a unit elsewhere: its value, its folder."""
+    """The result of a unit elsewhere: its value, its folder."""
 
     value: Any
     parcel: bytes
@@ -78,10 +78,10 @@ class _InUse(NamedTuple):
 
 @dataclass(frozen=True)
 class FolderUnit(Unit):
-    """A unit whose function is called with its folder, then with `arguments`.
+    """A unit with a function that is called with its folder, then with `arguments`.
 
     Args:
-        home: the folder of all units. place: that of this unit, below home; PLACE.log beside it belongs to it.
+        home: the folder of all units. place: this unit's folder, below home; PLACE.log next to it belongs to it.
         travels: whether to send a copy along.
         waits: whether to wait for the lock in the folder; not where who gave the unit holds it.
         patience: for how long a first attempt waits [s]; 0: it comes back, and says that it will wait.
@@ -100,7 +100,7 @@ class FolderUnit(Unit):
         return in_folder, (self.function, self.home, self.place, parcel, patience, self.arguments)
 
     def received(self, value: Any) -> Any:
-        """What the function returned, its folder at home; or the unit that sends a copy along, or that waits."""
+        """The function's result, its folder at home; or the unit that sends a copy along, or that waits."""
         if isinstance(value, _NotHere):
             return replace(self, travels=True)
         if isinstance(value, _InUse):
@@ -165,7 +165,7 @@ def write_files(files: Mapping[str, bytes], folder: Path) -> None:
 
 
 def pack(home: Path, place: str) -> bytes:
-    """The folder, and the log beside it, as an archive."""
+    """The folder, and the log next to it, as an archive."""
     stream = io.BytesIO()
     with tarfile.open(fileobj=stream, mode="w") as archive:
         for name in (place, f"{place}.log"):
@@ -175,7 +175,7 @@ def pack(home: Path, place: str) -> bytes:
 
 
 def unpack(parcel: bytes, home: Path, place: str) -> None:
-    """Put a packed folder in its place, whole or not at all; what was there before is replaced."""
+    """Put a packed folder in its place, whole or not at all; an existing one is replaced."""
     folder = home / place
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", suffix=f".{os.getpid()}", dir=folder.parent) as partial:

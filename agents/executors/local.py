@@ -15,10 +15,10 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from agents.executors.protocol import UnitStopped, WorkerLost
-from agents.executors.worker import THREADS, Answer, answered, end_process, prepare
+from agents.executors.worker import THREADS, UnitAnswer, answered, end_process, prepare
 from rollingjoint.interrupts import Interruptible
 
-BEGUN = "begun"  # what a process sends when its unit begins: from now on SIGINT stops that unit
+BEGUN = "begun"  # sent by a process when its unit begins: from now on SIGINT stops that unit
 GRACE = 1.0  # s that a process without work may take to end by itself
 ORPHAN = 5.0  # s that a unit may take to stop when the parent has ended
 _environment = threading.Lock()
@@ -36,10 +36,10 @@ class InlineExecutor:
         return future
 
     def cancel(self, future: Future[Any]) -> None:
-        """Nothing: it has ended."""
+        """No effect: it has ended."""
 
     def shutdown(self) -> None:
-        """Nothing: there are no workers."""
+        """No effect: there are no workers."""
 
 
 class LocalExecutor:
@@ -159,9 +159,9 @@ class _Worker:
         """Wait until the unit begins; raises EOFError or OSError where the process is gone."""
         assert self._pipe.recv() == BEGUN
 
-    def answer(self) -> Answer:
-        """What the process answers; raises EOFError or OSError where it is gone."""
-        answer: Answer = self._pipe.recv()
+    def answer(self) -> UnitAnswer:
+        """The answer of the process; raises EOFError or OSError where it is gone."""
+        answer: UnitAnswer = self._pipe.recv()
         return answer
 
     def stop(self) -> None:
@@ -185,13 +185,13 @@ class _Worker:
 
     @property
     def end_in_words(self) -> str:
-        """What ended the process."""
+        """Why the process ended."""
         code = self._process.exitcode or 0
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 def serve(pipe: Connection) -> None:
-    """Work on the units that arrive until the pipe ends; SIGINT stops a unit, and is nothing between two."""
+    """Work on the units that arrive until the pipe ends; SIGINT stops a unit, and has no effect between two."""
     works = threading.Event()
     if hasattr(os, "setsid"):
         with suppress(PermissionError):  # a process that leads its group already
@@ -210,14 +210,14 @@ def serve(pipe: Connection) -> None:
             _send(pipe, answer)
 
 
-def _send(pipe: Connection, answer: Answer) -> None:
+def _send(pipe: Connection, answer: UnitAnswer) -> None:
     """Send the answer, or why it cannot be sent."""
     try:
         pipe.send(answer)
     except OSError:
         raise
     except Exception as error:  # a value that does not pickle
-        pipe.send(Answer(failure=f"its value cannot be sent: {error!r}"))
+        pipe.send(UnitAnswer(failure=f"its value cannot be sent: {error!r}"))
 
 
 def _end_with_parent(works: threading.Event) -> None:
@@ -234,7 +234,7 @@ def _end_with_parent(works: threading.Event) -> None:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Processes started inside receive no SIGINT before they have said what to do with it."""
+    """Processes started inside receive no SIGINT before they have installed a handler for it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -15,7 +15,7 @@ LOCAL = "local"
 
 
 def add_options(parser: argparse.ArgumentParser, what: str, jobs: int | None = None) -> None:
-    """Add --jobs, whose default is the processors of this machine, and --cluster."""
+    """Add --jobs, by default the processors of this machine, and --cluster."""
     default = "processors" if jobs is None else jobs
     parser.add_argument(
         "--jobs", type=int, default=jobs or os.cpu_count() or 1, help=f"{what} at a time here (default: {default})"

@@ -19,7 +19,7 @@ class _NoPolicy(NamedTuple):
 
 @dataclass(frozen=True)
 class PolicyUnit(Unit):
-    """A unit whose function is called with `arguments` and with the run folder as the machine sees it.
+    """A unit with a function that is called with `arguments` and with the run folder as the machine sees it.
 
     Args:
         run: None: the function is called with None. travels: whether to send the policy along.
@@ -36,7 +36,7 @@ class PolicyUnit(Unit):
         return with_policy, (self.function, self.arguments, RunFolder(self.run.path.resolve()), files)
 
     def received(self, value: Any) -> Any:
-        """What the function returned; or the unit that sends the policy along."""
+        """The function's result; or the unit that sends the policy along."""
         return replace(self, travels=True) if isinstance(value, _NoPolicy) else value
 
 

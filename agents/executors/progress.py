@@ -1,4 +1,4 @@
-"""The one display of work: what runs, is done and has failed, the rate, the time left."""
+"""The one display of work: units that run, are done or have failed, the rate, the time left."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Progress:
     """A line at the foot of a terminal; elsewhere a plain line now and then, on standard error. A context manager.
 
     Args:
-        total: units in all. what: one of them, such as "run".
+        total: units in all. what: the noun for one of them, such as "run".
     """
 
     def __init__(self, total: int, what: str) -> None:
@@ -42,11 +42,11 @@ class Progress:
             print(f"{self.done} of {self.total} {self.what}s done, {self.text()}", file=sys.stderr, flush=True)
 
     def write(self, line: str) -> None:
-        """A line of its own, above the display."""
+        """A separate line, above the display."""
         self._bar.write(line)
 
     def text(self) -> str:
-        """What runs, has failed and was lost, the rate and the time left."""
+        """The units that run, have failed or were lost, the rate and the time left."""
         ended, seconds = self.done + self.failed, time.monotonic() - self._begun
         parts = [f"{self.running} running"]
         parts += [
@@ -67,5 +67,5 @@ def _rate(per_second: float) -> str:
 
 def _time(seconds: float) -> str:
     """A time in hours and minutes, or minutes and seconds."""
-    whole = round(seconds)
-    return f"{whole // 3600} h {whole % 3600 // 60:02} min" if whole >= 3600 else f"{whole // 60} min {whole % 60:02} s"
+    total = round(seconds)
+    return f"{total // 3600} h {total % 3600 // 60:02} min" if total >= 3600 else f"{total // 60} min {total % 60:02} s"

@@ -1,4 +1,4 @@
-"""What an executor is, and how a unit of work can end."""
+"""Executors, and the ways a unit of work can end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Executor(Protocol):
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """The future of function(*arguments).
 
-        Its result is what the function returns. Its exception is UnitFailed where the function raised, UnitStopped
+        Its result is the function's. Its exception is UnitFailed where the function raised, UnitStopped
         where it was cancelled, WorkerLost where the process or the machine is gone.
         """
 
@@ -31,7 +31,7 @@ class Executor(Protocol):
 
 
 class UnitFailed(RollingJointError):
-    """A unit whose function raised: the reason in one line. It would raise again, so it is not tried again."""
+    """A unit with a function that raised: the reason in one line. It would raise again, so it is not tried again."""
 
 
 class UnitStopped(Exception):
@@ -39,4 +39,4 @@ class UnitStopped(Exception):
 
 
 class WorkerLost(Exception):
-    """A unit whose process or machine is gone; it can be tried again."""
+    """A unit with a lost process or machine; it can be tried again."""

@@ -1,4 +1,4 @@
-"""What runs in every worker: a unit on one thread, with kernels at hand, whose end is an answer that pickles."""
+"""The code of every worker: a unit on one thread, with kernels at hand, that ends in an answer that pickles."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # read
 
 
 @dataclass(frozen=True)
-class Answer:
+class UnitAnswer:
     """How a unit ended: with a value, else with why it failed in one line and the traceback, else stopped."""
 
     value: Any = None
@@ -45,30 +45,30 @@ class Answer:
 def answered(
     function: Callable[..., Any],
     arguments: Sequence[Any],
-    inside: Interruptible,
+    interruption: Interruptible,
     begin: Callable[[], None] = lambda: None,
-) -> Answer:
-    """Call the function; the answer. Nothing is raised.
+) -> UnitAnswer:
+    """Call the function; the answer, also where the function raises.
 
     Args:
-        inside: has SIGINT stop it.
+        interruption: has SIGINT stop it.
         begin: called when SIGINT does so.
     """
     try:
-        with inside:
+        with interruption:
             begin()
-            return Answer(function(*arguments))
+            return UnitAnswer(function(*arguments))
     except KeyboardInterrupt:
-        return Answer(is_stopped=True)
+        return UnitAnswer(is_stopped=True)
     except Exception as error:
-        if inside.is_interrupted:
-            return Answer(is_stopped=True)
+        if interruption.is_interrupted:
+            return UnitAnswer(is_stopped=True)
         expected = isinstance(error, RollingJointError | OSError)
-        return Answer(failure=one_line(str(error) if expected else repr(error)), details=traceback.format_exc())
+        return UnitAnswer(failure=one_line(str(error) if expected else repr(error)), details=traceback.format_exc())
 
 
 def end_process() -> None:
-    """End this process, whose unit was interrupted and goes on."""
+    """End this process: its unit was interrupted and goes on."""
     os._exit(INTERRUPTED)
 
 
@@ -119,17 +119,17 @@ def _compile() -> None:
 def output_to(log: Path) -> Iterator[None]:
     """Whatever this process prints inside, from any language, goes to the end of a file instead."""
     log.parent.mkdir(parents=True, exist_ok=True)
-    kept = {number: os.dup(number) for number in (1, 2)}
+    copies = {number: os.dup(number) for number in (1, 2)}
     sys.stdout.flush()
     sys.stderr.flush()
     try:
         with log.open("ab") as stream:
-            for number in kept:
+            for number in copies:
                 os.dup2(stream.fileno(), number)
         yield
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        for number, before in kept.items():
+        for number, before in copies.items():
             os.dup2(before, number)
             os.close(before)

@@ -2,11 +2,11 @@
 
 Modules:
     apg: analytic policy gradients, which train policies with memory by the derivatives of the simulator.
-    demonstrations: episodes with a teacher beside the policy.
+    demonstrations: episodes with a teacher next to the policy.
     distill: distillation, in which policies with memory imitate that teacher.
     episodes: whole episodes of a native vector environment, with gradients.
-    learner: what the learners share: whole episodes of all lanes, again and again.
-    motion: what a step does to motors, tendons, tensions and tip, with its derivative.
+    learner: the common base of the learners: whole episodes of all lanes, again and again.
+    motion: the effect of a step on motors, tendons, tensions and tip, with its derivative.
     muon: an optimiser for matrices.
     observing: how observations answer motors, tensions and tip.
     policy: a RecurrentActor as Stable-Baselines3 keeps policies.

@@ -1,8 +1,8 @@
 """Analytic policy gradients: a policy with memory, improved by the exact derivative of its errors.
 
-Where the simulator is differentiable nothing has to be estimated from random actions: the gradient of the tip errors of
+Where the simulator is differentiable no gradient has to be estimated from random actions: the tip errors' gradient over
 whole episodes goes back through equilibria, play, sensors and the policy's memory, so the policy also learns which
-movements tell it what it cannot see. Source: Freeman et al., Brax, 2021, section 4.3; Xu et al., Accelerated Policy
+movements tell it the hidden state. Source: Freeman et al., Brax, 2021, section 4.3; Xu et al., Accelerated Policy
 Learning with Parallel Differentiable Simulation, 2022.
 """
 
@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import FloatSchedule
 from agents.learners.demonstrations import Acting, Demonstrations
 from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
-from agents.learners.learner import Episodes, base_of, native_env
+from agents.learners.learner import EpisodePlayer, base_of, native_env
 from agents.learners.policy import RecurrentPolicy
 
 
@@ -28,15 +28,15 @@ class APG(Distill):
 
     One update per episode of all lanes: the loss is the mean tip error over the last `settled_steps` steps plus
     `whole_weight` times that over all steps. Gradients find the nearest way down; lessons of a teacher that probes for
-    what is hidden start them where probing is already known.
+    the hidden state start them where probing is already known.
 
     Args:
         policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
         settled_steps: steps at the end of an episode that count most.
         whole_weight: weight of the whole episode.
-        estimate_weight: weight of the error with which a linear readout of the memory estimates what is hidden [mm]: it
-            teaches the memory what to remember. The readout is not part of the policy.
+        estimate_weight: weight of the error with which a linear readout of the memory estimates the hidden state [mm]:
+            it teaches the memory its contents. The readout is not part of the policy.
         lane_gradient: see DifferentiableEpisodes.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
         lessons: the share of training, at its beginning, in which the policy imitates the teacher instead: see Distill,
@@ -44,7 +44,7 @@ class APG(Distill):
             `kept_rollouts`.
         lessons_rate: learning rate of the lessons, or a schedule over them; None: learning_rate.
         stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
-        common: what every EpisodeLearner takes besides.
+        common: arguments of every EpisodeLearner.
     """
 
     def __init__(
@@ -81,12 +81,12 @@ class APG(Distill):
         if self.lessons_rate is not None and self.lessons > 0.0:
             self.lr_schedule = _RateOfLessons(FloatSchedule(self.lessons_rate), self.lessons, self.lr_schedule)
 
-    def _episodes(self) -> Episodes:
-        own = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, base_of(self.env))
-        return own if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), own, self.has_lessons)
+    def _episodes(self) -> EpisodePlayer:
+        episodes = DifferentiableEpisodes(native_env(self.env), self._normalise, self.lane_gradient, base_of(self.env))
+        return episodes if self.lessons == 0.0 else _LessonsFirst(super()._episodes(), episodes, self.has_lessons)
 
     def loss(self, played: Played) -> torch.Tensor:
-        """What an update makes smaller [mm]."""
+        """The loss of an update [mm]."""
         counts = played.running.float()
         errors = played.errors * counts
         settled = errors[-self.settled_steps :].sum() / counts[-self.settled_steps :].sum().clamp(min=1.0)
@@ -96,7 +96,7 @@ class APG(Distill):
         return loss
 
     def _misjudged(self, played: Played) -> torch.Tensor:
-        """How far what the memory knows of the hidden numbers is from them, in units of their spread; 0 is exact."""
+        """The error of the memory's estimates of the hidden numbers, in units of their spread; 0 is exact."""
         hidden, counts = played.hidden, played.running.float()[..., None]
         mean, spread = hidden.mean((0, 1)), hidden.std((0, 1)) + 1e-6
         misses = torch.nn.functional.huber_loss(
@@ -121,23 +121,23 @@ class APG(Distill):
 
 @dataclass(frozen=True)
 class _RateOfLessons:
-    """The schedule `taught` over the first `share` of the training, then `own`; what is left of 0 is rounding."""
+    """The schedule `taught` over the first `share` of the training, then `own`; below 0 it is rounding."""
 
     taught: Schedule
     share: float
     own: Schedule
 
     def __call__(self, progress_remaining: float) -> float:
-        left = 1.0 - (1.0 - progress_remaining) / self.share
-        return self.taught(max(left, 0.0)) if left > -1e-9 else self.own(progress_remaining)
+        remainder = 1.0 - (1.0 - progress_remaining) / self.share
+        return self.taught(max(remainder, 0.0)) if remainder > -1e-9 else self.own(progress_remaining)
 
 
 @dataclass(frozen=True)
 class _LessonsFirst:
     """Episodes with a teacher while there are lessons, then those with gradients."""
 
-    taught: Episodes
-    own: Episodes
+    taught: EpisodePlayer
+    own: EpisodePlayer
     has_lessons: Callable[[], bool]
 
     def play(self, act: Any, watch: Any) -> Any:

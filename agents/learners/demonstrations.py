@@ -1,4 +1,4 @@
-"""Episodes in which a teacher says at every step what it would do, and drives some of the lanes itself."""
+"""Episodes in which a teacher gives its action at every step, and drives some of the lanes itself."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class Demonstrations:
 
 
 class TaughtEpisodes:
-    """Whole episodes of all lanes of a native vector environment, with a teacher beside the policy.
+    """Whole episodes of all lanes of a native vector environment, with a teacher next to the policy.
 
     Args:
         env: a native vector environment of a tracking task; its autoreset is disabled.
-        normalise: what observations (B, entries) go through: their mean and scale; it may learn from them.
+        normalise: the mean and scale of observations (B, entries); it may learn from them.
         share: the share of lanes that the teacher drives in the next episodes.
         teacher: the controller that drives them; None: TrueStateFeedback with its default weights.
     """
@@ -77,18 +77,18 @@ class TaughtEpisodes:
         for _ in range(env.task.config.episode_steps):
             state = TrueState(env.tangent(), info["target"]) if self.teacher.privileged else observation
             right = np.asarray(self.teacher.act(state), np.float32)
-            own, memory = act(normalised(observation, *self.normalise(observation)), memory)
+            answer, memory = act(normalised(observation, *self.normalise(observation)), memory)
             observations.append(observation.copy())
             actions.append(right)
             running.append(alive.copy())
-            taken = np.where(taught, right, own.clamp(-1.0, 1.0).numpy()).astype(np.float32)
+            taken = np.where(taught, right, answer.clamp(-1.0, 1.0).numpy()).astype(np.float32)
             observation, rewards, terminated, truncated, info = env.step(taken)
             alive &= ~(terminated | truncated)
             if not watch((info, rewards, terminated | truncated)):
                 return None
             if terminated.any() and not truncated.all():  # those go on as other episodes, which do not count
                 observation, info = env.reset(options={"reset_mask": terminated | truncated})
-        return Demonstrations(*(torch.as_tensor(np.stack(each, 1)) for each in (observations, actions, running)))
+        return Demonstrations(*(torch.as_tensor(np.stack(values, 1)) for values in (observations, actions, running)))
 
 
 def normalised(observations: NDArray[Any], mean: NDArray[Any], scale: NDArray[Any]) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """Distillation: a policy with memory imitates a teacher that sees the true state, or one that carries a model along.
 
 The teacher drives some lanes of the first rollouts, the policy all others, so that it is corrected where its own
-actions lead (DAgger). What the teacher knows and the policy does not, the policy's memory has to find out. Source: Ross
+actions lead (DAgger). The policy's memory has to infer the state that only the teacher knows. Source: Ross
 et al., A Reduction of Imitation Learning and Structured Prediction to No-Regret Online Learning, 2011; Lee et al.,
 Learning Quadrupedal Locomotion over Challenging Terrain, 2020.
 """
@@ -14,7 +14,7 @@ import torch
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from agents.learners.demonstrations import Acting, Demonstrations, TaughtEpisodes, normalised
-from agents.learners.learner import EpisodeLearner, Episodes, native_env
+from agents.learners.learner import EpisodeLearner, EpisodePlayer, native_env
 from agents.learners.policy import RecurrentPolicy
 from agents.learners.true_state import TrueStateFeedback
 
@@ -36,10 +36,10 @@ class Distill(EpisodeLearner):
         lessons: the share of training in which it learns like this: all of it, but for learners built upon this one.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
         stats_window_size: episodes behind the errors in the log. optimizer: "adam" or "muon".
-        common: what every EpisodeLearner takes besides.
+        common: arguments of every EpisodeLearner.
     Raises:
-        ConfigError: an environment that is not of a tracking task; without `teacher`, one whose motors have a delay or
-            a rate limit.
+        ConfigError: an environment that is not of a tracking task; without `teacher`, one with motors that have a
+            delay or a rate limit.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Distill(EpisodeLearner):
 
     def _setup_model(self) -> None:
         if self.env is not None and self.teacher is None and self.lessons > 0.0:
-            TrueStateFeedback(native_env(self.env).task)  # refuses what it cannot teach, before training begins
+            TrueStateFeedback(native_env(self.env).task)  # refuses other tasks, before training begins
         super()._setup_model()
 
-    def _episodes(self) -> Episodes:
+    def _episodes(self) -> EpisodePlayer:
         return TaughtEpisodes(native_env(self.env), self._normalise, self.teachers_share, self.teacher)
 
     def teachers_share(self) -> float:
@@ -82,10 +82,10 @@ class Distill(EpisodeLearner):
         return self.num_timesteps < self.lessons * self._total_timesteps
 
     def imitation_loss(self, batch: Demonstrations) -> torch.Tensor:
-        """Mean Huber loss of the policy's actions before clipping beside the teacher's."""
+        """Mean Huber loss between the policy's actions before clipping and the teacher's."""
         x = normalised(batch.observations.numpy(), *self._statistics(batch.observations.shape[-1]))
-        own, _ = self.policy.actor(x)
-        losses = torch.nn.functional.huber_loss(own, batch.actions, reduction="none", delta=self.delta).mean(-1)
+        actions, _ = self.policy.actor(x)
+        losses = torch.nn.functional.huber_loss(actions, batch.actions, reduction="none", delta=self.delta).mean(-1)
         return (losses * batch.running).sum() / batch.running.sum()
 
     def _update(self, played: Any) -> None:

@@ -2,7 +2,7 @@
 
 The environment computes; torch connects its steps. In a step motors move by the actions, tendons follow through play,
 and tip and tensions answer with the rates of the equilibrium (`TaskVectorEnv.tangent`). Values are always the
-environment's own, so nothing drifts; only derivatives are ours.
+environment's own, so they do not drift; only derivatives are ours.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Act = Callable[[torch.Tensor, torch.Tensor | None], tuple[torch.Tensor, torch.Te
 
 
 class ResidualBase(Protocol):
-    """A controller to whose actions a residual policy adds its own."""
+    """A controller with actions to which a residual policy adds its own."""
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         """Begin new episodes where the mask (B,) is true."""
@@ -45,7 +45,7 @@ class Played:
             gradients.
         running: whether an episode had not ended before the step, (T, B).
         memories: of the policy at every step, (T, B, width), with gradients.
-        hidden: what could not be seen then, (T, B, k) [mm, N]: way of the tip to the target, commands minus motors,
+        hidden: the hidden state then, (T, B, k) [mm, N]: way of the tip to the target, commands minus motors,
             half widths of the play, sheath friction, load.
     """
 
@@ -61,11 +61,11 @@ class DifferentiableEpisodes:
 
     Args:
         env: a native vector environment of a tracking task; its autoreset is disabled.
-        normalise: what observations (B, entries) go through: their mean and scale; it may learn from them.
+        normalise: the mean and scale of observations (B, entries); it may learn from them.
         lane_gradient: largest norm of the gradient of B times the loss by one lane's action in one step; longer ones
             are scaled down. None: any.
         base: of a residual policy, which sees its outputs behind the observation. Gradients take outputs as given:
-            how they answer what the policy does is left out. None: the policy acts alone.
+            their response to the policy is left out. None: the policy acts alone.
     """
 
     def __init__(
@@ -93,9 +93,9 @@ class DifferentiableEpisodes:
         memories, hidden = [], []
         for _ in range(task.config.episode_steps):
             outputs = self._outputs(observation)
-            own, memory = act(self._seen(observation, outputs, taken, motion), memory)
-            self._bound_gradient(own)
-            action = own if self.base is None else own + single(outputs[:, : task.action_size])
+            answer, memory = act(self._seen(observation, outputs, taken, motion), memory)
+            self._bound_gradient(answer)
+            action = answer if self.base is None else answer + single(outputs[:, : task.action_size])
             actions.append(action)
             memories.append(memory)
             hidden.append(_hidden(tangent, info))
@@ -110,7 +110,7 @@ class DifferentiableEpisodes:
                 return None
             if terminated.any() and not truncated.all():  # those go on as other episodes, which do not count
                 observation, info = env.reset(options={"reset_mask": terminated | truncated})
-        series = (torch.stack(each) for each in (errors, actions, memories, hidden))
+        series = (torch.stack(steps) for steps in (errors, actions, memories, hidden))
         all_errors, all_actions, all_memories, all_hidden = series
         return Played(all_errors, all_actions, torch.as_tensor(np.array(running)), all_memories, all_hidden)
 
@@ -125,7 +125,7 @@ class DifferentiableEpisodes:
     ) -> torch.Tensor:
         """The normalised observation with the gradients of the last actions and the motion, the outputs behind it."""
         shown = torch.cat([self.observing(single(observation), taken, motion), single(outputs)], 1)
-        mean, scale = (single(each) for each in self.normalise(shown.detach().numpy()))
+        mean, scale = (single(values) for values in self.normalise(shown.detach().numpy()))
         return ((shown - mean) / scale).clamp(-10.0, 10.0)
 
     def _due(self, actions: list[torch.Tensor]) -> torch.Tensor:
@@ -135,12 +135,12 @@ class DifferentiableEpisodes:
 
     def _bound_gradient(self, action: torch.Tensor) -> None:
         if self.lane_gradient is not None and action.requires_grad:
-            most = self.lane_gradient / len(action)
-            action.register_hook(lambda g: g * (most / (g.norm(dim=1, keepdim=True) + 1e-12)).clamp(max=1.0))
+            limit = self.lane_gradient / len(action)
+            action.register_hook(lambda g: g * (limit / (g.norm(dim=1, keepdim=True) + 1e-12)).clamp(max=1.0))
 
 
 def _hidden(tangent: Tangent, info: Mapping[str, Any]) -> torch.Tensor:
-    """What a policy without the pose cannot see, (B, k)."""
+    """The state hidden from a policy without the pose, (B, k)."""
     way, behind = info["target"] - tangent.tips, tangent.commands - tangent.motors
     return single(np.hstack([way, behind, tangent.half_play, tangent.sheath, info["load"]["force"]]))
 

@@ -23,8 +23,8 @@ from rj_gym.core.vector import TaskVectorEnv
 from rollingjoint.errors import ConfigError
 
 
-class Episodes(Protocol):
-    """What plays the episodes of a rollout."""
+class EpisodePlayer(Protocol):
+    """A player of the episodes of a rollout."""
 
     def play(self, act: Any, watch: Any) -> Any:
         """New episodes to their end, as a learner learns from them; None where `watch` has ended training."""
@@ -86,7 +86,7 @@ class EpisodeLearner(BaseAlgorithm):
         reset_num_timesteps: bool = True,
         progress_bar: bool = False,
     ) -> EpisodeLearner:
-        """Train for so many steps of the environment, whole episodes of all lanes at a time."""
+        """Train for `total_timesteps` steps of the environment, whole episodes of all lanes at a time."""
         total_timesteps, watcher = self._setup_learn(
             total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
         )
@@ -108,12 +108,12 @@ class EpisodeLearner(BaseAlgorithm):
         return self
 
     @abstractmethod
-    def _episodes(self) -> Episodes:
-        """What plays the episodes of a rollout."""
+    def _episodes(self) -> EpisodePlayer:
+        """The player of the episodes of a rollout."""
 
     @abstractmethod
     def _update(self, played: Any) -> None:
-        """Learn from what these have played."""
+        """Learn from the episodes that these have played."""
 
     def _watch(self, watcher: BaseCallback, step: tuple[Any, NDArray[Any], NDArray[np.bool_]]) -> bool:
         """Count a step and tell the callbacks; whether to go on."""
@@ -155,7 +155,7 @@ class EpisodeLearner(BaseAlgorithm):
         self.logger.record("time/time_elapsed", (time.time_ns() - self.start_time) / 1e9)
         self.logger.record("time/total_timesteps", self.num_timesteps)
         if self.ep_info_buffer:
-            self.logger.record("rollout/error_mm", safe_mean([one["error_mm"] for one in self.ep_info_buffer]))
+            self.logger.record("rollout/error_mm", safe_mean([episode["error_mm"] for episode in self.ep_info_buffer]))
         self.logger.dump(step=self.num_timesteps)
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
@@ -166,8 +166,8 @@ def base_of(env: VecEnv | None) -> ResidualBase | None:
     """A new base controller of a residual policy, where a wrapper of the environment makes one: its `new_base`."""
     while isinstance(env, VecEnvWrapper):
         if hasattr(type(env), "new_base"):
-            found: ResidualBase = env.new_base()
-            return found
+            base: ResidualBase = env.new_base()
+            return base
         env = env.venv
     return None
 
@@ -178,13 +178,13 @@ def native_env(env: VecEnv | None) -> TaskVectorEnv:
     Raises:
         ConfigError: another environment, or one that is not of a tracking task.
     """
-    inside: Any = env
-    while isinstance(inside, VecEnvWrapper):
-        inside = inside.venv
-    native = getattr(inside, "env", None)
+    inner: Any = env
+    while isinstance(inner, VecEnvWrapper):
+        inner = inner.venv
+    native = getattr(inner, "env", None)
     vectors = env is not None and isinstance(env.observation_space, spaces.Box)
     if not isinstance(native, TaskVectorEnv) or not native.task.dimension or not vectors:
         allowed = "a tracking environment of rj_gym whose observation is one vector"
-        raise ConfigError("env", type(native or inside).__name__, allowed, "apg and distill play its episodes.")
+        raise ConfigError("env", type(native or inner).__name__, allowed, "apg and distill play its episodes.")
     native.autoreset_mode = AutoresetMode.DISABLED
     return native

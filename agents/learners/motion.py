@@ -1,6 +1,6 @@
 """One step of motors, tendons, tensions and tip, as a node with a derivative written by hand.
 
-Values are those of the environment; derivatives follow from the play operator and from the rates of the equilibrium
+Values are the environment's; derivatives follow from the play operator and from the rates of the equilibrium
 (`rj_gym.tracking.tangent.Tangent`). One node takes the place of some forty of torch's.
 """
 
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Motors:
-    """What motors make of actions.
+    """The motors' response to actions.
 
     Args:
         scale: of actions [mm]. limit: the largest move of a step [mm]; None: any.
@@ -55,15 +55,15 @@ def at_rest(tangent: Tangent) -> Motion:
 
 def moved(before: Motion, due: torch.Tensor, tangent: Tangent, motors: Motors) -> Motion:
     """The environment's motion after a step in which the actions `due` (B, m) reached the motors."""
-    return Motion(*_Step.apply(tangent, motors, due, before.motor, before.goal, before.command))
+    return Motion(*_MotorStep.apply(tangent, motors, due, before.motor, before.goal, before.command))
 
 
-class _Step(torch.autograd.Function):
+class _MotorStep(torch.autograd.Function):
     """Gradients by actions, motors, goals and commands before the step. Names: `by_x` is the gradient by x."""
 
     @staticmethod
     def forward(ctx: Any, tangent: Tangent, motors: Motors, *before: torch.Tensor) -> Any:
-        due, motor, goal, command = (each.numpy() for each in before)
+        due, motor, goal, command = (tensor.numpy() for tensor in before)
         ctx.tangent, ctx.motors = tangent, motors
         goal = goal - motors.scale * np.clip(due, -1.0, 1.0)
         way = goal - motor
@@ -76,7 +76,7 @@ class _Step(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *by: torch.Tensor) -> Any:
-        by_motor, by_goal, by_command, *by_read = (each.numpy() for each in by)
+        by_motor, by_goal, by_command, *by_read = (tensor.numpy() for tensor in by)
         tangent, held = ctx.tangent, ctx.tangent.held
         by_command, by_motor = _through_readings(tangent, by_motor, by_command, *by_read)
         if ctx.motors.limit is None:
@@ -89,14 +89,14 @@ class _Step(torch.autograd.Function):
         by_command = np.where(ctx.taken_along, 0.0, by_command)
         by_goal, by_motor = by_goal + np.where(ctx.free, by_motor, 0.0), np.where(ctx.free, 0.0, by_motor)
         by_due = np.where(ctx.heard, -ctx.motors.scale * by_goal, 0.0)
-        return None, None, *(single(each) for each in (by_due, by_motor, by_goal, by_command))
+        return None, None, *(single(tensor) for tensor in (by_due, by_motor, by_goal, by_command))
 
 
 def _found(tangent: Tangent, goal: NDArray[Any]) -> tuple[torch.Tensor, ...]:
     """The fields of Motion."""
     measured = tangent.tensions * _ratio(tangent)
-    found = tangent.motors, goal, tangent.commands, measured, tangent.tips, tangent.poses
-    return tuple(single(each) for each in found)
+    results = tangent.motors, goal, tangent.commands, measured, tangent.tips, tangent.poses
+    return tuple(single(values) for values in results)
 
 
 def _ratio(tangent: Tangent) -> NDArray[np.float64]:
@@ -107,7 +107,7 @@ def _ratio(tangent: Tangent) -> NDArray[np.float64]:
 def _through_readings(
     tangent: Tangent, by_motor: Array, by_command: Array, by_measured: Array, by_tip: Array, by_pose: Array
 ) -> tuple[Any, Any]:
-    """Gradients by commands and motors, those of what is read included."""
+    """Gradients by commands and motors, through the readings too."""
     half, rubbed = tangent.half_play, _ratio(tangent)
     shifts = (np.abs(play_place(tangent.commands, tangent.motors, half)) <= 1.0) & (half > 0.0)
     by_shift = np.where(
@@ -126,7 +126,7 @@ def _through_limits(tangent: Tangent, by_motor: Any, by_command: Any) -> Any:
 
 
 def _transposed(rates: NDArray[np.float64], by: Any) -> Any:
-    """Gradients by what was multiplied with the rates (B, k, m), from those by the products (B, k)."""
+    """Gradients by the factors of the rates (B, k, m), from the gradients by the products (B, k)."""
     return np.einsum("bkm,bk->bm", rates, by)
 
 

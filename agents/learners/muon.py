@@ -1,8 +1,8 @@
-"""Muon: momentum whose every matrix is made orthogonal, so that all directions of a layer learn at one pace.
+"""Muon: momentum with every matrix made orthogonal, so that all directions of a layer learn at one pace.
 
 In gradients of whole recurrent episodes a few directions are much larger than the rest, which Adam, entry by entry,
-learns slowly; docs/training.md has what it brings. Source: Jordan et al., Muon: An Optimizer for Hidden Layers in
-Neural Networks, 2024; the scale, by which learning rates are those of Adam: Liu et al., Muon is Scalable for LLM
+learns slowly; docs/training.md has its effect. Source: Jordan et al., Muon: An Optimizer for Hidden Layers in
+Neural Networks, 2024; the scale, by which Adam's learning rates apply: Liu et al., Muon is Scalable for LLM
 Training, 2025.
 """
 
@@ -41,7 +41,7 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
-        """Change the parameters by their gradients, which the closure, if there is one, takes anew; what it returns."""
+        """Change the parameters by their gradients, which a closure takes anew; the closure's value, or None."""
         with torch.enable_grad():
             loss = None if closure is None else closure()
         for group in self.param_groups:

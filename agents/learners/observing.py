@@ -1,4 +1,4 @@
-"""How the observation answers motors, tensions and tip: the derivative of what a tracking environment shows."""
+"""How the observation answers motors, tensions and tip: the derivative of a tracking environment's observation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _KINDS = {"action": "action", "command": "motor", "tension": "tension"}
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _ObservedEntry:
     """Of which tendon or axis an entry is, how old, and in which unit; kind "": its gradient is left out."""
 
     kind: str = ""
@@ -28,8 +28,8 @@ class _Entry:
 class Observing:
     """Adds gradients to the observations of a tracking task.
 
-    Entries of motors, tensions, past readings, the tip error and of pictures have them; rounding and noise do not. What
-    can be read after a step is one row: its action, motors, measured tensions, and tip and poses in the picture that is
+    Entries of motors, tensions, past readings, the tip error and of pictures have them; rounding and noise do not. The
+    readings after a step are one row: its action, motors, measured tensions, and tip and poses in the picture that is
     seen. Observations are linear in the rows now and some steps ago.
     """
 
@@ -48,7 +48,7 @@ class Observing:
             if entry.kind:
                 place = starts[entry.kind] + entry.part
                 self._linear[self._ages.index(age), place, column] += 1.0 / entry.unit
-                if entry.lag and entry.kind != "action":  # what was then, less what is now
+                if entry.lag and entry.kind != "action":  # the past value, less the present one
                     self._linear[0, place, column] -= 1.0 / entry.unit
         self._linear = self._linear.reshape(-1, len(names))
 
@@ -61,8 +61,8 @@ class Observing:
         """The next observation (B, entries), with the gradients of this action, this motion and those before."""
         picture = torch.cat([motion.tip, motion.pose], 1)
         self._pictures.append(picture)
-        seen = picture if self._age is None else self._pictured(observation[:, self._age])
-        self._rows.append(torch.cat([action, motion.motor, motion.tension, seen], 1))
+        shown = picture if self._age is None else self._pictured(observation[:, self._age])
+        self._rows.append(torch.cat([action, motion.motor, motion.tension, shown], 1))
         now = len(self._rows) - 1
         answer = torch.cat([self._rows[max(now - age, 0)] for age in self._ages], 1) @ self._linear
         return observation + (answer - answer.detach())
@@ -74,7 +74,7 @@ class Observing:
         return torch.stack(self._pictures)[taken.clamp(0, now), torch.arange(len(age))]
 
 
-def _entry(name: str, task: TrackingTask) -> _Entry:
+def _entry(name: str, task: TrackingTask) -> _ObservedEntry:
     past = _PAST.fullmatch(name)
     lag = int(past["lag"]) if past else 0
     words = (past["name"] if past else name).split()
@@ -83,9 +83,11 @@ def _entry(name: str, task: TrackingTask) -> _Entry:
         units = {"action": 1.0, "command": config.command_scale_mm, "tension": config.tension_range[1]}
         if lag:
             units |= {"command": config.action_scale_mm, "tension": LAG_TENSION}
-        return _Entry(_KINDS[words[-1]], lag, units[words[-1]], int(words[1]))
+        return _ObservedEntry(_KINDS[words[-1]], lag, units[words[-1]], int(words[1]))
     if words[:2] == ["tip", "error"]:
-        return _Entry("tip", lag, -config.reward.error_scale_mm, "xyz".index(words[2]))
+        return _ObservedEntry("tip", lag, -config.reward.error_scale_mm, "xyz".index(words[2]))
     if name in task.pictured:
-        return _Entry("pose", 0, task.length if words[-1] in ("x", "y", "z") else 1.0, task.pictured.index(name))
-    return _Entry()
+        return _ObservedEntry(
+            "pose", 0, task.length if words[-1] in ("x", "y", "z") else 1.0, task.pictured.index(name)
+        )
+    return _ObservedEntry()

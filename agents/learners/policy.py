@@ -44,7 +44,7 @@ class RecurrentPolicy(BasePolicy):
         self.readout = torch.nn.Linear(width, hidden)
         if optimizer == "muon":
             gates = [self.actor.cell.weight_ih_l0, self.actor.cell.weight_hh_l0]
-            others = [each for each in self.parameters() if not any(each is gate for gate in gates)]
+            others = [parameter for parameter in self.parameters() if not any(parameter is gate for gate in gates)]
             groups = [{"params": gates, "blocks": 3}, {"params": others}]
             self.optimizer: torch.optim.Optimizer = Muon(groups, lr_schedule(1), betas=betas)
         else:

@@ -1,4 +1,4 @@
-"""A policy with memory as a torch module: what agents.policies.recurrent.RecurrentNetwork computes, with gradients."""
+"""A policy with memory as a torch module: agents.policies.recurrent.RecurrentNetwork with gradients."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class RecurrentActor(nn.Module):
             observation: normalised, (entries,) or (B, entries).
             state: the memory before, (B, width); None where all episodes begin.
             episode_start: (B,), where an episode begins, and forgets its memory.
-            deterministic: has no effect; the policy draws nothing.
+            deterministic: has no effect; the policy is deterministic.
         """
         rows = np.asarray(observation, np.float32).reshape(-1, np.shape(observation)[-1])
         if state is not None and episode_start is not None:

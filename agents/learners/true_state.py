@@ -13,8 +13,8 @@ from rj_gym.tracking.task import TrackingTask
 from rollingjoint.errors import ConfigError
 from rollingjoint.transmission import play_inverse
 
-KEEP = 3.0  # mm/N: what a tension outside the margin weighs, more than any error
-MARGIN = 0.05  # of the tension range, kept free at both ends: there a tendon controls nothing
+KEEP = 3.0  # mm/N: weight of a tension outside the margin, above any error
+MARGIN = 0.05  # of the tension range, kept free at both ends: there a tendon has no effect
 RELEASE = 0.1  # mm: by which a tendon at a limit moves away from it
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class TrueStateWeights:
 
     Args:
         gain: share of the error that a step removes.
-        stiffen: weight of high tensions [mm/N]: weak beside the error. Arms keep their tensions.
+        stiffen: weight of high tensions [mm/N]: weak next to the error. Arms keep their tensions.
         damping: the smallest response of the tip to commands that is used [mm/mm].
         far: more damping far from the target, where the response will have changed on arrival [1/mm].
         dead_band_mm: moves of a tendon that are not worth crossing the play for [mm].
@@ -53,7 +53,7 @@ class TrueStateFeedback:
     J = d tip / d command, K = d tension / d command; motors go ahead of their tendons by half the width of the play.
 
     Args:
-        task: a tracking task whose motors do at once what they are told.
+        task: a tracking task with motors that follow commands at once.
         weights: of the terms.
     Raises:
         ConfigError: motors with a delay or a rate limit.
@@ -89,8 +89,8 @@ class TrueStateFeedback:
         self._before = target.copy()
         way = self.weights.gain * (target - tangent.tips) + (target - before)
         tendons = self._released(self._step(tangent, way), tangent)
-        ahead = play_inverse(tangent.commands, tendons, tangent.half_play) - tangent.motors
-        moves = np.where(np.abs(tendons) > self.weights.dead_band_mm, ahead, tendons)
+        motor_moves = play_inverse(tangent.commands, tendons, tangent.half_play) - tangent.motors
+        moves = np.where(np.abs(tendons) > self.weights.dead_band_mm, motor_moves, tendons)
         return np.clip(-moves / self.scale, -1.0, 1.0)
 
     def _step(self, tangent: Tangent, way: Array) -> Array:
@@ -98,25 +98,25 @@ class TrueStateFeedback:
 
         Tensions that would leave their range get the weight KEEP and the end of the range as their goal.
         """
-        tips, tensions, some = tangent.tip_rates, tangent.tension_rates, self.weights
-        damping = some.damping**2 + some.far**2 * np.sum(way**2, axis=1)
+        tips, tensions, settings = tangent.tip_rates, tangent.tension_rates, self.weights
+        damping = settings.damping**2 + settings.far**2 * np.sum(way**2, axis=1)
         free = np.swapaxes(tips, 1, 2) @ tips + damping[:, None, None] * np.eye(tips.shape[2])
         changes = np.zeros_like(tangent.tensions)
         if self.stiffens:
             changes += self.high - tangent.tensions.max(axis=1, keepdims=True)
-        weights = np.full_like(changes, some.stiffen**2)
+        weights = np.full_like(changes, settings.stiffen**2)
         for _ in range(3):
             weighted = weights[:, :, None] * tensions
             pull = np.einsum("bim,bi->bm", tips, way) + np.einsum("bim,bi->bm", weighted, changes)
             step = np.linalg.solve(free + np.swapaxes(tensions, 1, 2) @ weighted, pull[..., None])
             step *= np.minimum(1.0, self.scale / (np.abs(step).max(axis=1, keepdims=True) + 1e-12))
             after = tangent.tensions + (tensions @ step)[..., 0]
-            kept = np.clip(after, self.low, self.high)
-            weights = np.where(after == kept, weights, KEEP**2)
-            changes = np.where(after == kept, changes, kept - tangent.tensions)
+            clipped = np.clip(after, self.low, self.high)
+            weights = np.where(after == clipped, weights, KEEP**2)
+            changes = np.where(after == clipped, changes, clipped - tangent.tensions)
         return step[..., 0]
 
     def _released(self, step: Array, tangent: Tangent) -> Array:
-        """The step where tendons at a tension limit, which nothing answers, move away from it."""
+        """The step where tendons at a tension limit, which have no effect, move away from it."""
         release = np.where(tangent.tensions > self.high, RELEASE, -RELEASE)
         return np.where(tangent.held, release, step)

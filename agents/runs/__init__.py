@@ -15,5 +15,5 @@ Modules:
     folder: the run folder.
     command_line: exit codes, error lines and signals of the commands.
 
-Nothing is imported here; torch and Stable-Baselines3 are loaded by the functions that need them.
+This package imports no modules; torch and Stable-Baselines3 are loaded by the functions that need them.
 """

@@ -53,14 +53,18 @@ def parse_json(content: bytes | str, where: str) -> Any:
 
 def _is_deep(values: Any) -> bool:
     """Whether there are more than DEEPEST levels."""
-    inside = _containers([values])
+    level = _containers([values])
     for _ in range(DEEPEST):
-        inside = [one for each in inside for one in _containers(each.values() if type(each) is dict else each)]
-    return bool(inside)
+        level = [
+            child
+            for container in level
+            for child in _containers(container.values() if type(container) is dict else container)
+        ]
+    return bool(level)
 
 
 def _containers(values: Iterable[Any]) -> list[Any]:
-    return [one for one in values if type(one) is dict or type(one) is list]
+    return [value for value in values if type(value) is dict or type(value) is list]
 
 
 def _too_deep(where: str) -> ConfigError:

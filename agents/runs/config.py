@@ -135,8 +135,8 @@ class TrainConfig:
         policy: the networks.
         normalise: running normalisation.
         her: hindsight experience replay (`sac`, `tqc`); null: none.
-        residual: name of the controller to whose actions the policy adds its own; null: the policy acts alone.
-        start_from: folder of an earlier run with whose best policy this one starts (`apg`, `distill`), relative to the
+        residual: name of the controller with actions to which the policy adds its own; null: the policy acts alone.
+        start_from: folder of an earlier run with the best policy to start from (`apg`, `distill`), relative to the
             working directory; null: a fresh policy.
         evaluation: evaluation during training.
         checkpoint_every: steps of all environments together between two checkpoints.

@@ -44,7 +44,7 @@ def consent() -> Consent:
 
 
 @contextmanager
-def allowing(given: Consent) -> Iterator[None]:
+def allowing(permissions: Consent) -> Iterator[None]:
     """A context with these permissions; the modules are imported first.
 
     Raises:
@@ -52,22 +52,22 @@ def allowing(given: Consent) -> Iterator[None]:
     """
     global _given
     before = _given
-    for module in given.modules:
+    for module in permissions.modules:
         try:
             imported(module)
         except Exception as error:  # whatever a module raises
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError("--import", module, "a module that can be imported, or a file NAME.py", reason) from error
-    _given = given
+    _given = permissions
     try:
         yield
     finally:
         _given = before
 
 
-def call_with(given: Consent, function: Callable[..., Any], *arguments: Any) -> Any:
+def call_with(permissions: Consent, function: Callable[..., Any], *arguments: Any) -> Any:
     """In a worker: function(*arguments), with the consent of the process that has sent it."""
-    with allowing(given):
+    with allowing(permissions):
         return function(*arguments)
 
 
@@ -109,9 +109,9 @@ def imported(module: str) -> ModuleType:
     if not module.endswith(".py"):
         with _first_on_path(Path.cwd()):
             return importlib.import_module(module)
-    known = sys.modules.get(path.stem)
-    if known is not None and getattr(known, "__file__", None) == str(path):
-        return known
+    module_at_path = sys.modules.get(path.stem)
+    if module_at_path is not None and getattr(module_at_path, "__file__", None) == str(path):
+        return module_at_path
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{module} is no Python file")

@@ -17,8 +17,8 @@
     error.txt            the traceback, if training failed
     lock                 held by the training that runs
 
-Beside these files FILE.sha256 has the hash of FILE, beside tables from the end of training on: what has changed is
-refused where it is read. TensorBoard events have checksums of their own; evaluation/, error.txt and lock have none.
+Next to these files FILE.sha256 has the hash of FILE, for tables from the end of training on: a changed file is
+refused where it is read. TensorBoard events have their own checksums; evaluation/, error.txt and lock have none.
 Pickles (.pkl, .zip) are read with --trust alone, and only in folders of earlier versions, which have none of these
 safetensors files.
 """

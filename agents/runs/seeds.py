@@ -1,7 +1,7 @@
 """Seeds by purpose: ranges that no other purpose uses.
 
 Training uses the seeds of its run, evaluations during it those from 1,000,000 on, studies of hyper-parameters those
-from 2,000,000 on, recorded scores of shipped policies those from 20,000 on, studies of what can be known those from
+from 2,000,000 on, recorded scores of shipped policies those from 20,000 on, studies of identifiability those from
 5,500,000 to 5,599,999. Recipes of training were chosen on those from 6,000,000 on.
 """
 

@@ -46,7 +46,7 @@ def unpacked(data: bytes, source: str) -> Any:
 
 
 def _described(value: Any, arrays: dict[str, NDArray[Any]], place: str) -> Any:
-    """The JSON form of a value, whose arrays are added to `arrays`; `place` names it in messages."""
+    """The JSON form of a value; its arrays are added to `arrays`; `place` names it in messages."""
     if value is None or (isinstance(value, bool | int | float | str) and not isinstance(value, np.generic)):
         return value
     kind = type(value)
@@ -68,8 +68,8 @@ def _described(value: Any, arrays: dict[str, NDArray[Any]], place: str) -> Any:
 def _key(key: Any, place: str) -> str | int:
     if type(key) not in (str, int):
         raise StateError(f"{place}: key", key, "a text or an integer")
-    kept: str | int = key
-    return kept
+    checked: str | int = key
+    return checked
 
 
 def _kept(array: NDArray[Any], arrays: dict[str, NDArray[Any]]) -> str:

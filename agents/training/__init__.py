@@ -1,7 +1,7 @@
 """Training: from a configuration to a run folder with a policy.
 
 Modules:
-    asymmetric: networks whose critic sees more than the policy.
+    asymmetric: networks with a critic that sees more than the policy.
     convolution: a temporal convolution over past readings, before the hidden layers.
     residual: environments with the outputs of a controller.
     build: environments and model of a configuration.
@@ -14,5 +14,5 @@ Modules:
     log: the training log, which a resumed run continues.
     campaign: many runs, some at a time.
 
-Nothing is imported here: torch and Stable-Baselines3 are loaded by the modules that need them.
+This package imports no modules: torch and Stable-Baselines3 are loaded by the modules that need them.
 """

@@ -1,4 +1,4 @@
-"""Policies whose critic sees more than they do: the privileged state, which only a simulator knows.
+"""Policies with a critic that sees more than they do: the privileged state, which only a simulator knows.
 
 Source: Pinto et al., Asymmetric Actor Critic for Image-Based Robot Learning, 2018.
 """
@@ -25,7 +25,7 @@ _APART: dict[str, Any] = {
 
 
 class ActorsPart(BaseFeaturesExtractor):
-    """What the policy sees of an observation in parts: the vector under "observation"."""
+    """The policy's view of an observation in parts: the vector under "observation"."""
 
     def __init__(self, space: spaces.Dict) -> None:
         super().__init__(space, spaces.flatdim(space[ACTOR]))
@@ -65,7 +65,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
     Args:
         space, actions, rate: the spaces and the learning rate's schedule, as for ActorCriticPolicy.
-        arguments: of ActorCriticPolicy; `features_extractor_class` is that of the policy.
+        arguments: of ActorCriticPolicy; `features_extractor_class` is the policy's.
     """
 
     def __init__(self, space: spaces.Dict, actions: spaces.Box, rate: Schedule, **arguments: Any) -> None:

@@ -34,7 +34,7 @@ class StopOnSignal(BaseCallback):
     """Ends training cleanly after SIGINT (Ctrl-C) or SIGTERM (Windows: SIGBREAK); a second one interrupts at once.
 
     Training continues to the end of the rollout, from where it can be resumed exactly. A context manager: the
-    handlers are in place inside it. `signal` is what arrived, or None.
+    handlers are in place inside it. `signal` is the one that arrived, or None.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Checkpoints(BaseCallback):
     """Saves a checkpoint at the start of a rollout: every `every` steps or a little later, and when training stops.
 
     Args:
-        moment: for a resumed run, what to restore at the start of its first rollout.
+        moment: for a resumed run, the state to restore at the start of its first rollout.
     """
 
     def __init__(self, run: RunFolder, every: int, stop: StopOnSignal, moment: Moment | None = None) -> None:
@@ -153,12 +153,12 @@ class Evaluator(BaseCallback):
         return row
 
     def _row(self, episodes: Episodes) -> Row:
-        """What these episodes say, by column; a run begun by an older version keeps the columns that it has."""
+        """Values of these episodes, by column; a run begun by an older version keeps the columns that it has."""
         final = episodes.final_errors
         last, rewards = float(episodes.last_errors.mean()), float(episodes.rewards.mean())
         errors = float(final.mean()), float(np.median(final)), float(np.percentile(final, 95)), last
-        whole = dict(zip(COLUMNS, (self.num_timesteps, *errors, rewards), strict=True))
-        return {name: whole[name] for name in self.columns}
+        values = dict(zip(COLUMNS, (self.num_timesteps, *errors, rewards), strict=True))
+        return {name: values[name] for name in self.columns}
 
     def _write(self, row: Any) -> None:
         with self.run.evaluations.open("a", encoding="utf-8", newline="") as stream:
@@ -177,7 +177,7 @@ class FinalError(BaseCallback):
             self.logger.record("rollout/final_error_mm", float(np.mean(finished)))
 
 
-class Progress(BaseCallback):
+class TrainingProgress(BaseCallback):
     """A progress bar on the terminal; hidden where standard error is not a terminal, and in CI."""
 
     def _on_training_start(self) -> None:

@@ -40,7 +40,7 @@ class Member:
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """What the run changes in the configuration."""
+        """Changes of the configuration by the run."""
         return f"seed={self.seed}", "torch_threads=1"
 
     def folder(self, out: Path) -> Path:
@@ -111,7 +111,7 @@ class Campaign:
     cluster: str = LOCAL
 
     def train(self) -> int:
-        """Train what is not finished; the exit code. A run that fails does not stop the others."""
+        """Train the unfinished runs; the exit code. A run that fails does not stop the others."""
         waiting, failed = self._plan()
         with executor_of(self.cluster, self.jobs) as executor, signals_seen() as signals:
             failed |= self._work(executor, waiting, signals)
@@ -122,13 +122,13 @@ class Campaign:
 
     def _plan(self) -> tuple[list[Member], dict[Member, str]]:
         """The runs to train, and why others cannot be trained."""
-        begun, failed = dict[Member, bool | None](), dict[Member, str]()
+        progress, failed = dict[Member, bool | None](), dict[Member, str]()
         for member in self.members:
             try:
-                begun[member] = member.begun(self.out)
+                progress[member] = member.begun(self.out)
             except RollingJointError as error:
                 failed[member] = str(error)
-        states = list(begun.values())
+        states = list(progress.values())
         where = f"{self.jobs} at a time" if self.cluster == LOCAL else f"on the cluster {self.cluster}"
         print(
             f"{states.count(None)} runs are finished, {states.count(True)} begun, {states.count(False)} new; {where}",
@@ -136,7 +136,7 @@ class Campaign:
         )
         for member, reason in failed.items():
             print(f"cannot be trained: {member}: {reason}", file=sys.stderr, flush=True)
-        return [member for member, state in begun.items() if state is not None], failed
+        return [member for member, state in progress.items() if state is not None], failed
 
     def _work(self, executor: Executor, waiting: Sequence[Member], signals: MutableSequence[int]) -> dict[Member, str]:
         """Train them all; why some failed. With a signal running ones save, and no more are started."""
@@ -183,7 +183,7 @@ class TrainingUnit(FolderUnit):
 
 
 def train_in(folder: Path) -> None:
-    """Train the run in its folder to the end, from its newest checkpoint on; what is said goes to FOLDER.log.
+    """Train the run in its folder to the end, from its newest checkpoint on; output goes to FOLDER.log.
 
     Raises:
         RollingJointError: it cannot be trained.
@@ -192,10 +192,10 @@ def train_in(folder: Path) -> None:
     from agents.training.learn import resume
 
     run = RunFolder.open(folder)
-    begun = bool(run.checkpoint_folders)
+    is_begun = bool(run.checkpoint_folders)
     with output_to(folder.with_name(f"{folder.name}.log")):
         try:
-            code = resume(folder, command=typed_command("rj train", ["--resume", str(folder)]) if begun else ())
+            code = resume(folder, command=typed_command("rj train", ["--resume", str(folder)]) if is_begun else ())
         except RollingJointError:
             raise
         except Exception:  # the log says where

@@ -3,14 +3,14 @@
 A checkpoint is a folder checkpoints/STEPS of the run folder. It appears whole, by renaming, or not at all.
 
     policy.safetensors, policy.zip, normaliser.pkl      the policy as it was
-    resume/                                 what else resuming needs; deleted from all but the newest two checkpoints
+    resume/                                 more for resuming; deleted from all but the newest two checkpoints
         training.safetensors                model, optimisers, lanes, random numbers, the pending row of the log
         replay_buffer.safetensors           where the algorithm has one
         evaluations.csv, progress.csv, best/     copies of those in the run folder
 
-Every file has its hash beside it. Where the newest checkpoint is damaged, a run goes on from the one before. Earlier
+The hash of every file is next to it. Where the newest checkpoint is damaged, a run goes on from the one before. Earlier
 versions wrote pickles in place of the two files (old_checkpoint.py). Checkpoints are taken where a rollout begins:
-there the loops of Stable-Baselines3 hold nothing in local variables.
+there the loops of Stable-Baselines3 keep no state in local variables.
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ def _remove(file: Path) -> None:
 
 
 def save(model: BaseAlgorithm, run: RunFolder) -> None:
-    """Save a checkpoint of a model whose rollout is about to begin.
+    """Save a checkpoint of a model at the start of a rollout.
 
-    Raises OSError, on a full disk for example, and leaves nothing behind.
+    Raises OSError, on a full disk for example, and leaves no files behind.
     """
     folder = run.checkpoints / f"{model.num_timesteps:09d}"
     partial = folder.with_name(f".{folder.name}")
@@ -154,17 +154,17 @@ def resumable(run: RunFolder) -> list[Path]:
 def newest(run: RunFolder) -> Path | None:
     """The newest checkpoint from which the run can be resumed; None if there is none.
 
-    Damaged ones that are newer become checkpoints/damaged-STEPS, and a line on standard error says what is lost.
+    Damaged ones that are newer become checkpoints/damaged-STEPS, and a line on standard error names the loss.
 
     Raises:
         RunFolderError: all are damaged; they stay where they are.
     """
-    there = resumable(run)
-    damages = [damaged_file(checkpoint) for checkpoint in there]
-    if there and None not in damages:
+    checkpoints = resumable(run)
+    damages = [damaged_file(checkpoint) for checkpoint in checkpoints]
+    if checkpoints and None not in damages:
         hint = f"Its policies can still be evaluated. To train again: {_again(run)}"
         raise RunFolderError("damaged file", str(damages[0]), "the content that was written", hint)
-    for checkpoint, damage, before in zip(there, damages, there[1:], strict=False):
+    for checkpoint, damage, before in zip(checkpoints, damages, checkpoints[1:], strict=False):
         if damage is None:
             return checkpoint
         first, lost = steps_of(before), steps_of(checkpoint) - steps_of(before)
@@ -172,7 +172,7 @@ def newest(run: RunFolder) -> Path | None:
         aside = checkpoint.with_name(f"damaged-{checkpoint.name}")
         shutil.rmtree(aside, ignore_errors=True)
         os.rename(checkpoint, aside)
-    return there[-1] if there else None
+    return checkpoints[-1] if checkpoints else None
 
 
 def damaged_file(checkpoint: Path) -> Path | None:
@@ -216,7 +216,7 @@ def load(checkpoint: Path, config: TrainConfig) -> tuple[BaseAlgorithm, Moment]:
 
 
 def _unreadable(checkpoint: Path, error: Exception) -> RunFolderError:
-    """What to say of a checkpoint that was damaged, or that another version of the packages wrote."""
+    """The message for a checkpoint that was damaged, or that another version of the packages wrote."""
     run = RunFolder(checkpoint.parents[1])
     hint = (
         f"{type(error).__name__}: {error}. The run was begun with {run.begun_with}: a resumed run needs the same code. "

@@ -1,10 +1,10 @@
 """A temporal convolution over past readings, before the hidden layers of a policy or a value function.
 
 Every layer joins three neighbouring steps into one, with the same weights wherever they are, until a single one is
-left: the last output of a causal convolutional network with kernels of 3 and dilations 1, 3, 9, ..., without what
-that output does not depend on. What is not past, the present readings and the target, every kernel of the first layer
-sees. Source: Bai, Kolter, Koltun, An Empirical Evaluation of Generic Convolutional and Recurrent Networks for Sequence
-Modeling, 2018.
+left: the last output of a causal convolutional network with kernels of 3 and dilations 1, 3, 9, ..., without
+the values on which that output does not depend. Every kernel of the first layer also sees the present readings and the
+target. Source: Bai, Kolter, Koltun, An Empirical Evaluation of Generic Convolutional and Recurrent Networks for
+Sequence Modeling, 2018.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KERNEL = 3
 
 
 class SharedLinear(nn.Module):
-    """One linear layer applied to several groups of its inputs, whose outputs lie side by side.
+    """One linear layer applied to several groups of its inputs, with outputs side by side.
 
     Args:
         groups: places of every group's inputs among all inputs, lists of one length; -1 stands for a zero.
@@ -49,7 +49,7 @@ class SharedLinear(nn.Module):
         return outputs.flatten(1)
 
     def dense(self) -> nn.Linear:
-        """The same as a linear layer of all inputs, most of whose weights are zero."""
+        """The same as a linear layer of all inputs with most weights zero."""
         groups, width = len(self.places), self.linear.out_features
         weights = torch.zeros(groups, width, self.inputs + 1)
         spread = self.places[:, None].expand(groups, width, -1)
@@ -62,19 +62,19 @@ class SharedLinear(nn.Module):
 
 
 class PastConvolution(BaseFeaturesExtractor):
-    """What a convolution makes of the past readings in an observation.
+    """Features of an observation, with a convolution of its past readings.
 
     Args:
         space: of observations: a vector, or a dictionary with the policy's vector under "observation".
         past: places of the readings of every past step in that vector, the oldest step first.
-        width: of every layer. activation: class of what follows every layer.
+        width: of every layer. activation: class of the module after every layer.
     """
 
     def __init__(self, space: spaces.Space[Any], past: Sequence[Sequence[int]], width: int, activation: Any) -> None:
         super().__init__(space, width)
         self.entries = spaces.flatdim(space[ACTOR] if isinstance(space, spaces.Dict) else space)
-        known = {place for step in past for place in step}
-        present = [place for place in range(self.entries) if place not in known]
+        past_entries = {place for step in past for place in step}
+        present = [place for place in range(self.entries) if place not in past_entries]
         layers: list[nn.Module] = []
         steps, inputs, seen_by_all = [list(step) for step in past], self.entries, present
         while not layers or len(steps) > 1:

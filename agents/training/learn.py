@@ -18,7 +18,7 @@ from agents.runs.files import RunFolderError, seal, unseal, write_text
 from agents.runs.folder import RunFolder
 from agents.training import checkpoint
 from agents.training.build import close
-from agents.training.callbacks import Checkpoints, Evaluator, FinalError, Progress, StopOnSignal
+from agents.training.callbacks import Checkpoints, Evaluator, FinalError, StopOnSignal, TrainingProgress
 from agents.training.checkpoint import Moment
 from agents.training.log import training_log
 from agents.training.start import fresh_model
@@ -82,9 +82,9 @@ def _check_nothing_is_lost(run: RunFolder) -> None:
 
 
 def _train(model: BaseAlgorithm, config: TrainConfig, run: RunFolder, moment: Moment | None = None) -> int:
-    begun = f"from step {model.num_timesteps} on, " if moment else ""
+    origin = f"from step {model.num_timesteps} on, " if moment else ""
     print(
-        f"{config.algorithm.upper()}, {config.total_timesteps} steps of {config.env.id}, {begun}into {run.path}",
+        f"{config.algorithm.upper()}, {config.total_timesteps} steps of {config.env.id}, {origin}into {run.path}",
         flush=True,
     )
     with StopOnSignal() as stop:
@@ -109,7 +109,7 @@ def _learn_and_save(
     logger = training_log(run, model.num_timesteps)
     model.set_logger(logger)
     checkpoints = Checkpoints(run, config.checkpoint_every, stop, moment)
-    callbacks = [stop, Progress(), FinalError(), checkpoints, Evaluator(run, config, stop)]
+    callbacks = [stop, TrainingProgress(), FinalError(), checkpoints, Evaluator(run, config, stop)]
     try:
         learn(model, config, callbacks)
     except KeyboardInterrupt:
@@ -140,7 +140,7 @@ def _broken_off(error: Exception, model: BaseAlgorithm, run: RunFolder) -> Train
         with suppress(OSError):
             write_text(run.path / "error.txt", traceback.format_exc())
         text += f"{error!r}; all of it is in {run.path}/error.txt"
-    kept = checkpoint.resumable(run)
-    if kept:
-        text += f". From step {checkpoint.steps_of(kept[0])} on: rj train --resume {run.path}"
+    checkpoints = checkpoint.resumable(run)
+    if checkpoints:
+        text += f". From step {checkpoint.steps_of(checkpoints[0])} on: rj train --resume {run.path}"
     return TrainingError(text)

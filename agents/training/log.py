@@ -50,7 +50,7 @@ def _largest(rows: list[dict[str, str]], column: str) -> float:
 
 
 class _Events(TensorBoardOutputFormat):
-    """Writes events; TensorBoard drops those of an interrupted run that lie behind `steps`."""
+    """Writes events; TensorBoard drops an interrupted run's events behind `steps`."""
 
     def __init__(self, folder: Path, steps: int) -> None:
         _wait_for_a_later_name(folder)

@@ -22,8 +22,8 @@ def load_old(checkpoint: Path, model: Any) -> Any:
     """
     content = torch.load(old_state(checkpoint), weights_only=False)
     vars(model).update(content["model"])
-    wrappers, inside = content["environments"]
-    _put_back(model.env, wrappers, inside)
+    wrappers, lanes = content["environments"]
+    _put_back(model.env, wrappers, lanes)
     buffer = checkpoint / "resume" / "replay_buffer.pkl"
     if buffer.is_file():
         with buffer.open("rb") as stream:
@@ -33,10 +33,10 @@ def load_old(checkpoint: Path, model: Any) -> Any:
     return content["moment"]
 
 
-def _put_back(env: Any, wrappers: list[dict[str, Any]], inside: VecEnv) -> None:
-    """Give the wrappers, outermost first, what they held, and put the lanes inside into place."""
+def _put_back(env: Any, wrappers: list[dict[str, Any]], lanes: VecEnv) -> None:
+    """Give the wrappers, outermost first, their saved attributes, and put the lanes inside into place."""
     for held in wrappers:
         vars(env).update(held)
         outer, env = env, env.venv
     env.close()
-    outer.venv = inside
+    outer.venv = lanes

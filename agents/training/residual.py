@@ -20,7 +20,7 @@ Vectors = NDArray[np.float32]
 
 @dataclass
 class _Together:
-    """Lanes whose episodes began in the same step, and the controller that began with them.
+    """Lanes with episodes that began in the same step, and the controller that began with them.
 
     Args:
         lanes: where its episodes run or ran.
@@ -40,7 +40,7 @@ class _Together:
 
 
 class ResidualVecEnv(VecEnvWrapper):
-    """A vector environment whose actions are added to those of a controller, whose outputs are observed.
+    """A vector environment with actions added to a controller's, and with the controller's outputs observed.
 
     Controllers begin many episodes at a time, so those that begin in the same step share one. That is usually all of
     them: they are equally long unless one fails. A controller sees its episodes to their end, the terminal observation
@@ -91,16 +91,16 @@ class ResidualVecEnv(VecEnvWrapper):
 
     def get_state(self) -> dict[str, Any]:
         """The observations of all controllers, and their outputs, in plain values and arrays."""
-        kept = [{"lanes": each.lanes, "running": each.running, "seen": each.seen} for each in self._groups]
-        return {"groups": kept, "advice": self._outputs}
+        groups = [{"lanes": group.lanes, "running": group.running, "seen": group.seen} for group in self._groups]
+        return {"groups": groups, "advice": self._outputs}
 
     def set_state(self, state: Any) -> None:
         """Continue from a state of `get_state`: new controllers receive the same observations again."""
         self._groups, self._outputs = [], state["advice"].copy()
-        for kept in state["groups"]:
-            group = _Together(self.new_base(), kept["lanes"], kept["running"], [])
+        for saved in state["groups"]:
+            group = _Together(self.new_base(), saved["lanes"], saved["running"], [])
             group.base.reset(np.ones(len(group.lanes), bool))
-            for vectors in kept["seen"]:
+            for vectors in saved["seen"]:
                 group.outputs(vectors)
             self._groups.append(group)
 
@@ -131,7 +131,7 @@ def _vectors(observations: Any) -> Vectors:
 
 
 def _with_room(space: spaces.Space[Any], size: int) -> spaces.Space[Any]:
-    """The space of observations with so many outputs of a controller."""
+    """The space of observations with this number of outputs of a controller."""
     if isinstance(space, spaces.Dict):
         return spaces.Dict({**space.spaces, "observation": _with_room(space["observation"], size)})
     assert isinstance(space, spaces.Box)

@@ -21,11 +21,11 @@ from rollingjoint.errors import ConfigError, RollingJointError
 
 
 def fresh_model(config: TrainConfig) -> BaseAlgorithm:
-    """The model with which a run begins: that of build_model, with the best policy of `config.start_from`.
+    """The model with which a run begins: build_model's, with the best policy of `config.start_from`.
 
     Raises:
         ConfigError: a policy that does not fit, or a configuration that Stable-Baselines3 refuses.
-        RunFolderError: no run there, or one whose policy cannot be read without unpickling.
+        RunFolderError: no run there, or one with a policy that cannot be read without unpickling.
         PolicyError: a policy.safetensors that cannot be read.
     """
     earlier = earlier_policy(config)
@@ -47,9 +47,9 @@ def earlier_policy(config: TrainConfig) -> TrainedPolicy | None:
 
 
 def _start(model: Any, earlier: TrainedPolicy, config: TrainConfig) -> None:
-    """Give the model the actor of an earlier policy, and what that knows of the spread of observations."""
-    own = model.get_vec_normalize_env()
-    normalises = own is not None and own.norm_obs
+    """Give the model the actor of an earlier policy, and that policy's statistics of observations."""
+    normaliser = model.get_vec_normalize_env()
+    normalises = normaliser is not None and normaliser.norm_obs
     arrays = _arrays_for(model, earlier)
     if arrays is None or normalises != (earlier.observations > 0):
         entries, width = model.observation_space.shape[0], config.policy.memory
@@ -58,8 +58,8 @@ def _start(model: Any, earlier: TrainedPolicy, config: TrainConfig) -> None:
         raise ConfigError("start_from", config.start_from, allowed, hint)
     model.policy.actor.load_state_dict({name: torch.as_tensor(array) for name, array in arrays.items()})
     if normalises:
-        own.obs_rms.mean, own.obs_rms.count = earlier.network.mean.copy(), earlier.observations
-        own.obs_rms.var = np.maximum(earlier.network.scale**2 - own.epsilon, 0.0)
+        normaliser.obs_rms.mean, normaliser.obs_rms.count = earlier.network.mean.copy(), earlier.observations
+        normaliser.obs_rms.var = np.maximum(earlier.network.scale**2 - normaliser.epsilon, 0.0)
 
 
 def _arrays_for(model: Any, earlier: TrainedPolicy) -> dict[str, Any] | None:
@@ -70,5 +70,5 @@ def _arrays_for(model: Any, earlier: TrainedPolicy) -> dict[str, Any] | None:
         arrays = actor_arrays(earlier.network)
     except PolicyError:
         return None
-    own = {name: tuple(value.shape) for name, value in model.policy.actor.state_dict().items()}
-    return arrays if {name: array.shape for name, array in arrays.items()} == own else None
+    shapes = {name: tuple(value.shape) for name, value in model.policy.actor.state_dict().items()}
+    return arrays if {name: array.shape for name, array in arrays.items()} == shapes else None

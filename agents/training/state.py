@@ -32,7 +32,7 @@ _NORMALISED = ("returns", "old_obs", "old_reward")
 
 
 def state_of(model: BaseAlgorithm) -> Plain:
-    """The state of a model whose rollout is about to begin, without its replay buffer."""
+    """The state of a model at the start of a rollout, without its replay buffer."""
     memory = getattr(model, "_last_lstm_states", None)
     return {
         "parameters": model.get_parameters(),
@@ -40,7 +40,7 @@ def state_of(model: BaseAlgorithm) -> Plain:
         "counts": _held(model, _COUNTS),
         "seen": _held(model, _SEEN),
         "memory": None if memory is None else [tuple(part) for part in memory],
-        "demonstrations": [dict(vars(each)) for each in getattr(model, "demonstrations", ())],
+        "demonstrations": [dict(vars(demonstration)) for demonstration in getattr(model, "demonstrations", ())],
         "actions": model.action_space.np_random.bit_generator.state,
         "lanes": [_lanes_state(env) for env in _wrapped(model.env)],
     }
@@ -62,10 +62,10 @@ def restore(model: Any, state: Plain) -> bool:
     if state["memory"] is not None:
         model._last_lstm_states = type(model._last_lstm_states)(*state["memory"])
     if state["demonstrations"]:
-        model.demonstrations = [Demonstrations(**each) for each in state["demonstrations"]]
+        model.demonstrations = [Demonstrations(**values) for values in state["demonstrations"]]
     model.action_space.np_random.bit_generator.state = state["actions"]
     lanes = list(zip(_wrapped(model.env), state["lanes"], strict=True))
-    goes_on = all([_restore_lanes(env, kept) for env, kept in lanes])
+    goes_on = all([_restore_lanes(env, saved) for env, saved in lanes])
     if not goes_on:
         _begin_anew(model)
     return goes_on
@@ -81,19 +81,19 @@ def restore_buffer(buffer: Any, state: Plain) -> None:
     """Give a fresh replay buffer a state; raises as `restore`."""
     position, full = int(state["position"]), bool(state["full"])
     for name, array in _arrays(buffer).items():
-        rows, kept = _filled(array, position, full), state["arrays"][name]
-        _check_like(name, kept, rows)
-        rows[...] = kept
+        rows, saved = _filled(array, position, full), state["arrays"][name]
+        _check_like(name, saved, rows)
+        rows[...] = saved
     buffer.pos, buffer.full = position, full
 
 
 def _arrays(buffer: Any) -> dict[str, NDArray[Any]]:
-    """The arrays of a replay buffer by name, those of observations in parts too."""
+    """The arrays of a replay buffer by name, for observations in parts too."""
     flat: dict[str, NDArray[Any]] = {}
     for name, value in vars(buffer).items():
         parts = value if isinstance(value, dict) else {"": value}
         arrays = {f"{name}.{key}": part for key, part in parts.items() if isinstance(part, np.ndarray)}
-        flat |= {key: array for key, array in arrays.items() if array.dtype != object}  # infos, which nothing reads
+        flat |= {key: array for key, array in arrays.items() if array.dtype != object}  # infos, which are unused
     return flat
 
 
@@ -155,8 +155,8 @@ def _wrapped(env: VecEnv | None) -> Iterator[VecEnv]:
 
 
 def _native(env: VecEnv) -> TaskVectorEnv | None:
-    inside = getattr(env, "env", None)
-    return inside if isinstance(inside, TaskVectorEnv) else None
+    native = getattr(env, "env", None)
+    return native if isinstance(native, TaskVectorEnv) else None
 
 
 def _held(owner: Any, names: tuple[str, ...]) -> Plain:
@@ -171,6 +171,6 @@ def _hold(owner: Any, values: Mapping[str, Any], names: tuple[str, ...]) -> None
     vars(owner).update(values)
 
 
-def _check_like(name: str, kept: Any, like: NDArray[Any]) -> None:
-    if not isinstance(kept, np.ndarray) or (kept.shape, kept.dtype) != (like.shape, like.dtype):
-        raise StateError(name, np.shape(kept), f"an array {like.dtype.name} {like.shape}", "Another configuration?")
+def _check_like(name: str, saved: Any, like: NDArray[Any]) -> None:
+    if not isinstance(saved, np.ndarray) or (saved.shape, saved.dtype) != (like.shape, like.dtype):
+        raise StateError(name, np.shape(saved), f"an array {like.dtype.name} {like.shape}", "Another configuration?")

@@ -31,10 +31,10 @@ def checked_lanes(render_lanes: object, lanes: int) -> Sequence[int]:
     if render_lanes is None:
         return range(lanes)
     allowed = f"a list of lanes from 0 to {lanes - 1}, or None for all of them"
-    given = _listed(render_lanes)
-    if given is None:
+    selection = _listed(render_lanes)
+    if selection is None:
         raise InvalidInput("render_lanes", render_lanes, allowed)
-    return tuple(as_integer("one of render_lanes", lane, 0, lanes - 1, allowed=allowed) for lane in given)
+    return tuple(as_integer("one of render_lanes", lane, 0, lanes - 1, allowed=allowed) for lane in selection)
 
 
 def checked_render_mode(mode: str | None, modes: Sequence[str]) -> str | None:
@@ -57,21 +57,21 @@ def checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
     try:
         return AutoresetMode(mode)
     except ValueError:
-        allowed = f"an AutoresetMode or one of {', '.join(repr(known.value) for known in AutoresetMode)}"
+        allowed = f"an AutoresetMode or one of {', '.join(repr(member.value) for member in AutoresetMode)}"
         raise InvalidInput("autoreset_mode", mode, allowed) from None
 
 
-def checked_mask(mask: object, lanes: int, begun: bool) -> NDArray[np.bool_]:
-    """The lanes to reset, (lanes,): all by default, and all before any has `begun`; raises InvalidInput."""
+def checked_mask(mask: object, lanes: int, is_begun: bool) -> NDArray[np.bool_]:
+    """The lanes to reset, (lanes,): all by default, and all until `is_begun`; raises InvalidInput."""
     if mask is None:
         return np.ones(lanes, bool)
-    chosen = np.asarray(mask)
-    if chosen.shape != (lanes,) or chosen.dtype != bool or not chosen.any():
+    rows = np.asarray(mask)
+    if rows.shape != (lanes,) or rows.dtype != bool or not rows.any():
         allowed = f"{lanes} booleans, one per lane, at least one of them True"
         raise InvalidInput("options['reset_mask']", mask, allowed)
-    if not begun and not chosen.all():
+    if not is_begun and not rows.all():
         raise InvalidInput("options['reset_mask']", mask, "all True: no lane has begun yet")
-    return chosen.copy()
+    return rows.copy()
 
 
 def checked_seed(seed: object, what: str = "seed", allowed: str = "a whole number, 0 or more, or None") -> int | None:
@@ -82,13 +82,13 @@ def checked_seed(seed: object, what: str = "seed", allowed: str = "a whole numbe
 def checked_seeds(seed: object, lanes: int) -> Sequence[int | None]:
     """One seed per lane: seed + i from a number, None where random numbers go on; raises InvalidInput."""
     allowed = f"a whole number, 0 or more, or None; or {lanes} of these, one per lane"
-    given = _listed(seed)
-    if given is None:
+    seeds = _listed(seed)
+    if seeds is None:
         first = checked_seed(seed, allowed=allowed)
         return [None if first is None else first + lane for lane in range(lanes)]
-    if len(given) != lanes:
+    if len(seeds) != lanes:
         raise InvalidInput("seed", seed, allowed)
-    return [checked_seed(one, f"seed of lane {lane}") for lane, one in enumerate(given)]
+    return [checked_seed(entry, f"seed of lane {lane}") for lane, entry in enumerate(seeds)]
 
 
 def _listed(values: object) -> Sequence[object] | None:
@@ -98,15 +98,15 @@ def _listed(values: object) -> Sequence[object] | None:
     return values if isinstance(values, Sequence) and not isinstance(values, str | bytes) else None
 
 
-def checked_keys(options: Mapping[str, Any] | None, known: Sequence[str]) -> Mapping[str, Any]:
+def checked_keys(options: Mapping[str, Any] | None, keys: Sequence[str]) -> Mapping[str, Any]:
     """The options, empty for None; InvalidInput unless they are a dictionary with known keys."""
     if options is None:
         return {}
     if not isinstance(options, Mapping):
-        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(known)}")
+        raise InvalidInput("reset options", options, f"a dictionary with keys among {', '.join(keys)}")
     for key in options:
-        if key not in known:
-            raise InvalidInput("reset options key", key, f"one of {', '.join(known)}")
+        if key not in keys:
+            raise InvalidInput("reset options key", key, f"one of {', '.join(keys)}")
     return options
 
 
@@ -121,16 +121,16 @@ def finite_floats(what: str, value: object) -> Array:
 def checked_parts(state: object, names: Sequence[str], where: str = "state") -> Mapping[str, Any]:
     """The parts of a state by name; raises InvalidInput unless it is a mapping with these keys and no others."""
     if not isinstance(state, Mapping) or set(state) != set(names):
-        given = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
-        raise InvalidInput(where, given, f"a mapping with the keys {', '.join(sorted(names))}", HINT)
+        description = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
+        raise InvalidInput(where, description, f"a mapping with the keys {', '.join(sorted(names))}", HINT)
     return state
 
 
 def checked_array(name: str, values: object, like: NDArray[Any]) -> NDArray[Any]:
     """The array, of the shape and type of `like`; raises InvalidInput for any other: kernels check neither."""
     if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (like.shape, like.dtype):
-        given = (values.dtype.name, values.shape) if isinstance(values, np.ndarray) else type(values).__name__
-        raise InvalidInput(f"state: {name}", given, f"an array {like.dtype.name} {like.shape}", HINT)
+        description = (values.dtype.name, values.shape) if isinstance(values, np.ndarray) else type(values).__name__
+        raise InvalidInput(f"state: {name}", description, f"an array {like.dtype.name} {like.shape}", HINT)
     return values
 
 
@@ -146,7 +146,7 @@ R = TypeVar("R")
 
 
 class EnvironmentInUse(RollingJointError, RuntimeError):
-    """A call of an environment while another call of it is running; nothing has changed."""
+    """A call of an environment while another call of it is running; the state is unchanged."""
 
 
 class Usable(Protocol):

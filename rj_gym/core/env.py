@@ -72,7 +72,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             seed: of the environment's random numbers.
             options: values to fix; see the task's checked_options.
         Raises:
-            InvalidInput: a seed or options that cannot be used; nothing has changed then.
+            InvalidInput: a seed or options that cannot be used; the state is unchanged then.
         """
         fixed, before = self.task.checked_options(options), (self._np_random, self._np_random_seed)
         super().reset(seed=checked_seed(seed))
@@ -95,7 +95,7 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """Observation, reward, terminated, truncated and info after one step.
 
         Raises:
-            InvalidInput: an action that is not of the space's shape or not finite; nothing has changed then.
+            InvalidInput: an action that is not of the space's shape or not finite; the state is unchanged then.
             gymnasium.error.ResetNeeded: before the first reset, or after the end of an episode.
         """
         if self._over:

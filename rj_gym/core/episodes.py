@@ -42,7 +42,7 @@ class EpisodeBuffer(ABC):
         """Keep actions, (B, m), for `advance`.
 
         Raises:
-            InvalidInput: actions that are not finite numbers of that shape; nothing has changed then.
+            InvalidInput: actions that are not finite numbers of that shape; the state is unchanged then.
         """
         self._accept("actions", actions, self._actions)
         if not self._finite():
@@ -80,7 +80,7 @@ class EpisodeBuffer(ABC):
 
     @abstractmethod
     def set_state(self, state: Any) -> None:
-        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
+        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
 
     @abstractmethod
     def scene(self, trail: Array, lane: int = 0) -> Any:

@@ -26,8 +26,8 @@ class Generators:
     `fill` gives the numbers that each generator's `random` would give, without a call of Python per lane.
     """
 
-    def __init__(self, each: Sequence[np.random.Generator | None]) -> None:
-        self._each = list(each)
+    def __init__(self, generators: Sequence[np.random.Generator | None]) -> None:
+        self._each = list(generators)
         self._sources = np.array([_source(rng) for rng in self._each], np.int64).reshape(-1, 2)
 
     def __len__(self) -> int:
@@ -41,9 +41,9 @@ class Generators:
 
     def of(self, lanes: NDArray[np.int64]) -> Generators:
         """The generators of these lanes."""
-        chosen = Generators(())
-        chosen._each, chosen._sources = [self._each[lane] for lane in lanes], self._sources[lanes]
-        return chosen
+        subset = Generators(())
+        subset._each, subset._sources = [self._each[lane] for lane in lanes], self._sources[lanes]
+        return subset
 
     def fill(self, rows: Array) -> None:
         """Fill row i, (len(self), K), with the next uniform numbers in [0, 1) of generator i."""
@@ -110,25 +110,25 @@ def blocks_of(shapes: Shapes) -> dict[str, UniformBlock]:
 
 def generator_states(generators: Generators) -> list[dict[str, Any] | None]:
     """The states of the random generators, None for a lane that has none yet."""
-    each = (generators[lane] for lane in range(len(generators)))
-    return [None if rng is None else dict(rng.bit_generator.state) for rng in each]
+    single = (generators[lane] for lane in range(len(generators)))
+    return [None if rng is None else dict(rng.bit_generator.state) for rng in single]
 
 
 def check_generator_states(states: object, lanes: int) -> None:
-    """Raise InvalidInput unless these are states, or None, of as many generators, as NumPy's PCG64 can have them."""
-    where, known = "state: generators", np.random.PCG64(0).state
+    """Raise InvalidInput unless these are states, or None, of `lanes` generators, as NumPy's PCG64 can have them."""
+    where, template = "state: generators", np.random.PCG64(0).state
     if not isinstance(states, Sequence) or len(states) != lanes:
         raise InvalidInput(where, states, f"a list of {lanes} states", HINT)
     limits = {"state": 2**128, "inc": 2**128, "uinteger": 2**32, "has_uint32": 2}
     for state in states:
         if state is None:
             continue
-        checked_parts(checked_parts(state, tuple(known), where)["state"], ("state", "inc"), where)
+        checked_parts(checked_parts(state, tuple(template), where)["state"], ("state", "inc"), where)
         for name, value in {**state, **state["state"]}.items():
             if name in limits and not (type(value) is int and 0 <= value < limits[name]):
                 raise InvalidInput(f"{where}: {name}", value, f"an integer from 0 to {limits[name] - 1}", HINT)
-        if state["bit_generator"] != known["bit_generator"]:
-            raise InvalidInput(where, state["bit_generator"], known["bit_generator"], HINT)
+        if state["bit_generator"] != template["bit_generator"]:
+            raise InvalidInput(where, state["bit_generator"], template["bit_generator"], HINT)
 
 
 def set_generator_states(generators: Generators, states: Sequence[Mapping[str, Any] | None]) -> None:

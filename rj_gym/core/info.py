@@ -32,8 +32,8 @@ def every_lane(infos: Mapping[str, Any], rows: Sequence[int]) -> list[dict[str, 
 def _column(values: Any, rows: Sequence[int]) -> list[Any]:
     if isinstance(values, dict):
         return every_lane(values, rows)
-    chosen = values if len(rows) == len(values) else values[rows]
-    return chosen.tolist() if chosen.ndim == 1 else list(chosen)
+    column = values if len(rows) == len(values) else values[rows]
+    return column.tolist() if column.ndim == 1 else list(column)
 
 
 def masked_info(info: Mapping[str, Any], mask: Mask) -> dict[str, Any]:

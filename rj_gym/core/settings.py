@@ -19,7 +19,7 @@ LONGEST_EPISODE = 100_000
 class Settings:
     """Frozen settings, built from keywords or plain dictionaries."""
 
-    _SECTION: ClassVar[str] = ""  # what stands before the names of the fields in messages
+    _SECTION: ClassVar[str] = ""  # the text before the names of the fields in messages
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -43,7 +43,7 @@ class Settings:
         return replace(self, **merged)  # type: ignore[type-var]
 
     def _check(self, check: Callable[..., Any], *names: str, **allowed: Any) -> None:
-        """Replace fields by what a function of rollingjoint.checks makes of them; ConfigError where it refuses."""
+        """Replace fields by their values from a function of rollingjoint.checks; ConfigError where it refuses."""
         for name in names:
             self._set(name, check(self._SECTION + name, getattr(self, name), **allowed, error=ConfigError))
 

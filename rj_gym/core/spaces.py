@@ -43,8 +43,8 @@ def lane_observations(observations: Any, rows: NDArray[np.int64]) -> NDArray[Any
     """The observations of some lanes, one by one, as an array of objects."""
     lanes: Iterable[Any] = observations
     if isinstance(observations, dict):
-        chosen = (part[rows] for part in observations.values())
-        lanes = (dict(zip(observations, lane, strict=True)) for lane in zip(*chosen, strict=True))
+        parts = (part[rows] for part in observations.values())
+        lanes = (dict(zip(observations, lane, strict=True)) for lane in zip(*parts, strict=True))
     elif len(rows) < len(observations):
         lanes = observations[rows]
     return np.fromiter(lanes, dtype=object, count=len(rows))

@@ -71,7 +71,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         **overrides: Any,
     ) -> None:
         self._calls: dict[str, Any] = {}
-        self._renderer: Any = None  # these first: Gymnasium 1.1 closes even what the following refuses
+        self._renderer: Any = None  # these first: Gymnasium 1.1 closes even where an argument is refused
         self.num_envs = checked_count(num_envs)
         self.goal = self.scalar.goal
         self.task: Any = self.scalar.task_class(made_settings(self.scalar.settings, config, overrides, self.goal))
@@ -110,7 +110,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             options: as for the scalar environment, for every lane; and "reset_mask": (num_envs,) booleans, the lanes
                 to reset.
         Raises:
-            InvalidInput: seeds or options that cannot be used; nothing has changed then.
+            InvalidInput: seeds or options that cannot be used; the state is unchanged then.
         """
         fixed_options = dict(options or {})
         mask = checked_mask(fixed_options.pop("reset_mask", None), self.num_envs, self._begun)
@@ -136,7 +136,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Observations, rewards, terminations, truncations and infos after one step of every lane.
 
         Raises:
-            InvalidInput: actions that are not of the space's shape or not finite; nothing has changed then.
+            InvalidInput: actions that are not of the space's shape or not finite; the state is unchanged then.
             gymnasium.error.ResetNeeded: before the first reset; with autoreset disabled, while an ended lane waits.
         """
         if not self._begun:
@@ -192,7 +192,7 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Continue from a state of an environment with the same settings and number of lanes, to the last bit.
 
         Raises:
-            InvalidInput: any other state; nothing has changed then.
+            InvalidInput: any other state; the state is unchanged then.
         """
         parts = checked_parts(state, ("episodes", "generators", "over"))
         check_generator_states(parts["generators"], self.num_envs)
@@ -268,14 +268,14 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Same-step autoreset: ended lanes restart; their last observations and infos go to final_obs, final_info."""
         ended = self._over
         rows = np.flatnonzero(ended)
-        sampled, begun = self._begin(rows)
+        sampled, fresh = self._begin(rows)
         final = np.full(self.num_envs, None, dtype=object)
         final[rows] = lane_observations(observations, rows)
         if len(rows) < self.num_envs:
             vectors = vectors.copy()
-            vectors[rows] = begun
+            vectors[rows] = fresh
         else:
-            vectors = begun
+            vectors = fresh
         self._over = np.zeros(self.num_envs, bool)
         readings = self._buffer.readings.copy()
         base = self.task.state_info(readings)

@@ -8,6 +8,6 @@ Modules:
     options: options of reset.
     render: its drawing.
     sampling: its random episodes.
-    task: the task: what designs are worth.
+    task: the task: values of designs.
     vector: its native vector environment.
 """

@@ -18,7 +18,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class DesignRewardConfig(Settings):
-    """What improvement counts and what a bad design costs.
+    """Weights of improvement and of the penalties of a bad design.
 
     Args:
         improvement: "log": log((error before + offset_mm) / (error after + offset_mm)), the same for halving a large
@@ -52,7 +52,7 @@ class DesignConfig(Settings):
         force: range of the uniform magnitude of the force at the tip, drawn for every case; uniform direction [N].
         start: "random" valid designs, or the "reference" of the space.
         episode_steps: steps until the episode is truncated.
-        action_scale: change of the design vector, whose box is [-1, 1], by an action of 1.
+        action_scale: change of the design vector, in the box [-1, 1], by an action of 1.
         largest_error_mm: error of a design that is not valid or has no equilibrium, and the largest of any [mm].
         reward: nested settings, also a dictionary.
     Raises:

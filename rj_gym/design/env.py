@@ -42,7 +42,7 @@ class CurvatureDesignEnv(TaskEnv):
     | case k force x, case k force y | force on the tip | largest `force` (0.3 N) | -1 | 1 |
     | case k left tension, case k right tension | of the tendons | largest of `tensions` (6 N) | 0 | 1 |
 
-    A design that is not valid has no shape: its deviations are 0 and its errors those of `largest_error_mm` (50 mm).
+    A design that is not valid has no shape: its deviations are 0 and its errors `largest_error_mm` (50 mm).
 
     ## Reward
     The sum of the terms, each in `info["reward_terms"]`:
@@ -53,12 +53,12 @@ class CurvatureDesignEnv(TaskEnv):
     | violation | - `violation` (1) · sum of the margins' shortfalls below 0 |
     | failure | - `failure` (1) where a valid design has no equilibrium in some case, else 0 |
 
-    Improvements add up to that of the whole episode.
+    Improvements add up to the improvement of the whole episode.
 
     ## Start
     Drawn per episode: the forces, uniform in direction and in magnitude (`force`, 0 to 0.3 N); a hidden design and one
     to begin with, both valid and uniform in the box (`start`: or the space's reference). `reset(options=...)` fixes any
-    of "design", "target_design", "forces" and "tensions"; what was drawn is in `info["sampled"]`.
+    of "design", "target_design", "forces" and "tensions"; the random draws are in `info["sampled"]`.
 
     ## Episode end
     Truncated by the environment itself after `episode_steps` (20); no TimeLimit is registered. Never terminated: a
@@ -71,7 +71,7 @@ class CurvatureDesignEnv(TaskEnv):
 
     ## Arguments
     `CurvatureDesignEnv(render_mode=None, config=None, **overrides)`: `config` is a DesignConfig or a dictionary of its
-    fields; overrides go on top, and nested ones change only what they name:
+    fields; overrides go on top, and nested ones change only the named fields:
     `gymnasium.make("rj_gym/CurvatureDesign-v0", space={"knots": 3}, force=(0, 0.1))`.
     See DesignConfig, DesignRewardConfig and rollingjoint.design.DesignSpace.
 

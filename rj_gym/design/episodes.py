@@ -57,10 +57,10 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         return self.advance()[0], self.readings[0].copy()
 
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
-        """New episodes in these lanes, one per generator. Where it raises, nothing has changed here."""
+        """New episodes in these lanes, one per generator. Where it raises, these episodes are unchanged."""
         draws = self.task.sample(rngs, fixed)
-        for mine, drawn in zip(self.draws, draws, strict=True):
-            mine[rows] = drawn
+        for array, drawn in zip(self.draws, draws, strict=True):
+            array[rows] = drawn
         judged = self.task.judge(draws.start_design, draws)
         self._enter(rows, np.zeros(len(rows)), draws.start_design, judged, np.zeros((len(rows), len(TERMS))))
         return draws._asdict(), self.observe()[rows]
@@ -76,12 +76,12 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         return {name: array.copy() for name, array in self._kept().items()}
 
     def set_state(self, state: Any) -> None:
-        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
-        kept = self._kept()
-        arrays = checked_parts(state, tuple(kept))
-        for name, array in kept.items():
+        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
+        arrays_held = self._kept()
+        arrays = checked_parts(state, tuple(arrays_held))
+        for name, array in arrays_held.items():
             checked_array(name, arrays[name], array)
-        for name, array in kept.items():
+        for name, array in arrays_held.items():
             array[:] = arrays[name]
 
     def _kept(self) -> dict[str, Array]:
@@ -89,7 +89,7 @@ class DesignEpisodeBuffer(EpisodeBuffer):
         return {**self.draws._asdict(), "readings": self.readings}
 
     def scene(self, trail: Array, lane: int = 0) -> DesignScene:
-        """What a picture of one lane shows; it has no trail."""
+        """The scene of one lane; it has no trail."""
         task, draws, row = self.task, self.draws, self.readings[lane : lane + 1]
         valid = bool((task.part(row, "margins") >= 0).all())
         design = self.designs[lane] if valid else task.space.reference()
@@ -115,8 +115,8 @@ class DesignEpisodeBuffer(EpisodeBuffer):
     def _enter(self, rows: Rows, steps: Array, designs: Array, judged: Judged, terms: Array) -> None:
         """Update the readings of these lanes, in the order of the task's columns."""
         worst, total = judged.status.max(-1), terms.sum(-1)
-        own = terms, judged.case_errors, judged.margins, designs, judged.positions, judged.status
-        parts = (np.reshape(part, (len(rows), -1)) for part in (steps, worst, judged.error, total, *own))
+        columns = terms, judged.case_errors, judged.margins, designs, judged.positions, judged.status
+        parts = (np.reshape(part, (len(rows), -1)) for part in (steps, worst, judged.error, total, *columns))
         self.readings[rows] = np.concatenate(list(parts), axis=1)
 
     def _allowed(self, shape: tuple[int, ...]) -> str:

@@ -28,11 +28,11 @@ class DesignOptions(NamedTuple):
 
 
 def checked_options(options: Mapping[str, Any] | None, config: DesignConfig) -> DesignOptions:
-    """What the options hold fixed; whether the target design is valid remains to be checked.
+    """The values that the options fix; whether the target design is valid remains to be checked.
 
     Args:
-        options: any of "design" (d,), to begin with, in [-1, 1], valid or not; "target_design" (d,), a valid one whose
-            shapes are the targets; "forces" (K, 2) [N]; "tensions" (K, 2), above 0 [N].
+        options: any of "design" (d,), to begin with, in [-1, 1], valid or not; "target_design" (d,), a valid one
+            with the targets as its shapes; "forces" (K, 2) [N]; "tensions" (K, 2), above 0 [N].
         config: the settings.
     Raises:
         InvalidInput: an unknown key or a value that cannot be used.

@@ -22,7 +22,7 @@ _CASE_COLORS: tuple[Color, ...] = ((120, 132, 150), (70, 130, 200), (210, 70, 80
 
 @dataclass(frozen=True)
 class DesignScene:
-    """What a picture shows.
+    """Contents of a picture.
 
     Args:
         mechanism: the present design; where it is not valid the reference, of which only the base is drawn.
@@ -91,8 +91,8 @@ class DesignCanvas(Canvas):
     def _caption(self, scene: DesignScene) -> None:
         text = f"error {scene.error:.2f} mm" if scene.valid else "design not valid"
         self.captions((f"step {scene.step} / {scene.steps}", INK), (text, TARGET))
-        for case, (left, right) in enumerate(scene.tensions):
-            self.text(f"{left:.1f} N, {right:.1f} N", (500, 24 + 26 * case), 24, FAINT)
+        for case, (first, second) in enumerate(scene.tensions):
+            self.text(f"{first:.1f} N, {second:.1f} N", (500, 24 + 26 * case), 24, FAINT)
             self.text(f"{scene.case_errors[case]:.2f} mm", (620, 24 + 26 * case), 24, _color(case))
 
 

@@ -1,4 +1,4 @@
-"""Random episodes of the design task: what is drawn, from one generator per episode."""
+"""Random episodes of the design task, drawn from one generator per episode."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_ROUNDS = 20_000
 
 
 class DesignDraws(NamedTuple):
-    """What was drawn for B episodes: arrays with the lane first.
+    """Random draws of B episodes: arrays with the lane first.
 
     Fields: the hidden design and the one to begin with, (B, d); tensions (B, K, 2) [N]; force on the tip in every case,
     (B, K, 2) [N]; origins of the hidden design's moving links, (B, K, n - 1, 2) [mm].
@@ -49,13 +49,13 @@ def tip_forces(config: DesignConfig, rngs: Rngs) -> Array:
 
 def valid_pairs(margins: Callable[[Array], Array], dimensions: int, rngs: Rngs) -> Array:
     """Two valid designs from every generator, uniform in the box by rejection, (len(rngs), 2, d)."""
-    found: list[list[Array]] = [[] for _ in rngs]
+    designs: list[list[Array]] = [[] for _ in rngs]
     for _ in range(_MOST_ROUNDS):
-        left = [lane for lane, own in enumerate(found) if len(own) < 2]
-        if not left:
-            return np.array([own[:2] for own in found])
-        drawn = np.array([rngs[lane].uniform(-1.0, 1.0, (_CANDIDATES, dimensions)) for lane in left])
+        unfinished = [lane for lane, pairs in enumerate(designs) if len(pairs) < 2]
+        if not unfinished:
+            return np.array([pairs[:2] for pairs in designs])
+        drawn = np.array([rngs[lane].uniform(-1.0, 1.0, (_CANDIDATES, dimensions)) for lane in unfinished])
         good = np.all(margins(drawn) >= 0, axis=-1)
-        for place, lane in enumerate(left):
-            found[lane] += list(drawn[place][good[place]])
+        for place, lane in enumerate(unfinished):
+            designs[lane] += list(drawn[place][good[place]])
     raise InvalidInput("designs", "hardly any valid", "a space with valid designs", "Narrow its ranges.")

@@ -37,11 +37,11 @@ _MOST_TARGETS = 100
 
 
 class Judged(NamedTuple):
-    """What B designs are worth in their cases: arrays with the lane first.
+    """Values of B designs in their cases: arrays with the lane first.
 
     Fields: margins (B, q); origins of the moving links, (B, K, n - 1, 2) [mm], and a Status, (B, K), for every case;
     root mean square distance from the targets in every case, (B, K), and in all, (B,) [mm].
-    A design that is not valid has the status INVALID_INPUT; without an equilibrium origins are those of the targets.
+    A design that is not valid has the status INVALID_INPUT; without an equilibrium origins are the targets'.
     """
 
     margins: Array
@@ -61,7 +61,7 @@ class DesignTask(Task):
 
     Attributes:
         space: the designs. moving: number of moving links.
-        columns: where the parts of readings are; the first four are those of every task.
+        columns: where the parts of readings are; the first four are common to all tasks.
     Raises:
         InvalidInput: a space in which hardly any design is valid.
     """
@@ -90,7 +90,7 @@ class DesignTask(Task):
         return design_observation_entries(self.config)
 
     def checked_options(self, options: Mapping[str, Any] | None) -> DesignOptions:
-        """What the options of a reset hold fixed; raises InvalidInput for those that cannot be used."""
+        """The values that the options of a reset fix; raises InvalidInput for unusable ones."""
         fixed = checked_options(options, self.config)
         if fixed.target_design is not None:
             margins = self.margins(fixed.target_design)
@@ -102,7 +102,7 @@ class DesignTask(Task):
         return fixed
 
     def state_info(self, readings: Array) -> dict[str, Any]:
-        """What info says in every step, arrays (B, ...): parts of the readings, and copies."""
+        """The info of every step, arrays (B, ...): parts of the readings, and copies."""
         margins = self.part(readings, "margins")
         return {
             "error_mm": readings[:, ERROR],
@@ -119,7 +119,7 @@ class DesignTask(Task):
         return dict(zip(TERMS, self.part(readings, "terms").T, strict=True))
 
     def judge(self, designs: Array, draws: DesignDraws) -> Judged:
-        """What designs (B, d) are worth in the cases of their episodes; rows do not depend on each other."""
+        """Values of designs (B, d) in the cases of their episodes; rows do not depend on each other."""
         count, cap = len(designs), self.config.largest_error_mm
         margins = self.margins(designs)
         valid = (margins >= 0).all(-1)
@@ -131,8 +131,8 @@ class DesignTask(Task):
         positions[valid] = np.where(ok[valid][..., None, None], shapes[0], positions[valid])
         square = np.square(positions - draws.targets).sum(-1).sum(-1) / self.moving
         errors = np.where(ok, np.minimum(np.sqrt(square), cap), cap)
-        whole = np.minimum(np.sqrt(square.sum(-1) / self.config.cases), cap)
-        return Judged(margins, positions, status, errors, np.where(ok.all(-1), whole, cap))
+        total = np.minimum(np.sqrt(square.sum(-1) / self.config.cases), cap)
+        return Judged(margins, positions, status, errors, np.where(ok.all(-1), total, cap))
 
     def margins(self, designs: Array) -> Array:
         """Validity margins of designs (..., d), (..., q), rounded to 1e-6."""
@@ -151,8 +151,8 @@ class DesignTask(Task):
         step = max(1, _LANES // cases)
         for first in range(0, count, step):
             rows = slice(first, first + step)
-            found = _solved(self.space.chain(torch.as_tensor(designs[rows])), tensions[rows], forces[rows])
-            positions[rows], status[rows] = _rounded(found.poses[..., 1:, :2]), found.status.numpy()
+            equilibria = _solved(self.space.chain(torch.as_tensor(designs[rows])), tensions[rows], forces[rows])
+            positions[rows], status[rows] = _rounded(equilibria.poses[..., 1:, :2]), equilibria.status.numpy()
         return positions, status
 
     def drawn(self, design: Array, tensions: Array, forces: Array) -> tuple[RollingChain, Array]:
@@ -167,31 +167,31 @@ class DesignTask(Task):
             InvalidInput: no equilibrium of the hidden design under the forces, however often they are drawn; the
                 generators are then as they were.
         """
-        each: list[Any] = [rngs[lane] for lane in range(len(rngs))]
-        before = [rng.bit_generator.state for rng in each]
+        generators: list[Any] = [rngs[lane] for lane in range(len(rngs))]
+        before = [rng.bit_generator.state for rng in generators]
         try:
-            return self._sample(each, fixed)
+            return self._sample(generators, fixed)
         except InvalidInput:
-            for rng, state in zip(each, before, strict=True):
+            for rng, state in zip(generators, before, strict=True):
                 rng.bit_generator.state = state
             raise
 
-    def _sample(self, each: list[Any], fixed: DesignOptions | None) -> DesignDraws:
-        fixed, drawn = fixed or DesignOptions(), blank_draws(self.config, len(each))
+    def _sample(self, generators: list[Any], fixed: DesignOptions | None) -> DesignDraws:
+        fixed, drawn = fixed or DesignOptions(), blank_draws(self.config, len(generators))
         if fixed.tensions is not None:
             drawn.tensions[:] = fixed.tensions
-        left = list(range(len(each)))
+        unsolved = list(range(len(generators)))
         for _ in range(_MOST_TARGETS):
-            own = [each[lane] for lane in left]
-            drawn.forces[left] = tip_forces(self.config, own) if fixed.forces is None else fixed.forces
-            pairs = valid_pairs(self.margins, self.space.dimensions, own)
-            drawn.target_design[left] = pairs[:, 0] if fixed.target_design is None else fixed.target_design
-            drawn.start_design[left] = self._starts(pairs[:, 1], fixed)
-            drawn.targets[left], status = self.shapes(
-                drawn.target_design[left], drawn.tensions[left], drawn.forces[left]
+            active = [generators[lane] for lane in unsolved]
+            drawn.forces[unsolved] = tip_forces(self.config, active) if fixed.forces is None else fixed.forces
+            pairs = valid_pairs(self.margins, self.space.dimensions, active)
+            drawn.target_design[unsolved] = pairs[:, 0] if fixed.target_design is None else fixed.target_design
+            drawn.start_design[unsolved] = self._starts(pairs[:, 1], fixed)
+            drawn.targets[unsolved], status = self.shapes(
+                drawn.target_design[unsolved], drawn.tensions[unsolved], drawn.forces[unsolved]
             )
-            left = [lane for lane, ends in zip(left, status, strict=True) if (ends > Status.AT_LIMIT).any()]
-            if not left:
+            unsolved = [lane for lane, ends in zip(unsolved, status, strict=True) if (ends > Status.AT_LIMIT).any()]
+            if not unsolved:
                 return drawn
         hint = "Take smaller forces or larger tensions."
         raise InvalidInput("targets", f"none in {_MOST_TARGETS} draws", "a design with equilibria in all cases", hint)
@@ -222,8 +222,8 @@ def reward_terms(reward: DesignRewardConfig, before: Array, judged: Judged) -> A
 def _solved(chain: DifferentiableChain, tensions: Array, forces: Array) -> Equilibria:
     """Equilibria of designs (B,) under tensions and forces on the tip, (B, K, 2) each [N]."""
     with torch.no_grad():
-        each = chain[:, None]
-        return solve_tensions(each, torch.as_tensor(tensions), tip_loads(torch.as_tensor(forces), each))
+        chains = chain[:, None]
+        return solve_tensions(chains, torch.as_tensor(tensions), tip_loads(torch.as_tensor(forces), chains))
 
 
 def _rounded(values: torch.Tensor) -> Array:

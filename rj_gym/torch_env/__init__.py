@@ -1,6 +1,6 @@
 """The planar tracking tasks as vector environments of torch tensors on a device, equal to the native ones.
 
-Nothing else in rj_gym imports this package; `import rj_gym` needs no torch. docs/gpu.md shows it.
+No other module of rj_gym imports this package; `import rj_gym` needs no torch. docs/gpu.md shows it.
 
 Modules:
     actuation: motors between actions and tendons, in torch.
@@ -10,7 +10,7 @@ Modules:
     lanes: running episodes as tensors.
     observing: observations as tensors.
     refusals: settings and devices that cannot be used.
-    sensing: what is measured, past readings and the privileged state, in torch.
+    sensing: measurements, past readings and the privileged state, in torch.
     stepping: the formulas of a step, in torch.
 """
 

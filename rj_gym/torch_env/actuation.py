@@ -21,11 +21,11 @@ def moved_motors(rules: Rules, lanes: Lanes, taken: Tensor, held: Tensor) -> Ten
     """
     delay, limit, m = rules.hardware.action_delay, rules.hardware.rate_limit, taken.shape[-1]
     due = lanes.past[:, delay, :m] if delay else taken
-    here, half = lanes.motors[:, MOTOR], lanes.half_play
+    position, half = lanes.motors[:, MOTOR], lanes.half_play
     goal = lanes.motors[:, GOAL] - rules.action_scale * due
-    motor = here + (goal - here).clamp(-limit, limit)
-    asked = play_step(held, motor, half)
-    return torch.stack([here, lanes.motors[:, GOAL], motor, goal, asked], 1)
+    motor = position + (goal - position).clamp(-limit, limit)
+    demands = play_step(held, motor, half)
+    return torch.stack([position, lanes.motors[:, GOAL], motor, goal, demands], 1)
 
 
 def settled_motors(moved: Tensor, commands: Tensor) -> Tensor:
@@ -36,5 +36,5 @@ def settled_motors(moved: Tensor, commands: Tensor) -> Tensor:
         commands: of the tendons after it, (B, m) [mm].
     """
     shift = commands - moved[:, ASKED]
-    here = torch.stack(motor_yield(moved[:, NEXT_MOTOR], moved[:, NEXT_GOAL], shift), 1)
-    return torch.cat([here, moved[:, NEXT_MOTOR:]], 1)
+    settled = torch.stack(motor_yield(moved[:, NEXT_MOTOR], moved[:, NEXT_GOAL], shift), 1)
+    return torch.cat([settled, moved[:, NEXT_MOTOR:]], 1)

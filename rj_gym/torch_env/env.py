@@ -41,7 +41,7 @@ Rows = NDArray[np.int64]
 class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
     """A planar tracking task in `num_envs` lanes on a device; everything that goes in and comes out is a tensor there.
 
-    Lanes, spaces, seeds, autoreset and numbers are those of the native vector environment,
+    Lanes, spaces, seeds, autoreset and numbers are as in the native vector environment,
     `gymnasium.make_vec(env_id, num_envs, "vector_entry_point")`. Observations are float32, rewards float64, ends
     booleans. Infos have the same names; a status is the number of a rollingjoint Status, `final_obs` one tensor with
     zeros where `_final_obs` is False, and `sampled` leaves out the mechanisms' names.
@@ -115,11 +115,11 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
             seed: lane i gets seed + i; or one seed per lane, None leaving a lane's random numbers as they are.
             options: as for the native vector environment, "reset_mask" too; tensors or arrays.
         Raises:
-            InvalidInput: seeds or options that cannot be used; nothing has changed then.
+            InvalidInput: seeds or options that cannot be used; the state is unchanged then.
         """
-        given = _on_host(options or {})
-        mask = checked_mask(given.pop("reset_mask", None), self.num_envs, self._lanes is not None)
-        fixed = self.task.checked_options(given)
+        arguments = _on_host(options or {})
+        mask = checked_mask(arguments.pop("reset_mask", None), self.num_envs, self._lanes is not None)
+        fixed = self.task.checked_options(arguments)
         if fixed.mechanism is not None:
             check_mechanism("options['mechanism']", fixed.mechanism, self.task)
         replaced = self._seed(checked_seeds(seed, self.num_envs), mask)
@@ -141,7 +141,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         Args:
             actions: (num_envs, m), a tensor on any device or an array.
         Raises:
-            InvalidInput: actions that are not of the space's shape or not finite; nothing has changed then.
+            InvalidInput: actions that are not of the space's shape or not finite; the state is unchanged then.
             gymnasium.error.ResetNeeded: before the first reset; with autoreset disabled, while an ended lane waits.
         """
         if self._lanes is None:
@@ -152,14 +152,14 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         failed = self._advance(self._accepted(actions))
         sampled = self._begin(fresh) if len(fresh) else None
         failed[fresh] = False
-        lanes, begun = self._running(), self._tensor(self._over) if len(fresh) else self._nowhere
+        lanes, restarted = self._running(), self._tensor(self._over) if len(fresh) else self._nowhere
         readings = lanes.readings.clone()
-        terminated = (readings[:, STATUS] > self.task.last_status) & ~begun
+        terminated = (readings[:, STATUS] > self.task.last_status) & ~restarted
         truncated = readings[:, STEP] >= self.config.episode_steps
         observations = self._observation(lanes)
         rewards, terms = self._rewards(observations, readings)
-        rewards = torch.where(begun, 0.0, rewards)
-        infos = self._infos(readings, terms, sampled, begun)
+        rewards = torch.where(restarted, 0.0, rewards)
+        infos = self._infos(readings, terms, sampled, restarted)
         self._over = failed | (self._steps >= self.config.episode_steps)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             observations, infos = self._restart(observations, infos)
@@ -172,12 +172,12 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
     def _accepted(self, actions: Any) -> Tensor:
         """The actions as numbers of 64 bits on the device; InvalidInput unless their shape is right."""
         try:
-            given = torch.as_tensor(actions, device=self.device).to(torch.float64)
+            values = torch.as_tensor(actions, device=self.device).to(torch.float64)
         except (TypeError, ValueError, RuntimeError):
             raise InvalidInput("actions", actions, self._allowed) from None
-        if given.shape != self.action_space.shape:
-            raise InvalidInput("shape of actions", tuple(given.shape), self._allowed)
-        return given
+        if values.shape != self.action_space.shape:
+            raise InvalidInput("shape of actions", tuple(values.shape), self._allowed)
+        return values
 
     @property
     def _allowed(self) -> str:
@@ -187,7 +187,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         """One step of all lanes, those that have ended too; which lanes failed, (B,).
 
         Raises:
-            InvalidInput: actions that are not finite; nothing has changed then.
+            InvalidInput: actions that are not finite; the state is unchanged then.
         """
         lanes = self._running()
         prepared = prepare(self._rules, lanes, actions)
@@ -212,24 +212,24 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         self.host_solves += len(rows)
         at = self._tensor(rows)
         inputs = prepared.commands, prepared.readings[:, FORCE : FORCE + 2], prepared.starts
-        found = self._host.solve_lanes(rows, *(values.index_select(0, at).cpu().numpy() for values in inputs))
-        parts = {name: getattr(solved, name).index_copy(0, at, self._tensor(part)) for name, part in found.items()}
+        solutions = self._host.solve_lanes(rows, *(values.index_select(0, at).cpu().numpy() for values in inputs))
+        parts = {name: getattr(solved, name).index_copy(0, at, self._tensor(part)) for name, part in solutions.items()}
         return replace(solved, **parts)
 
     def _begin(self, rows: Rows, fixed: Any = None) -> dict[str, Any]:
-        """New episodes in these lanes; what was drawn, spread over all lanes."""
-        whole = len(rows) == self.num_envs
-        sampled, _ = self._host.restart(rows, self._generators if whole else self._generators.of(rows), fixed)
+        """New episodes in these lanes; their random draws, spread over all lanes."""
+        is_all = len(rows) == self.num_envs
+        sampled, _ = self._host.restart(rows, self._generators if is_all else self._generators.of(rows), fixed)
         self._lanes = Lanes.of(self._host, self.device) if self._lanes is None else self._lanes.begun(rows, self._host)
         self._steps[rows] = 0
         self._follow_tables(rows)
         return tensor_infos.on_device(spread_info(sampled, rows, self.num_envs), self.device)
 
     def _follow_tables(self, rows: Rows) -> None:
-        """Have the device use the mechanisms of the host, of which those of these lanes may be new."""
+        """Have the device use the mechanisms of the host, which may be new in these lanes."""
         arrays, designs = self._host.tables
-        known = self._tables
-        if known is None or known[0] is not arrays or not np.array_equal(known[1], designs):
+        tables = self._tables
+        if tables is None or tables[0] is not arrays or not np.array_equal(tables[1], designs):
             self._solver = SideBySide(arrays, designs, self.device)
             self._tables = arrays, designs.copy()
         elif self._host.varies:
@@ -252,24 +252,24 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
         )
         return self._observation(lanes), restarted
 
-    def _infos(self, readings: Tensor, terms: dict[str, Tensor], sampled: Any, begun: Tensor) -> dict[str, Any]:
+    def _infos(self, readings: Tensor, terms: dict[str, Tensor], sampled: Any, fresh: Tensor) -> dict[str, Any]:
         """Infos of a step in which the lanes of a mask have begun."""
         everywhere: dict[str, Any] = self._state_info(readings)
         stepped: dict[str, Any] = {"reward_terms": terms}
         if self.goal:
             stepped["is_success"] = reached(self.task, readings)
         if sampled is None:
-            return tensor_infos.whole_info(everywhere | stepped, ~begun)
-        infos = tensor_infos.whole_info(everywhere, torch.ones_like(begun))
-        infos |= tensor_infos.masked_info({"sampled": sampled}, begun)
-        return infos if self._over.all() else infos | tensor_infos.masked_info(stepped, ~begun)
+            return tensor_infos.whole_info(everywhere | stepped, ~fresh)
+        infos = tensor_infos.whole_info(everywhere, torch.ones_like(fresh))
+        infos |= tensor_infos.masked_info({"sampled": sampled}, fresh)
+        return infos if self._over.all() else infos | tensor_infos.masked_info(stepped, ~fresh)
 
     def _state_info(self, readings: Tensor) -> dict[str, Any]:
-        """What info says in every step, parts of the readings, which nothing may change any more."""
-        said = tensor_infos.state_info(readings, self.task.action_size)
+        """The info of every step, parts of the readings, which are read-only from here on."""
+        info = tensor_infos.state_info(readings, self.task.action_size)
         if self.config.privileged == "info":
-            said["privileged"] = self._observer.privileged(readings)
-        return said
+            info["privileged"] = self._observer.privileged(readings)
+        return info
 
     def _rewards(self, observations: Any, readings: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
         """Rewards and their terms, (B,) each."""
@@ -302,7 +302,7 @@ class TorchTrackingEnv(VectorEnv[Any, Tensor, Tensor]):
 
 
 def _on_host(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options whose tensors are arrays."""
+    """Options with arrays in place of tensors."""
     return {
         key: _on_host(value) if isinstance(value, dict) else value.cpu().numpy() if isinstance(value, Tensor) else value
         for key, value in options.items()

@@ -27,7 +27,7 @@ class HostEpisodes(TrackingEpisodeBuffer):
 
     @property
     def varies(self) -> bool:
-        """Whether every lane has tables of its own."""
+        """Whether every lane has separate tables."""
         return len(self.tables[0].joints) == self.capacity > 1
 
     @property
@@ -49,7 +49,7 @@ class HostEpisodes(TrackingEpisodeBuffer):
         laws, results = self.solver.laws, self.solver.results
         laws.low[rows], laws.high[rows] = self.task.config.tension_range
         self.solver.solve_lanes(rows, commands, forces, starts)
-        found = {name: getattr(results, name)[rows] for name in SOLVED if len(getattr(results, name))}
-        if "contacts" in found:
-            found["contacts"] = found["contacts"][..., :2]
-        return found
+        parts = {name: getattr(results, name)[rows] for name in SOLVED if len(getattr(results, name))}
+        if "contacts" in parts:
+            parts["contacts"] = parts["contacts"][..., :2]
+        return parts

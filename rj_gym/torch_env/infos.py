@@ -15,7 +15,7 @@ _TERMS = {"tracking": TRACKING, "effort": EFFORT, "smoothness": SMOOTHNESS, "fai
 
 
 def state_info(readings: Tensor, m: int) -> dict[str, Any]:
-    """What info says of m tendons in every step, tensors (B, ...): parts of the readings (B, columns)."""
+    """The info of m tendons in every step, tensors (B, ...): parts of the readings (B, columns)."""
     return {
         "error_mm": readings[:, ERROR],
         "status": readings[:, STATUS].long(),
@@ -33,7 +33,7 @@ def reward_info(readings: Tensor) -> dict[str, Tensor]:
 
 
 def on_device(info: Mapping[str, Any], device: torch.device) -> dict[str, Any]:
-    """The arrays of numbers of an info as tensors; those of names are left out."""
+    """The arrays of numbers of an info as tensors; arrays of names are left out."""
     return {
         key: on_device(value, device) if isinstance(value, dict) else torch.tensor(value, device=device)
         for key, value in info.items()
@@ -55,11 +55,11 @@ def masked_info(info: Mapping[str, Any], mask: Tensor) -> dict[str, Any]:
 
 def whole_info(info: Mapping[str, Any], mask: Tensor) -> dict[str, Any]:
     """masked_info where every lane has everything, as the mask says."""
-    whole: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for key, value in info.items():
-        whole[key] = whole_info(value, mask) if isinstance(value, dict) else value
-        whole[f"_{key}"] = mask
-    return whole
+        result[key] = whole_info(value, mask) if isinstance(value, dict) else value
+        result[f"_{key}"] = mask
+    return result
 
 
 def unmasked_info(infos: Mapping[str, Any]) -> dict[str, Any]:

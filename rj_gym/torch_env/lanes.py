@@ -15,9 +15,9 @@ from rj_gym.torch_env.host import HostEpisodes
 
 @dataclass(frozen=True)
 class Lanes:
-    """Where episodes are and what was fixed when they began: names, shapes and units of rj_gym/tracking/arrays.py.
+    """State of the episodes, and their values fixed at the start: names, shapes and units of rj_gym/tracking/arrays.py.
 
-    From `half_play` on those of Hardware there, with no lanes where motors and sensors are not active.
+    From `half_play` on the fields of Hardware there, with no lanes where motors and sensors are not active.
     Rings over steps are queues here, the newest step first; as an episode begins, both hold the same.
     """
 
@@ -67,7 +67,7 @@ def at_step(series: Tensor, steps: Tensor) -> Tensor:
 
 
 def _with_rows(tensor: Tensor, at: Tensor, rows: NDArray[np.int64], array: NDArray[np.float64]) -> Tensor:
-    """A copy with some rows of an array in place of its own; the array where its series have become longer."""
+    """A copy with some of its rows replaced by an array's; the array where its series have become longer."""
     if tensor.shape[1:] != array.shape[1:]:
         return torch.tensor(array, device=tensor.device)
     if not array.size:

@@ -17,7 +17,7 @@ from rj_gym.tracking.planar import PlanarTask
 
 @dataclass(frozen=True)
 class Observer:
-    """What observations are made with, on a device."""
+    """The data of observations, on a device."""
 
     rules: Rules
     neutral_lengths: Tensor
@@ -34,18 +34,18 @@ class Observer:
     def vectors(self, lanes: Lanes) -> Tensor:
         """The observations of all lanes, (B, entries), float32."""
         rules, readings = self.rules, lanes.readings
-        seen = seen_poses(rules, lanes)[:, rules.first_seen :]
+        poses = seen_poses(rules, lanes)[:, rules.first_seen :]
         tensions, commands = tendons(lanes)
         if rules.hardware.active:
             tensions, commands = lanes.measured[:, TENSION], lanes.measured[:, POSITION]
-        parts = [link_entries(rules, seen), (commands - self.neutral_lengths) / rules.command_scale]
+        parts = [link_entries(rules, poses), (commands - self.neutral_lengths) / rules.command_scale]
         if rules.observe_tensions:
             parts.append(tensions / rules.highest_tension)
         if rules.observe_target:
             target = readings[:, TARGET : TARGET + 2]
             parts.append(target / rules.length)
-            if seen.shape[1]:
-                parts.append((target - seen[:, -1, :2]) / rules.error_scale)
+            if poses.shape[1]:
+                parts.append((target - poses[:, -1, :2]) / rules.error_scale)
         if rules.observe_load:
             parts += load_entries(rules, readings, lanes.poses.shape[1] - 1)
         if rules.hardware.late:

@@ -1,4 +1,4 @@
-"""Settings and devices that cannot be used, each refused in one line that says what can be used instead."""
+"""Settings and devices that cannot be used, each refused in one line that names an alternative."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def checked_device(device: object) -> torch.device:
     """The device, the CPU or a CUDA device that is there; raises InvalidInput."""
     allowed = 'a torch device, "cpu" or "cuda"'
     try:
-        chosen = torch.device(device)
+        selection = torch.device(device)
     except (RuntimeError, TypeError):
         raise InvalidInput("device", device, allowed) from None
-    if chosen.type not in ("cpu", "cuda"):
+    if selection.type not in ("cpu", "cuda"):
         raise InvalidInput("device", device, allowed, "Numbers have 64 bits.")
-    if chosen.type == "cuda" and (chosen.index or 0) >= torch.cuda.device_count():
+    if selection.type == "cuda" and (selection.index or 0) >= torch.cuda.device_count():
         raise InvalidInput("device", device, f"{allowed}; CUDA devices found: {torch.cuda.device_count()}")
-    return chosen
+    return selection
 
 
 def check_task(task: PlanarTask) -> None:
-    """Refuse, with InvalidInput, what the formulas on the device leave out."""
+    """Refuse, with InvalidInput, tasks outside the formulas on the device."""
     config, mechanism = task.config, task.mechanism
     friction: Any = config.friction or mechanism.friction
     if task.has_friction:
@@ -74,8 +74,8 @@ def _check_settings(config: Settings) -> None:
     """Refuse, with InvalidInput, settings that are not known here, unless they are off."""
     for section, names in TAKEN.items():
         settings: Any = getattr(config, section) if section else config
-        known = names if section else names | TAKEN.keys()
-        for name in [each.name for each in fields(settings) if each.name not in known]:
+        supported = names if section else names | TAKEN.keys()
+        for name in [field.name for field in fields(settings) if field.name not in supported]:
             value, off = getattr(settings, name), _default(type(settings), name)
             if section == "reward" and isinstance(off, float):
                 off = 0.0
@@ -86,13 +86,13 @@ def _check_settings(config: Settings) -> None:
 
 def _default(kind: type[Settings], name: str) -> Any:
     """The default of a setting in the class that brought it; worlds may have others."""
-    every = (getattr(each, "__dataclass_fields__", {}) for each in reversed(kind.__mro__))
-    first = next(known[name] for known in every if name in known)
+    every = (getattr(base, "__dataclass_fields__", {}) for base in reversed(kind.__mro__))
+    first = next(defaults[name] for defaults in every if name in defaults)
     return first.default if first.default_factory is MISSING else first.default_factory()
 
 
 def check_mechanism(what: str, mechanism: Any, task: PlanarTask) -> None:
-    """Refuse, with InvalidInput, a mechanism that the tables on the device cannot hold beside the task's."""
+    """Refuse, with InvalidInput, a mechanism that the tables on the device cannot hold together with the task's."""
     if mechanism.springs:
         raise InvalidInput(f"springs of {what}", mechanism.springs, "none", _INSTEAD)
     if mechanism.n_joints > SideBySide.most_joints:

@@ -1,4 +1,4 @@
-"""What is measured in torch, for all lanes: the formulas of rj_gym/tracking/measuring.py."""
+"""Measurements in torch, for all lanes: the formulas of rj_gym/tracking/measuring.py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rollingjoint.differentiable.transmission import sheath_direction, sheath_ra
 
 @dataclass(frozen=True)
 class Sensors:
-    """What measures at the end of every step, on a device: nothing where motors and sensors are not active."""
+    """Sensors at the end of every step, on a device: none where motors and sensors are not active."""
 
     rules: Rules
     stiffnesses: Tensor  # of the nominal tendons, (m,) N/mm
@@ -30,7 +30,7 @@ class Sensors:
         return cls(rules, *(torch.tensor(array, dtype=torch.float64, device=device) for array in arrays))
 
     def measured(self, lanes: Lanes) -> Lanes:
-        """The lanes after a step with what was measured; the privileged state goes into their readings."""
+        """The lanes after a step with its measurements; the privileged state goes into their readings."""
         hardware = self.rules.hardware
         if not hardware.active:
             return lanes
@@ -63,9 +63,9 @@ class Sensors:
         age = steps.clamp(max=hardware.picture_delay)
         taken = torch.where((steps + lanes.phase) % hardware.period == 0, steps - age, before)
         new = taken > before
-        kept = torch.cat([lanes.poses[:, 1:].flatten(1)[:, None], lanes.pictures[:, :-2]], 1)
-        shown = torch.where(new[:, None], at_step(kept, age), lanes.pictures[:, -1])
-        pictures = torch.cat([kept, shown[:, None]], 1)
+        poses = torch.cat([lanes.poses[:, 1:].flatten(1)[:, None], lanes.pictures[:, :-2]], 1)
+        shown = torch.where(new[:, None], at_step(poses, age), lanes.pictures[:, -1])
+        pictures = torch.cat([poses, shown[:, None]], 1)
         return replace(lanes, pictures=pictures, picture=torch.stack([taken, new.long()], 1))
 
     def _remembered(self, lanes: Lanes) -> Tensor:
@@ -81,8 +81,8 @@ class Sensors:
         """The privileged state, not yet within its bounds, (B, K)."""
         rules, readings, moving = self.rules, lanes.readings, lanes.poses.shape[1] - 1
         tensions, commands = tendons(lanes)
-        away = readings[:, TARGET : TARGET + 2] - readings[:, TIP : TIP + 2]
-        parts = [link_entries(rules, lanes.poses[:, 1:]), away / rules.error_scale]
+        offset = readings[:, TARGET : TARGET + 2] - readings[:, TIP : TIP + 2]
+        parts = [link_entries(rules, lanes.poses[:, 1:]), offset / rules.error_scale]
         parts += load_entries(rules, readings, moving)
         parts += [commands - lanes.motors[:, MOTOR], lanes.half_play, lanes.sheath, tensions / rules.highest_tension]
         parts += [lanes.actuator_offsets, lanes.stiffnesses / self.stiffnesses]

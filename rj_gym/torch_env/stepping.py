@@ -1,4 +1,4 @@
-"""The formulas of a step in torch, for all lanes: those of rj_gym/tracking/kernels.py."""
+"""The formulas of a step in torch, for all lanes, as in rj_gym/tracking/kernels.py."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rollingjoint.differentiable.transmission import unstretched_length
 
 
 class Prepared(NamedTuple):
-    """What goes into the solve of a step."""
+    """The inputs of the solve of a step."""
 
     actions: Tensor  # the last ones, within [-1, 1], and those before, (B, 2, m)
     motors: Tensor  # see moved_motors; where they are not active, (0, 5, m)
@@ -45,7 +45,7 @@ class Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Solved:
-    """What comes out of the solve of a step; names, shapes and units of rj_gym/tracking/arrays.py."""
+    """The results of the solve of a step; names, shapes and units of rj_gym/tracking/arrays.py."""
 
     joint_angles: Tensor
     responses: Tensor
@@ -59,8 +59,8 @@ class Solved:
     def of(cls, settled: Settled) -> Solved:
         """The equilibria that a device has found."""
         status = torch.where(settled.held, int(Status.AT_LIMIT), int(Status.CONVERGED))
-        found = settled.joint_angles, settled.responses, settled.poses, settled.tensions, settled.lengths
-        return cls(*found, status, settled.contacts)
+        parts = settled.joint_angles, settled.responses, settled.poses, settled.tensions, settled.lengths
+        return cls(*parts, status, settled.contacts)
 
 
 def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
@@ -70,8 +70,8 @@ def prepare(rules: Rules, lanes: Lanes, actions: Tensor) -> Prepared:
     taken = actions.clamp(-1.0, 1.0)
     _, held = tendons(lanes)
     motors = moved_motors(rules, lanes, taken, held) if rules.hardware.active else lanes.motors
-    asked = motors[:, ASKED] if rules.hardware.active else held - rules.action_scale * taken
-    commands = asked + lanes.actuator_offsets
+    demands = motors[:, ASKED] if rules.hardware.active else held - rules.action_scale * taken
+    commands = demands + lanes.actuator_offsets
     turns = (lanes.responses * (commands - (held + lanes.actuator_offsets))[:, None]).sum(-1)
     near = turns.abs().amax(-1, keepdim=True) < PREDICTABLE
     forces = at_step(lanes.forces, readings[:, STEP])
@@ -85,29 +85,29 @@ def finished(rules: Rules, lanes: Lanes, prepared: Prepared, solved: Solved) -> 
     """The lanes after the solve. A lane without a usable equilibrium keeps its pose, tensions and commands."""
     readings, m = prepared.readings, solved.tensions.shape[-1]
     readings[:, STATUS] = solved.status.to(readings.dtype)
-    usable = solved.status <= int(Status.AT_LIMIT)
+    valid = solved.status <= int(Status.AT_LIMIT)
     unstretched = unstretched_length(solved.lengths, solved.tensions, lanes.stiffnesses) - lanes.actuator_offsets
     pulled = torch.cat([solved.tensions, unstretched], -1)
-    readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(usable, pulled, readings[:, TENSIONS : TENSIONS + 2 * m])
+    readings[:, TENSIONS : TENSIONS + 2 * m] = _taken(valid, pulled, readings[:, TENSIONS : TENSIONS + 2 * m])
     after = replace(
         lanes,
-        angles=_taken(usable, solved.joint_angles, lanes.angles),
-        responses=_taken(usable, solved.responses, lanes.responses),
-        poses=_taken(usable, solved.poses, lanes.poses),
+        angles=_taken(valid, solved.joint_angles, lanes.angles),
+        responses=_taken(valid, solved.responses, lanes.responses),
+        poses=_taken(valid, solved.poses, lanes.poses),
         actions=prepared.actions,
         readings=readings,
     )
     if rules.hardware.active:
-        after = replace(after, motors=_taken(usable, settled_motors(prepared.motors, unstretched), lanes.motors))
+        after = replace(after, motors=_taken(valid, settled_motors(prepared.motors, unstretched), lanes.motors))
     if len(lanes.tip_rates):
-        after = replace(after, tip_rates=_taken(usable, _tip_rates(solved), lanes.tip_rates))
+        after = replace(after, tip_rates=_taken(valid, _tip_rates(solved), lanes.tip_rates))
     _measure_error(after)
-    _fill_rewards(rules, after, usable)
+    _fill_rewards(rules, after, valid)
     return after
 
 
 def _tip_rates(solved: Solved) -> Tensor:
-    """How the tip moves with the commands, (B, 2, m): every joint turns what lies beyond it about its contact."""
+    """How the tip moves with the commands, (B, 2, m): every joint turns the links beyond it about its contact."""
     x, y = (solved.poses[:, -1:, :2] - solved.contacts)[..., None].unbind(2)
     return torch.stack([-(y * solved.responses).sum(1), (x * solved.responses).sum(1)], 1)
 
@@ -117,11 +117,11 @@ def _measure_error(lanes: Lanes) -> None:
     readings = lanes.readings
     readings[:, TIP : TIP + 2] = lanes.poses[:, -1, :2]
     readings[:, TARGET : TARGET + 2] = at_step(lanes.targets, readings[:, STEP])
-    away = readings[:, TIP : TIP + 2] - readings[:, TARGET : TARGET + 2]
-    readings[:, ERROR] = away.square().sum(-1).sqrt()
+    offset = readings[:, TIP : TIP + 2] - readings[:, TARGET : TARGET + 2]
+    readings[:, ERROR] = offset.square().sum(-1).sqrt()
 
 
-def _fill_rewards(rules: Rules, lanes: Lanes, usable: Tensor) -> None:
+def _fill_rewards(rules: Rules, lanes: Lanes, valid: Tensor) -> None:
     """The terms of the reward, and their sum."""
     readings, m = lanes.readings, lanes.actions.shape[-1]
     error, tensions = readings[:, ERROR], readings[:, TENSIONS : TENSIONS + m]
@@ -130,7 +130,7 @@ def _fill_rewards(rules: Rules, lanes: Lanes, usable: Tensor) -> None:
         tracking = tracking - rules.precision * error / (error + 1.0)
     effort = (tensions / rules.highest_tension).square().sum(-1) * (-rules.effort / m)
     smoothness = (lanes.actions[:, 0] - lanes.actions[:, 1]).square().sum(-1) * (-rules.smoothness / m)
-    failure = torch.where(usable, torch.zeros_like(error), -rules.failure_penalty)
+    failure = torch.where(valid, torch.zeros_like(error), -rules.failure_penalty)
     columns = {TRACKING: tracking, EFFORT: effort, SMOOTHNESS: smoothness, FAILURE: failure}
     for column, values in columns.items():
         readings[:, column] = values

@@ -135,12 +135,12 @@ class ArmTask(TrackingTask):
 
     def scene(self, trail: Array, readings: Array, shared: dict[str, Any]) -> ArmScene:
         """The scene of a lane's picture; `shared`: the fields of a TrackingScene."""
-        own = self._own(readings)
+        columns = self._own(readings)
         return ArmScene(
             **shared,
             trail=trail,
-            target_frame=own[TARGET_FRAME:OWN].reshape(3, 3) if self.config.orientation else None,
-            gravity=own[GRAVITY : GRAVITY + 3],
+            target_frame=columns[TARGET_FRAME:OWN].reshape(3, 3) if self.config.orientation else None,
+            gravity=columns[GRAVITY : GRAVITY + 3],
             payload=readings[FORCE : FORCE + 3],
         )
 
@@ -164,9 +164,9 @@ class ArmTask(TrackingTask):
         """Reward of the Goal environment for goals (..., 3 or 9), (...)."""
         if not self.config.orientation:
             return super().goal_reward(achieved, desired)
-        reached, wanted = np.asarray(achieved, dtype=float), np.asarray(desired, dtype=float)
-        reward, angle = self.config.reward, goal_angles(reached[..., 3:], wanted[..., 3:])
-        places = super().goal_reward(reached[..., :3], wanted[..., :3])
+        reached, goals = np.asarray(achieved, dtype=float), np.asarray(desired, dtype=float)
+        reward, angle = self.config.reward, goal_angles(reached[..., 3:], goals[..., 3:])
+        places = super().goal_reward(reached[..., :3], goals[..., :3])
         if reward.goal == "sparse":
             return np.minimum(places, -(angle > reward.goal_tolerance_rad).astype(float))
         return places - angle / reward.angle_scale_rad
@@ -180,9 +180,9 @@ class ArmTask(TrackingTask):
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
-        own = self._own(readings)
-        angle = {"angle_error_rad": own[:, ANGLE]} if self.config.orientation else {}
-        return super().state_info(readings) | {"gravity": own[:, GRAVITY : GRAVITY + 3]} | angle
+        columns = self._own(readings)
+        angle = {"angle_error_rad": columns[:, ANGLE]} if self.config.orientation else {}
+        return super().state_info(readings) | {"gravity": columns[:, GRAVITY : GRAVITY + 3]} | angle
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
@@ -191,10 +191,10 @@ class ArmTask(TrackingTask):
 
     def single_info(self, readings: Array, numbers: list[float]) -> dict[str, Any]:
         """state_info and reward_info of one lane: Python numbers, `numbers`, and parts of its readings (columns,)."""
-        own, info = self._columns, TrackingTask.single_info(self, readings, numbers)  # faster than super()
+        first, info = self._columns, TrackingTask.single_info(self, readings, numbers)  # faster than super()
         if self._oriented:
-            info["angle_error_rad"] = numbers[own + ANGLE]
-            info["reward_terms"]["orientation"] = numbers[own + ORIENTATION]
+            info["angle_error_rad"] = numbers[first + ANGLE]
+            info["reward_terms"]["orientation"] = numbers[first + ORIENTATION]
         info["gravity"] = readings[self._gravity]
         return info
 
@@ -274,11 +274,11 @@ def _mechanisms(
     spreads = randomization.hinge_stiffness_spread, randomization.stiffness_spread, randomization.weight_spread
     drawn = (uniforms[name] for name in ("hinge", "stiffness", "weight"))
     factors = [1 + symmetric(spread, numbers) for spread, numbers in zip(spreads, drawn, strict=True)]
-    return tuple(nominal.scaled(*each) for each in zip(*factors, strict=True)), np.arange(lanes)
+    return tuple(nominal.scaled(*scales) for scales in zip(*factors, strict=True)), np.arange(lanes)
 
 
 def gravity_directions(tilt: tuple[float, float], uniforms: Array) -> Array:
-    """Unit vectors (B, 3), uniform over the directions whose angle to (0, 0, 1) is in the range, from (B, 2)."""
+    """Unit vectors (B, 3), uniform over the directions with an angle to (0, 0, 1) in the range, from (B, 2)."""
     low, high = math.cos(tilt[1]), math.cos(tilt[0])
     z = low + (high - low) * uniforms[:, 0]
     across, azimuth = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * math.pi * uniforms[:, 1]

@@ -95,12 +95,12 @@ def own_series(
     config: TaskConfig, name: str, uniforms: Uniforms, length: float, shape: tuple[int, ...]
 ) -> Array | None:
     """The targets or loads that the settings bring, `terms.<name>`, (B, 1 or T + 1, *shape); None where they do not."""
-    own = getattr(config.terms, name)
-    if own is None:
+    term = getattr(config.terms, name)
+    if term is None:
         return None
-    numbers = uniforms[f"own {name}"] if own.uniforms else np.zeros((len(uniforms), 0))
+    numbers = uniforms[f"own {name}"] if term.uniforms else np.zeros((len(uniforms), 0))
     start = Start(numbers, config.episode_steps, length)
-    return checked_series(f"terms.{name}", own.function(start), start, shape)
+    return checked_series(f"terms.{name}", term.function(start), start, shape)
 
 
 def measurement_errors(
@@ -112,9 +112,9 @@ def measurement_errors(
     if noise.sensor_noise:
         errors = np.array(scale(noise.position_noise_mm, noise.angle_noise_rad)) * normal(uniforms["noise"])
     if sensing.biased:
-        most = np.array(scale(sensing.position_bias_mm, sensing.angle_bias_rad))
-        bias = symmetric(most, uniforms["bias"])  # the same for every part
-        spread = np.broadcast_to(bias.reshape(len(bias), 1, *[1] * len(parts), -1), (len(bias), 1, *parts, len(most)))
+        limits = np.array(scale(sensing.position_bias_mm, sensing.angle_bias_rad))
+        bias = symmetric(limits, uniforms["bias"])  # the same for every part
+        spread = np.broadcast_to(bias.reshape(len(bias), 1, *[1] * len(parts), -1), (len(bias), 1, *parts, len(limits)))
         errors = spread.copy() if errors is None else errors + spread
     return errors
 

@@ -63,14 +63,14 @@ class RollingJointEnv(TaskEnv):
     Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied.
     Drawn per episode: a target that the unloaded mechanism reaches (`target`), and the load: a dead force at the
     origin of a random moving link, uniform in direction and in magnitude from 0 to 1 N (`load`).
-    `reset(options=...)` fixes any of "target", "load", "mechanism", "start" and "friction"; what was drawn is in
+    `reset(options=...)` fixes any of "target", "load", "mechanism", "start" and "friction"; the random draws are in
     `info["sampled"]`.
 
     ## Episode end
     Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
     vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
     Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
-    the observation is that of the last good pose.
+    the observation shows the last good pose.
 
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (2,) [mm], `load` {"link", "force"},
@@ -79,7 +79,7 @@ class RollingJointEnv(TaskEnv):
 
     ## Arguments
     `RollingJointEnv(render_mode=None, config=None, **overrides)`: `config` is a TrackingConfig or a dictionary of its
-    fields; overrides go on top, and nested ones change only what they name:
+    fields; overrides go on top, and nested ones change only the named fields:
     `gymnasium.make("rj_gym/RollingJoint-v0", episode_steps=20, load={"magnitude": (0, 1.5)})`.
     See TrackingConfig, LoadConfig, TargetConfig, RewardConfig, RandomizationConfig and FrictionConfig: tendons rub in
     their holes (`friction`, off), by a hidden coefficient drawn per episode, and poses depend on the moves before them.
@@ -94,7 +94,7 @@ class RollingJointEnv(TaskEnv):
 
 
 class RollingJointGoalEnv(GoalTaskEnv, RollingJointEnv):
-    """The tracking task with goals, for hindsight relabelling: as RollingJointEnv but for what follows.
+    """The tracking task with goals, for hindsight relabelling: as RollingJointEnv, with these differences.
 
     ## Observation space
     `Dict`, float32:
@@ -106,7 +106,7 @@ class RollingJointGoalEnv(GoalTaskEnv, RollingJointEnv):
     | desired_goal | target x, y | L | -2 | 2 |
 
     ## Reward
-    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which needs nothing from info and takes batches:
+    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which does not read info and takes batches:
     "dense" (default) is - error / `error_scale_mm`; "sparse" (`reward={"goal": "sparse"}`) is 0 where the error is at
     most `goal_tolerance_mm` (2 mm), else -1. There are no effort, smoothness and failure terms.
 
@@ -119,10 +119,10 @@ class RollingJointGoalEnv(GoalTaskEnv, RollingJointEnv):
 
 
 class InstrumentEnv(RollingJointEnv):
-    """Bring the tip of an instrument to a target when nobody sees the tip: as RollingJointEnv but for what follows.
+    """Bring an instrument's tip to a target without measurements of it: as RollingJointEnv, with these differences.
 
-    Motors pull tendons through a sheath with play and friction. What the agent has is where the motors are and what
-    they measure; it has to find out from these how much play and friction there is, and what pulls at the tip.
+    Motors pull tendons through a sheath with play and friction. The agent reads the positions and tensions of the
+    motors; from these it has to infer play, friction and the force at the tip.
 
     ## Action space
     As RollingJointEnv, but an action moves the motor, q. The tendon's command p (`info["command"]`) follows by a play
@@ -177,11 +177,11 @@ class InstrumentEnv(RollingJointEnv):
 
 
 class InstrumentShiftEnv(InstrumentEnv):
-    """The instrument as it is before it wears, to train for what comes later: as InstrumentEnv but for what follows.
+    """The instrument as it is before it wears, to train for later wear: as InstrumentEnv, with these differences.
 
     ## Start
     Surfaces are exact; play is 0.5 to 2 mm and phi 0 to 0.3. That is the world to train in. Controllers are tested in
-    two others, of which training has seen nothing: `actuation={"play_mm": (2, 3)}` and
+    two others, absent from training: `actuation={"play_mm": (2, 3)}` and
     `actuation={"sheath_friction": (0, 0.6)}`.
 
     ## Arguments
@@ -195,10 +195,10 @@ class InstrumentShiftEnv(InstrumentEnv):
 
 
 class SlowCameraEnv(RollingJointEnv):
-    """A camera that looks now and then, and tensions all the time: as RollingJointEnv but for what follows.
+    """A camera that looks now and then, and tensions all the time: as RollingJointEnv, with these differences.
 
     ## Observation space
-    As RollingJointEnv; link entries and tip error are those of the last picture. After them:
+    As RollingJointEnv; link entries and tip error come from the last picture. After them:
 
     | Entries | Meaning | Unit | Low | High |
     |---|---|---|---|---|
@@ -206,7 +206,7 @@ class SlowCameraEnv(RollingJointEnv):
     | picture new | 1 if it came in this step | 1 | 0 | 1 |
 
     A picture comes at every fifth step, counted from a random one, and is then three steps old; an episode begins with
-    a picture of its start. Its noise is 0.5 mm and 0.01 rad, that of tensions, measured at every step, 0.1 N. Tension
+    a picture of its start. Its noise is 0.5 mm and 0.01 rad; tensions, measured at every step, have 0.1 N. Tension
     entries go up to 3. Past readings (`observe_history`, 1) as in InstrumentEnv.
 
     ## Reward
@@ -227,13 +227,13 @@ class SlowCameraEnv(RollingJointEnv):
 
 
 class LatePoseEnv(RollingJointEnv):
-    """Poses come late, and play and friction come between motors and tendons: as InstrumentEnv but for what follows.
+    """Poses come late, and play and friction come between motors and tendons: as InstrumentEnv, with these differences.
 
     ## Observation space
-    That of SlowCameraEnv, where every step brings a picture of two steps ago, with noise of 0.3 mm and 0.005 rad.
+    As SlowCameraEnv, but every step brings a picture of two steps ago, with noise of 0.3 mm and 0.005 rad.
 
     ## Start
-    Mechanism and motors are those of the model; play is 0.5 to 3 mm and phi 0 to 0.3. The force at the tip wanders as
+    Mechanism and motors are as in the model; play is 0.5 to 3 mm and phi 0 to 0.3. The force at the tip wanders as
     in SlowCameraEnv.
 
     ## Arguments
@@ -265,14 +265,14 @@ class FlexibleArmEnv(TaskEnv):
     |---|---|---|---|---|
     | tip x, tip y, tip z | where the tip is | L | -2 | 2 |
     | tip R xx, tip R yx, tip R zx, tip R xy, tip R yy, tip R zy (`orientation`, off) | x and y axis of its frame | 1 | -1 | 1 |
-    | tendon j command | commanded length minus that of the straight arm, j = 0 ... m - 1 | `command_scale_mm` (30 mm) | -2 | 2 |
+    | tendon j command | commanded length minus the straight arm's, j = 0 ... m - 1 | `command_scale_mm` (30 mm) | -2 | 2 |
     | tendon j tension (`observe_tensions`, on) | measured tension | largest tension (15 N) | 0 | 1 |
     | target x, target y, target z | where the tip should be now | L | -2 | 2 |
     | target R xx, target R yx, target R zx, target R xy, target R yy, target R zy (`orientation`, off) | axes of the target frame | 1 | -1 | 1 |
     | tip error x, tip error y, tip error z | target minus measured tip | `error_scale_mm` (30 mm) | -10 | 10 |
     | angle error x, angle error y, angle error z (`orientation`, off) | rotation vector from the measured to the target frame | `angle_scale_rad` (0.3 rad) | -10.472 | 10.472 |
     | gravity x, gravity y, gravity z (`observe_load`, off) | its direction in the base frame | 1 | -1 | 1 |
-    | payload (`observe_load`, off) | what hangs from the tip | largest `load.magnitude` (0.5 N) | 0 | 1 |
+    | payload (`observe_load`, off) | weight at the tip | largest `load.magnitude` (0.5 N) | 0 | 1 |
 
     Entries stand in the order of the table.
 
@@ -292,10 +292,10 @@ class FlexibleArmEnv(TaskEnv):
     tip of an equilibrium under that gravity without payload (`target`); the payload, a dead force at the tip along
     gravity, uniform from 0 to 0.5 N (`load`). Tensions of 3 N (`start_tension`) set the arm without payload; the
     tendons are locked there and the payload applied. `reset(options=...)` fixes any of "target", "load", "gravity",
-    "mechanism", "start" and "friction"; what was drawn is in `info["sampled"]`.
+    "mechanism", "start" and "friction"; the random draws are in `info["sampled"]`.
 
     ## Episode end
-    As that of RollingJointEnv: truncated by the environment itself after `episode_steps` (50), terminated only where
+    As RollingJointEnv: truncated by the environment itself after `episode_steps` (50), terminated only where
     the solver finds no usable equilibrium, with the penalty and the observation of the last good pose.
 
     ## Info
@@ -306,7 +306,7 @@ class FlexibleArmEnv(TaskEnv):
 
     ## Arguments
     `FlexibleArmEnv(render_mode=None, config=None, **overrides)`: `config` is a FlexibleArmConfig or a dictionary of its
-    fields; overrides go on top, and nested ones change only what they name:
+    fields; overrides go on top, and nested ones change only the named fields:
     `gymnasium.make("rj_gym/FlexibleArm-v0", orientation=True, load={"magnitude": (0, 0.8)})`.
     See FlexibleArmConfig, PayloadConfig, GravityConfig, ArmTargetConfig, ArmRewardConfig, ArmRandomizationConfig and
     FrictionConfig (`friction`, off): tendons rub in the beads' holes, by a hidden coefficient drawn per episode.
@@ -321,7 +321,7 @@ class FlexibleArmEnv(TaskEnv):
 
 
 class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
-    """The arm's task with goals, for hindsight relabelling: as FlexibleArmEnv but for what follows.
+    """The arm's task with goals, for hindsight relabelling: as FlexibleArmEnv, with these differences.
 
     ## Observation space
     `Dict`, float32:
@@ -335,7 +335,7 @@ class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
     With `orientation` both goals go on with the six entries "R xx" ... "R zy" of their frame, within [-1, 1].
 
     ## Reward
-    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which needs nothing from info and takes batches:
+    Exactly `compute_reward(achieved_goal, desired_goal, info)`, which does not read info and takes batches:
     "dense" (default) is - error / `error_scale_mm`, with `orientation` - angle / `angle_scale_rad` on top; "sparse"
     (`reward={"goal": "sparse"}`) is 0 where the error is at most `goal_tolerance_mm` (5 mm), and the angle at most
     `goal_tolerance_rad` (0.05 rad), else -1. There are no effort, smoothness and failure terms.
@@ -349,10 +349,10 @@ class FlexibleArmGoalEnv(GoalTaskEnv, FlexibleArmEnv):
 
 
 class ArmInstrumentEnv(FlexibleArmEnv):
-    """Bring the tip of an arm to a target when nobody sees the tip: as FlexibleArmEnv but for what follows.
+    """Bring an arm's tip to a target without measurements of it: as FlexibleArmEnv, with these differences.
 
-    Motors pull the tendons through a sheath with play and friction, and the tendons rub in the holes of the beads. What
-    the agent has is where the motors are and what they measure.
+    Motors pull the tendons through a sheath with play and friction, and the tendons rub in the holes of the beads. The
+    agent reads the positions and tensions of the motors.
 
     ## Action space
     As FlexibleArmEnv, but an action moves the motor, and the tendon's command follows through play: see InstrumentEnv.

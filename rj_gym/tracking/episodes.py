@@ -31,7 +31,7 @@ _ARRAY, _SINGLE = np.ndarray, np.dtype(np.float32)
 
 
 class TrackingEpisodeBuffer(EpisodeBuffer):
-    """Room for B episodes of a tracking task, as many of them in use as the last `begin` was asked for.
+    """Room for B episodes of a tracking task, with the number of the last `begin` in use.
 
     Attributes:
         course: targets, forces and errors of the episodes. state: poses, actions and readings.
@@ -72,13 +72,13 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             self._action[:] = action  # as `_accept` would, in half the time
         else:
             self._accept("action", action, self._action)
-        if left := self._kernels.step(self._at, 0, 1):
-            if left == REFUSED:
+        if remainder := self._kernels.step(self._at, 0, 1):
+            if remainder == REFUSED:
                 raise InvalidInput("action", action, self._allowed(self._action.shape))
             self._complete(self._at, 0, 1)
         if self._terms is not None:
-            (seen,) = self._terms.apply(self._seen[None])
-            return seen.copy(), self._row.copy()
+            (observation,) = self._terms.apply(self._seen[None])
+            return observation.copy(), self._row.copy()
         return self._seen.copy(), self._row.copy()
 
     def observe(self) -> Observation:
@@ -162,9 +162,9 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         """info["sampled"] of the episodes that just began in the first lanes: fresh arrays (B, ...)."""
         times, count, friction = self.task.config.episode_steps + 1, len(draws), self.solver.friction
         names = [mechanism.name for mechanism in distinct(draws.mechanisms)]
-        each = names * count if len(names) == 1 else [names[design] for design in draws.designs]
+        mechanisms = names * count if len(names) == 1 else [names[design] for design in draws.designs]
         return {
-            "mechanism": np.array(each, dtype=object),
+            "mechanism": np.array(mechanisms, dtype=object),
             "targets": over_time(self.course.targets[:count, :, : self.task.dimension], times),
             "link": draws.links,
             "forces": over_time(self.course.forces[:count], times),
@@ -225,39 +225,39 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         """
         tensions, causes, mechanisms = draws.start_tensions, draws.rest_causes, self.solver.mechanisms
         alike = len(mechanisms) == 1 and (len(causes) == 1 or bool((causes == causes[0]).all()))
-        kept = (mechanisms[0], causes[0].tobytes())
-        if alike and self._kept_rest is not None and self._kept_rest[0] == kept:
+        key = (mechanisms[0], causes[0].tobytes())
+        if alike and self._kept_rest is not None and self._kept_rest[0] == key:
             return self._kept_rest[1]
         rows = 1 if alike else len(tensions)
         self.solver.solve_at(tensions[:rows])
         results = self.solver.results
-        rest = results.joint_angles[:rows].copy(), results.poses[:rows].copy(), results.lengths[:rows].copy()
+        pose = results.joint_angles[:rows].copy(), results.poses[:rows].copy(), results.lengths[:rows].copy()
         if alike:
-            self._kept_rest = kept, rest
-        return rest
+            self._kept_rest = key, pose
+        return pose
 
-    def take(self, rows: Rows, other: TrackingEpisodeBuffer) -> None:
+    def take(self, rows: Rows, source: TrackingEpisodeBuffer) -> None:
         """Continue the first lanes of another buffer in these rows."""
-        count, mine, theirs = len(rows), self.solver, other.solver
-        self._widen(other.course.targets, other.course.forces)
-        for array, taken in zip(self._kept().values(), other._kept().values(), strict=True):
+        count, solver, theirs = len(rows), self.solver, source.solver
+        self._widen(source.course.targets, source.course.forces)
+        for array, taken in zip(self._kept().values(), source._kept().values(), strict=True):
             array[rows] = taken[:count]
-        if self._take_variations(rows, other):
+        if self._take_variations(rows, source):
             return
-        if mine.mechanisms != theirs.mechanisms or len(mine.mechanisms) > 1:
-            mechanisms = [mine.mechanisms[design] for design in mine.designs.tolist()]
+        if solver.mechanisms != theirs.mechanisms or len(solver.mechanisms) > 1:
+            mechanisms = [solver.mechanisms[design] for design in solver.designs.tolist()]
             for row, design in zip(rows, theirs.designs[:count].tolist(), strict=True):
                 mechanisms[row] = theirs.mechanisms[design]
             designs = {mechanism: design for design, mechanism in enumerate(dict.fromkeys(mechanisms))}
             self._use(tuple(designs), np.array([designs[mechanism] for mechanism in mechanisms]))
 
-    def _take_variations(self, rows: Rows, other: TrackingEpisodeBuffer) -> bool:
+    def _take_variations(self, rows: Rows, source: TrackingEpisodeBuffer) -> bool:
         """Continue mechanisms of another buffer where every lane of both has its own variation."""
-        mine, theirs = self.solver.mechanisms, other.solver.mechanisms
-        if not isinstance(mine, Variations) or not isinstance(theirs, Variations):
+        variations, theirs = self.solver.mechanisms, source.solver.mechanisms
+        if not isinstance(variations, Variations) or not isinstance(theirs, Variations):
             return False
-        each, designs = np.arange(self.capacity), other.solver.designs[: len(rows)]
-        return bool((self.solver.designs == each).all()) and mine.take(rows, theirs, designs)
+        lanes, designs = np.arange(self.capacity), source.solver.designs[: len(rows)]
+        return bool((self.solver.designs == lanes).all()) and variations.take(rows, theirs, designs)
 
     def get_state(self) -> dict[str, Any]:
         """Everything that later steps depend on, copied: plain values and arrays."""
@@ -268,7 +268,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         }
 
     def set_state(self, state: Any) -> None:
-        """Continue from a state of `get_state`; raises InvalidInput, and changes nothing, if it does not fit."""
+        """Continue from a state of `get_state`; raises InvalidInput, and keeps its state, if it does not fit."""
         parts = checked_parts(state, ("mechanisms", "designs", "arrays"))
         mechanisms = self._mechanisms_in(parts["mechanisms"])
         designs = checked_array("designs", parts["designs"], self.solver.designs)
@@ -299,14 +299,16 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         groups: dict[str, Any] = {"state": self.state, "course": self.course, "hardware": self.hardware}
         if (friction := self.solver.friction) is not None:
             groups |= {"friction law": friction.law, "friction history": friction.before}
-        kept = {f"{group}.{name}": one for group, arrays in groups.items() for name, one in arrays._asdict().items()}
-        return {name: array for name, array in (kept | {"loads": self.solver.loads}).items() if len(array)}
+        series = {
+            f"{group}.{name}": array for group, arrays in groups.items() for name, array in arrays._asdict().items()
+        }
+        return {name: array for name, array in (series | {"loads": self.solver.loads}).items() if len(array)}
 
-    def _of_length(self, kept: Array, values: Any) -> Array:
-        """Room like a series that is kept, constant or over an episode as `values` are."""
+    def _of_length(self, stored: Array, values: Any) -> Array:
+        """Room like a stored series, constant or over an episode as `values` are."""
         times = self.task.config.episode_steps + 1
-        whole = np.ndim(values) > 1 and np.shape(values)[1] == times
-        return np.empty((len(kept), times if whole else 1, *kept.shape[2:]))
+        is_series = np.ndim(values) > 1 and np.shape(values)[1] == times
+        return np.empty((len(stored), times if is_series else 1, *stored.shape[2:]))
 
     def _mechanism_state(self) -> Any:
         """The mechanisms in plain values: None for the nominal one."""
@@ -324,7 +326,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             return (nominal,)
         if isinstance(state, list) and 0 < len(state) <= self.capacity:
             mechanisms = tuple(mechanism_from_dict(content, "state: mechanisms") for content in state)
-            sizes = {(type(each), each.n_links, each.n_tendons) for each in mechanisms}
+            sizes = {(type(mechanism), mechanism.n_links, mechanism.n_tendons) for mechanism in mechanisms}
             if sizes == {(type(nominal), nominal.n_links, nominal.n_tendons)}:
                 return mechanisms
         return self.task.varied_mechanisms(state, self.capacity)
@@ -381,9 +383,9 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     def _widen(self, targets: Array, forces: Array) -> None:
         """Make room for series over time where constants were enough so far."""
         for name, series in (("targets", targets), ("forces", forces)):
-            kept, times = getattr(self.course, name), series.shape[1]
-            if times > kept.shape[1]:
-                self.course = self.course._replace(**{name: np.repeat(kept, times, axis=1)})
+            stored, times = getattr(self.course, name), series.shape[1]
+            if times > stored.shape[1]:
+                self.course = self.course._replace(**{name: np.repeat(stored, times, axis=1)})
                 self._bind()
 
     def _bind(self) -> None:
@@ -413,7 +415,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         self._at: int = self._seen.ctypes.data
 
     def _room(self, count: int) -> Observation:
-        """Room for the observations of so many lanes."""
+        """Room for the observations of this number of lanes."""
         return np.empty((count, self._entries), np.float32)
 
     def _finite(self) -> bool:

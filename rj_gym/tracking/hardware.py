@@ -57,7 +57,7 @@ def hardware_shapes(config: TaskConfig, n_tendons: int, pose_numbers: int) -> di
     """Shapes of the uniform numbers of an episode: none where sensing and actuation are plain."""
     sensing, actuation, m = config.sensing, config.actuation, n_tendons
     series = (config.episode_steps + 1, m, 2)
-    wanted = {
+    shapes = {
         "play": ((m,), actuation.play_mm[1] > 0),
         "play start": ((m,), actuation.play_mm[1] > 0),
         "sheath": ((m,), actuation.sheath_friction[1] > 0),
@@ -66,7 +66,7 @@ def hardware_shapes(config: TaskConfig, n_tendons: int, pose_numbers: int) -> di
         "encoder": (series, sensing.encoder_noise_mm > 0),
         "tension": (series, sensing.tension_noise > 0),
     }
-    return {name: shape for name, (shape, needed) in wanted.items() if needed}
+    return {name: shape for name, (shape, needed) in shapes.items() if needed}
 
 
 def draw_hardware(config: TaskConfig, uniforms: Uniforms, normal: Callable[[Array], Array]) -> HardwareDraws | None:
@@ -105,7 +105,7 @@ def _between(limits: tuple[float, float], uniforms: Array) -> Array:
 
 
 def new_hardware(config: TaskConfig, capacity: int, n_tendons: int, pose_numbers: int, dimension: int) -> Hardware:
-    """Empty arrays for so many lanes, and for none where everything is plain.
+    """Empty arrays for `capacity` lanes, and for none where everything is plain.
 
     pose_numbers: of a picture, in which true poses are kept.
     """

@@ -61,7 +61,7 @@ PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
 
 
 class StepKernels:
-    """The kernels below, for the arrays of an episode buffer; addresses are those of observations (B, entries).
+    """The kernels below, for the arrays of an episode buffer; addresses point to observations (B, entries).
 
     Raises:
         InvalidInput: arrays that are not as declared.
@@ -76,8 +76,8 @@ class StepKernels:
 
     def step(self, address: int, first: int, last: int) -> int:
         """One step of lanes; how many of them are left to the solver for all cases, or REFUSED: see `step`."""
-        left: int = self._step(self._pins, address, first, last)
-        return left
+        remaining: int = self._step(self._pins, address, first, last)
+        return remaining
 
     def finish(self, address: int, first: int, last: int) -> None:
         """End the step of lanes of which some were left to the solver for all cases."""
@@ -99,14 +99,14 @@ def step(pins, observation, first, last):
     if not _finite(inputs.actions, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
-    left = _solve(rules, solver, problem, first, last)
-    if left < 0:  # no memory: the solver for all cases has enough, or raises
-        left = last - first
+    remaining = _solve(rules, solver, problem, first, last)
+    if remaining < 0:  # no memory: the solver for all cases has enough, or raises
+        remaining = last - first
         for lane in range(first, last):
             solved.status[lane] = PENDING
-    if left == 0:
+    if remaining == 0:
         _finish(rules, course, state, hardware, solved, observation, first, last)
-    return left
+    return remaining
 
 
 @kernel(nogil=True, short_loops=True, title="the environments")
@@ -265,15 +265,15 @@ def _settle_tendons(rules, course, state, hardware, solved, lane):
     stiffnesses, offsets = course.stiffnesses, course.actuator_offsets
     m = tensions.shape[1]
     readings[lane, STATUS] = solved.status[lane]
-    usable = solved.status[lane] <= AT_LIMIT
-    if usable:
+    valid = solved.status[lane] <= AT_LIMIT
+    if valid:
         for j in range(m):
             unstretched = unstretched_length(lengths[lane, j], tensions[lane, j], stiffnesses[lane, j])
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
         if rules.hardware.active:
             _settle_motors(hardware, readings, lane)
-    return usable
+    return valid
 
 
 @part(inline=True)
@@ -309,15 +309,15 @@ def _measure_error(rules, course, state, first, last):
 def _measure_angle(course, state, lane, now):
     """Frames of the tip and of the target, and the angle between them."""
     readings, poses, targets = state.readings, state.poses, course.targets
-    tip, own = poses.shape[1] - 1, TENSIONS + 2 * state.actions.shape[2]
+    tip, first_own = poses.shape[1] - 1, TENSIONS + 2 * state.actions.shape[2]
     for i in range(9):
-        readings[lane, own + TIP_FRAME + i] = poses[lane, tip, 4 * (i // 3) + i % 3]
-        readings[lane, own + TARGET_FRAME + i] = targets[lane, now, 3 + i]
+        readings[lane, first_own + TIP_FRAME + i] = poses[lane, tip, 4 * (i // 3) + i % 3]
+        readings[lane, first_own + TARGET_FRAME + i] = targets[lane, now, 3 + i]
     E = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            E[i, j] = _row_product(readings, lane, own + TARGET_FRAME + 3 * i, own + TIP_FRAME + 3 * j)
-    _, _, _, readings[lane, own + ANGLE] = rotation_vector(E)
+            E[i, j] = _row_product(readings, lane, first_own + TARGET_FRAME + 3 * i, first_own + TIP_FRAME + 3 * j)
+    _, _, _, readings[lane, first_own + ANGLE] = rotation_vector(E)
 
 
 @part(inline=True)
@@ -345,7 +345,7 @@ def reward_terms(rules, state, first, last):
     """The terms of the reward, and their sum."""
     readings, actions = state.readings, state.actions
     m = actions.shape[2]
-    own = TENSIONS + 2 * m
+    first_own = TENSIONS + 2 * m
     for lane in range(first, last):
         effort = change = 0.0
         for j in range(m):
@@ -361,8 +361,8 @@ def reward_terms(rules, state, first, last):
         readings[lane, SMOOTHNESS], readings[lane, FAILURE] = change, failure
         readings[lane, REWARD] = tracking + effort + change + failure
         if rules.orientation:
-            readings[lane, own + ORIENTATION] = -readings[lane, own + ANGLE] / rules.angle_scale
-            readings[lane, REWARD] += readings[lane, own + ORIENTATION]
+            readings[lane, first_own + ORIENTATION] = -readings[lane, first_own + ANGLE] / rules.angle_scale
+            readings[lane, REWARD] += readings[lane, first_own + ORIENTATION]
 
 
 @kernel(short_loops=True, title="the environments")

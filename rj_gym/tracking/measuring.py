@@ -1,6 +1,6 @@
 """Measurements, observations and the privileged state, compiled.
 
-Arguments are those of kernels.py; functions over lanes work on first to last - 1. Of a chain in the plane every moving
+Arguments are as in kernels.py; functions over lanes work on first to last - 1. Of a chain in the plane every moving
 link can be measured, of an arm in space the tip alone.
 """
 
@@ -14,7 +14,7 @@ from rj_gym.core.columns import FORCE, GRAVITY, LINK, STEP, TARGET, TARGET_FRAME
 from rj_gym.tracking.arrays import AGE, LAG_TENSION, MOTOR, NEW, POSITION, TAKEN, TENSION
 from rollingjoint.compiled import part, sheath_direction, sheath_ratio
 
-BLOCK = 16  # lanes whose angles are turned together
+BLOCK = 16  # lanes with angles turned together
 ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 
@@ -197,15 +197,15 @@ def _tell_chain(rules, course, state, hardware, lane):
 def _tell_arm(rules, course, state, hardware, lane):
     """The privileged state of an arm, in the order of observation.privileged_entries."""
     readings, poses, place = state.readings, state.poses, rules.hardware.privileged_at
-    tip, own = poses.shape[1] - 1, TENSIONS + 2 * state.actions.shape[2]
+    tip, first_own = poses.shape[1] - 1, TENSIONS + 2 * state.actions.shape[2]
     for axis in range(3):
         readings[lane, place + axis] = readings[lane, TIP + axis] / rules.length
         for column in range(2):
             readings[lane, place + 3 + 3 * column + axis] = poses[lane, tip, 4 * axis + column]
         error = readings[lane, TARGET + axis] - readings[lane, TIP + axis]
         readings[lane, place + 9 + axis] = error / rules.error_scale
-        readings[lane, place + 12 + axis] = readings[lane, own + GRAVITY + axis]
-    readings[lane, place + 15] = _payload(readings, lane, own) / rules.force_scale
+        readings[lane, place + 12 + axis] = readings[lane, first_own + GRAVITY + axis]
+    readings[lane, place + 15] = _payload(readings, lane, first_own) / rules.force_scale
     place += 16
     for i in range(state.angles.shape[1]):
         readings[lane, place + i] = state.angles[lane, i]
@@ -213,11 +213,11 @@ def _tell_arm(rules, course, state, hardware, lane):
 
 
 @part(inline=True)
-def _payload(readings, lane, own):
+def _payload(readings, lane, first_own):
     """The payload at the tip [N]."""
     payload = 0.0
     for axis in range(3):
-        payload += readings[lane, own + GRAVITY + axis] * readings[lane, FORCE + axis]
+        payload += readings[lane, first_own + GRAVITY + axis] * readings[lane, FORCE + axis]
     return payload
 
 
@@ -263,14 +263,14 @@ def _observe_chain(rules, course, state, hardware, observation, lane):
     """The entries of a chain after its links' poses."""
     readings, links = state.readings, state.poses.shape[1] - 1
     per_length, per_error, per_force = 1 / rules.length, 1 / rules.error_scale, 1 / rules.force_scale
-    seen = links - rules.first_seen
-    entry = _observe_tendons(rules, readings, hardware, observation, lane, 4 * seen)
+    links_shown = links - rules.first_seen
+    entry = _observe_tendons(rules, readings, hardware, observation, lane, 4 * links_shown)
     if rules.observe_target:
         target_x, target_y = readings[lane, TARGET], readings[lane, TARGET + 1]
         observation[lane, entry] = target_x * per_length
         observation[lane, entry + 1] = target_y * per_length
         entry += 2
-        if seen > 0:
+        if links_shown > 0:
             x, y, _ = _seen_link(rules, course, state, hardware, lane, links - 1)
             observation[lane, entry] = (target_x - x) * per_error
             observation[lane, entry + 1] = (target_y - y) * per_error
@@ -287,23 +287,23 @@ def _observe_chain(rules, course, state, hardware, observation, lane):
 @part(inline=True)
 def _observe_arms(rules, course, state, hardware, observation, first, last):
     """All entries of arms."""
-    readings, own = state.readings, TENSIONS + 2 * rules.neutral_lengths.size
-    seen = rules.first_seen < state.poses.shape[1] - 1
+    readings, first_own = state.readings, TENSIONS + 2 * rules.neutral_lengths.size
+    is_shown = rules.first_seen < state.poses.shape[1] - 1
     at, R = np.empty(3), np.empty((3, 3))
     for lane in range(first, last):
         entry = 0
-        if seen:
+        if is_shown:
             _see_tip(rules, course, state, hardware, lane, at, R)
             for axis in range(3):
                 observation[lane, axis] = at[axis] / rules.length
             entry = _write_columns(R, observation, lane, 3) if rules.orientation else 3
         entry = _observe_tendons(rules, readings, hardware, observation, lane, entry)
         if rules.observe_target:
-            entry = _observe_frames(rules, readings, observation, lane, entry, at, R, seen)
+            entry = _observe_frames(rules, readings, observation, lane, entry, at, R, is_shown)
         if rules.observe_load:
             for axis in range(3):
-                observation[lane, entry + axis] = readings[lane, own + GRAVITY + axis]
-            observation[lane, entry + 3] = _payload(readings, lane, own) / rules.force_scale
+                observation[lane, entry + axis] = readings[lane, first_own + GRAVITY + axis]
+            observation[lane, entry + 3] = _payload(readings, lane, first_own) / rules.force_scale
             entry += 4
         _end_observation(rules, hardware, readings, observation, lane, entry)
 
@@ -405,18 +405,18 @@ def _cos_sin(angle):
 
 
 @part(inline=True)
-def _observe_frames(rules, readings, observation, lane, entry, at, R, seen):
+def _observe_frames(rules, readings, observation, lane, entry, at, R, is_shown):
     """Fill the target and, where the tip is measured, the errors; returns the entry after them."""
-    own = TENSIONS + 2 * rules.neutral_lengths.size
+    first_own = TENSIONS + 2 * rules.neutral_lengths.size
     for axis in range(3):
         observation[lane, entry + axis] = readings[lane, TARGET + axis] / rules.length
     entry += 3
     aim, E = np.empty((3, 3)), np.empty((3, 3))
     if rules.orientation:
         for i in range(9):
-            aim[i // 3, i % 3] = readings[lane, own + TARGET_FRAME + i]
+            aim[i // 3, i % 3] = readings[lane, first_own + TARGET_FRAME + i]
         entry = _write_columns(aim, observation, lane, entry)
-    if not seen:
+    if not is_shown:
         return entry
     for axis in range(3):
         observation[lane, entry + axis] = (readings[lane, TARGET + axis] - at[axis]) / rules.error_scale

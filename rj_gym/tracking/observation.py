@@ -119,7 +119,7 @@ def instrument_entries(config: TaskConfig, n_tendons: int) -> list[Entry]:
             Entry("picture age", f"{AGE:g} steps", 0.0, AGE_BOUND),
             Entry("picture new", "1 if so, else 0", 0, 1),
         ]
-    tendons, seen = range(n_tendons), config.sensing.pose != "none"
+    tendons, has_pose = range(n_tendons), config.sensing.pose != "none"
     moved, pulled, error = (
         f"{config.action_scale_mm:g} mm",
         f"{LAG_TENSION:g} N",
@@ -129,7 +129,7 @@ def instrument_entries(config: TaskConfig, n_tendons: int) -> list[Entry]:
         entries += [Entry(f"tendon {j} action, lag {lag}", "1", -1.0, 1.0) for j in tendons]
         entries += [Entry(f"tendon {j} command, lag {lag}", moved, -LAG_BOUND, LAG_BOUND) for j in tendons]
         entries += [Entry(f"tendon {j} tension, lag {lag}", pulled, -LAG_BOUND, LAG_BOUND) for j in tendons]
-        if seen:
+        if has_pose:
             bound = ERROR_BOUND
             entries += [Entry(f"tip error {axis}, lag {lag}", error, -bound, bound) for axis in axes(config)]
     return entries

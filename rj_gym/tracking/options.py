@@ -62,7 +62,7 @@ def checked_options(options: Mapping[str, Any] | None, config: TaskConfig, nomin
     Args:
         options: any of "target": (d,) or (T + 1, d) [mm], with `orientation` poses (4, 4) or (T + 1, 4, 4); "load":
             {"link": link, "force": (2,) or (T + 1, 2) [N]}, of arms the payload, a number or (T + 1,) [N]; "gravity",
-            of arms: its direction (3,); "mechanism": preset name, file or mechanism with as many links and tendons as
+            of arms: its direction (3,); "mechanism": preset name, file or mechanism with the links and tendons of
             the nominal one; "start": tensions (m,) [N] within the tension range; "friction": coefficients, a number or
             (m,); "actuator_offsets" [mm], "play_mm" and "sheath_friction" likewise.
         config: the settings.
@@ -108,7 +108,7 @@ def _load(value: object, config: TaskConfig, nominal: Any) -> dict[str, Any]:
 
 
 def _like_mechanism(value: object, nominal: Any, config: TaskConfig) -> Any:
-    """The mechanism of an option; InvalidInput unless it has as many links and tendons as the nominal one."""
+    """The mechanism of an option; InvalidInput unless it has the nominal one's numbers of links and tendons."""
     mechanism: Any = value
     if isinstance(value, str):
         mechanism = load_mechanism(value, config.MECHANISM)
@@ -155,8 +155,8 @@ def _motors(options: Mapping[str, Any], config: TaskConfig, n_tendons: int) -> d
                 raise InvalidInput(what, options[key], f"only in an environment with {key}", hint)
             fixed[name] = _per_tendon(what, options[key], n_tendons, 0.0, largest)
     if "actuator_offsets" in options:
-        what, given = "options['actuator_offsets']", options["actuator_offsets"]
-        fixed["actuator_offsets"] = _per_tendon(what, given, n_tendons, -LARGEST_OFFSET, LARGEST_OFFSET)
+        what, offsets = "options['actuator_offsets']", options["actuator_offsets"]
+        fixed["actuator_offsets"] = _per_tendon(what, offsets, n_tendons, -LARGEST_OFFSET, LARGEST_OFFSET)
     return fixed
 
 

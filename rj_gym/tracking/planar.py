@@ -54,8 +54,8 @@ class PlanarTask(TrackingTask):
 
     def pictured_values(self, poses: Array) -> Array:
         """Of poses (B, n, 3) x, y, cosine and sine of the angle of every observed link, (B, k) [mm, 1]."""
-        seen = poses[:, 1 + first_seen(self.config, self.mechanism) :]
-        columns = seen[..., 0], seen[..., 1], np.cos(seen[..., 2]), np.sin(seen[..., 2])
+        links = poses[:, 1 + first_seen(self.config, self.mechanism) :]
+        columns = links[..., 0], links[..., 1], np.cos(links[..., 2]), np.sin(links[..., 2])
         return np.stack(columns, axis=-1).reshape(len(poses), -1)
 
     def tips(self, poses: Array) -> Array:
@@ -149,8 +149,8 @@ def _mechanisms(
     """Mechanisms, designs and surface offsets of PlanarDraws."""
     lanes = len(uniforms)
     if fixed.mechanism is not None or not randomization.varies_mechanism:
-        chosen = fixed.mechanism or nominal
-        return (chosen,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
+        mechanism = fixed.mechanism or nominal
+        return (mechanism,), np.zeros(lanes, np.int64), np.zeros((lanes, nominal.n_links, 2, 3))
     tolerance = _pose_scale(randomization.link_tolerance_mm, randomization.link_tolerance_rad)
     offsets = symmetric(np.array(tolerance), uniforms["surface"])
     factors = 1 + symmetric(randomization.stiffness_spread, uniforms["stiffness"])

@@ -95,10 +95,10 @@ class TrackingScene:
 class TrackingCanvas(Canvas):
     """A canvas for the scenes of tracking tasks."""
 
-    def path(self, targets: Array, seen: Callable[[Array], Array] = np.asarray) -> None:
-        """Where a moving target comes from and goes to; `seen` gives positions in the plane of the picture."""
+    def path(self, targets: Array, projection: Callable[[Array], Array] = np.asarray) -> None:
+        """Where a moving target comes from and goes to; `projection` gives positions in the plane of the picture."""
         if np.any(targets != targets[0]):
-            self.line(seen(targets), 0.6, blend(BACKGROUND, TARGET, 0.45))
+            self.line(projection(targets), 0.6, blend(BACKGROUND, TARGET, 0.45))
 
     def facts(self, scene: TrackingScene, *loads: tuple[str, Color], pitch: int = 32, width: int = 120) -> None:
         """Step, error and loads in words, and a bar for every tension."""
@@ -261,9 +261,9 @@ class ArmCanvas(TrackingCanvas):
         normals, axes = 0.5 * (out[:, 1:] + out[:, :-1]) @ self._view.T, R[..., 2] @ self._view.T
         depths = 0.5 * (centres[0] + centres[1]) @ self._view[2]
         for k, depth in enumerate(depths.tolist()):
-            seen = np.flatnonzero(normals[k, :, 2] > 0)
-            sides = np.stack([upper[k, seen], upper[k, seen + 1], lower[k, seen + 1], lower[k, seen]], axis=1)
-            colors = [_lit(cosine) for cosine in (normals[k, seen] @ _TO_LIGHT).tolist()]
+            faces = np.flatnonzero(normals[k, :, 2] > 0)
+            sides = np.stack([upper[k, faces], upper[k, faces + 1], lower[k, faces + 1], lower[k, faces]], axis=1)
+            colors = [_lit(cosine) for cosine in (normals[k, faces] @ _TO_LIGHT).tolist()]
             cap = lower[k] if axes[k, 2] > 0 else upper[k]
             yield depth, [*zip(sides, colors, strict=True), (cap, _lit(abs(float(axes[k] @ _TO_LIGHT))))]
             above = centres[1][k - 1] if k else scene.poses[0, :3, 3]

@@ -129,8 +129,8 @@ class LaneSolver:
         assert self.friction is not None
         law, count, mechanisms = self.friction.law, len(draws), distinct(draws.mechanisms)
         designs = draws.designs if len(mechanisms) > 1 else np.zeros(count, np.int64)
-        law.tendons[:count] = of_lanes([each.friction_coefficients for each in mechanisms], designs)
-        law.rolling[:count] = of_lanes([each.rolling_coefficients for each in mechanisms], designs)
+        law.tendons[:count] = of_lanes([mechanism.friction_coefficients for mechanism in mechanisms], designs)
+        law.rolling[:count] = of_lanes([mechanism.rolling_coefficients for mechanism in mechanisms], designs)
         if config is not None:
             law.tendons[:count, :, PRESLIDING] = config.presliding
         if draws.friction_mu is not None:
@@ -143,7 +143,7 @@ class LaneSolver:
             return [self._kernels.batch_arrays(stack(self.mechanisms), self.rows, *arrays)]
         except InvalidInput:
             alone = np.zeros_like(self.designs)
-            return [self._kernels.batch_arrays(each.arrays, alone, *arrays) for each in self.mechanisms]
+            return [self._kernels.batch_arrays(mechanism.arrays, alone, *arrays) for mechanism in self.mechanisms]
 
     def _bind(self) -> None:
         """Bind the solvers to the arrays."""
@@ -218,7 +218,7 @@ def distinct(mechanisms: Sequence[Any]) -> Sequence[Any]:
 
 
 def no_history(capacity: int, n_joints: int, n_tendons: int) -> FrictionArrays:
-    """Friction of so many lanes that has still to be filled."""
+    """Friction of this number of lanes, still to be filled."""
     law = FrictionLaw(np.ones((capacity, n_tendons, N_COEFFICIENTS)), np.ones((capacity, 2)))
     states, slips, grips = (np.zeros((capacity, n_joints, n_tendons)) for _ in range(3))
     angles, rolling = (np.zeros((capacity, n_joints)) for _ in range(2))

@@ -83,15 +83,15 @@ def _rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -
     rates = _implicit_rates(task, solver, angles, held) if task.dimension == 3 else None
     if rates is not None:
         return rates
-    each, usable = [], np.ones(len(held), bool)
+    outputs, valid = [], np.ones(len(held), bool)
     for change in np.vstack([np.zeros(held.shape[1]), REACH * np.eye(held.shape[1])]):
         solver.solve_near(held + change, angles)
         results = solver.results
         tips = task.tips(results.poses)[:, : task.dimension]
-        each.append(np.hstack([tips, results.tensions, results.lengths, task.pictured_values(results.poses)]))
-        usable &= results.status <= AT_LIMIT
-    forward = np.stack([(changed - each[0]) / REACH for changed in each[1:]], axis=-1)
-    return np.where(usable[:, None, None], forward, 0.0)
+        outputs.append(np.hstack([tips, results.tensions, results.lengths, task.pictured_values(results.poses)]))
+        valid &= results.status <= AT_LIMIT
+    forward = np.stack([(changed - outputs[0]) / REACH for changed in outputs[1:]], axis=-1)
+    return np.where(valid[:, None, None], forward, 0.0)
 
 
 def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array | None:
@@ -105,8 +105,8 @@ def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held:
     solver.solve_near(held, angles)
     results, eye = solver.results, np.eye(held.shape[1])
     H, torques = stiffnesses(task.mechanism.kernels, batches[0], solver.friction)
-    usable, free = results.status <= AT_LIMIT, free_joints(batches[0])
-    free &= usable[:, None]
+    valid, free = results.status <= AT_LIMIT, free_joints(batches[0])
+    free &= valid[:, None]
     H = np.where(free[:, :, None] & free[:, None], H, np.eye(H.shape[1]))
     try:
         turns = np.linalg.solve(H, np.where(free[..., None], torques * results.elastic[:, None], 0.0))
@@ -116,7 +116,7 @@ def _implicit_rates(task: TrackingTask, solver: LaneSolver, angles: Array, held:
     tensions = results.elastic[..., None] * (lengths - eye)
     tips = _tip_rates(batches[0]) @ turns
     rates = np.concatenate([tips, tensions, lengths, tips[:, : len(task.pictured)]], axis=1)
-    return np.where(usable[:, None, None], rates, 0.0)
+    return np.where(valid[:, None, None], rates, 0.0)
 
 
 def _tip_rates(solved: Any) -> Array:

@@ -67,8 +67,8 @@ class TrackingTask(Task):
 
     def __init__(self, config: TaskConfig) -> None:
         self.config = config
-        chosen = config.mechanism
-        self.mechanism = load_mechanism(chosen, config.MECHANISM) if isinstance(chosen, str) else chosen
+        mechanism = config.mechanism
+        self.mechanism = load_mechanism(mechanism, config.MECHANISM) if isinstance(mechanism, str) else mechanism
         self.length = float(self.mechanism.length)
         self.action_size = self.mechanism.n_tendons
         self.neutral_lengths: Array = np.array(self.mechanism.neutral_lengths, dtype=float)
@@ -90,7 +90,7 @@ class TrackingTask(Task):
         return self.own_entries(goal) + self.config.terms.entries
 
     def own_entries(self, goal: bool = False) -> list[Entry]:
-        """The entries that the task itself has, without those of the settings' terms."""
+        """The entries of the task itself, without the settings' terms."""
         return observation.observation_entries(self.config, self.mechanism, goal)
 
     def applied_terms(self) -> AppliedTerms | None:
@@ -234,8 +234,8 @@ class TrackingTask(Task):
 
     def reward_info(self, readings: Array) -> dict[str, Array]:
         """The terms of the reward, (B,) each: parts of the readings."""
-        own = {name: readings[:, column] for name, column in self._own_rewards}
-        return {name: readings[:, column] for name, column in _TERMS.items()} | own
+        terms = {name: readings[:, column] for name, column in self._own_rewards}
+        return {name: readings[:, column] for name, column in _TERMS.items()} | terms
 
     def state_info(self, readings: Array) -> dict[str, Any]:
         """Entries of info in every step, arrays (B, ...): parts of the readings, and copies."""
@@ -278,7 +278,7 @@ class TrackingTask(Task):
         return info | only_lane(self.truth_info(row) | self.friction_info(row))
 
     def ends_info(self, readings: Array) -> dict[str, Any]:
-        """What info says of the ends of the settings' terms, arrays (B,): nothing where there are none."""
+        """The info of the ends of the settings' terms, arrays (B,): empty where there are none."""
         ends = {name: readings[:, column] > 0.5 for name, column in self._own_ends}
         return {"ends": ends} if ends else {}
 
@@ -309,12 +309,12 @@ class TrackingTask(Task):
         if not self.has_friction:
             return {}
         n_joints, m = self.mechanism.n_joints, self.action_size
-        own = readings[:, readings.shape[1] - self.friction_columns :]
-        shape, middle = (len(own), n_joints, m), STICKING + n_joints * m
+        columns = readings[:, readings.shape[1] - self.friction_columns :]
+        shape, middle = (len(columns), n_joints, m), STICKING + n_joints * m
         return {
-            "sticking": own[:, STICKING:middle].reshape(shape) > 0.5,
-            "gap_tensions": own[:, middle:].reshape(shape),
-            "dissipated_work": own[:, WORK],
+            "sticking": columns[:, STICKING:middle].reshape(shape) > 0.5,
+            "gap_tensions": columns[:, middle:].reshape(shape),
+            "dissipated_work": columns[:, WORK],
         }
 
     def rules(self, goal: bool = False) -> Rules:

@@ -56,7 +56,7 @@ class Step(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What a function that draws targets or loads is given when B episodes begin."""
+    """The argument of a function that draws targets or loads when B episodes begin."""
 
     uniforms: Array  # (B, k) random numbers in [0, 1) of each episode's own generator
     episode_steps: int  # T
@@ -65,7 +65,7 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class Observed:
-    """Own entries of the observation, which follow those of the task.
+    """Own entries of the observation, which follow the task's.
 
     Args:
         entries: name, unit, lowest and highest value of each.
@@ -77,8 +77,8 @@ class Observed:
 
     def __post_init__(self) -> None:
         _check_function("observations", self.function)
-        entries = tuple(Entry(*each) for each in self.entries)
-        if not entries or not all(each.low < each.high for each in entries):
+        entries = tuple(Entry(*entry) for entry in self.entries)
+        if not entries or not all(entry.low < entry.high for entry in entries):
             raise ConfigError("entries of an observation", self.entries, "Entry(name, unit, low, high), low below high")
         object.__setattr__(self, "entries", entries)
 
@@ -102,7 +102,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Terms(Settings):
-    """What a tracking task has beside its own reward, observation, end, targets and loads.
+    """Additions to a tracking task's reward, observation, end, targets and loads.
 
     Args:
         rewards: terms of the reward by name, functions of a Step, (B,) each. They stand in info["reward_terms"].
@@ -112,8 +112,8 @@ class Terms(Settings):
             info["ends"] says which of them hold.
         targets: positions of the tip, (B, 1 or T + 1, d) [mm]: one for the episode, or one per step; with the
             orientation of arms followed by the rotation matrix row by row.
-        target_tensions: tendon tensions, (B, 1 or T + 1, m) [N], whose equilibria have their tips at the targets, so
-            that every target can be reached. Not together with targets.
+        target_tensions: tendon tensions, (B, 1 or T + 1, m) [N], with equilibria that have their tips at the targets,
+            so that every target can be reached. Not together with targets.
         loads: forces at the origin of the loaded link, (B, 1 or T + 1, 2) [N]; of arms weights at the tip,
             (B, 1 or T + 1) [N].
     """
@@ -142,7 +142,7 @@ class Terms(Settings):
         if self.targets is not None and self.target_tensions is not None:
             raise ConfigError("terms.target_tensions", "given", "None beside targets")
         observations = self.observations
-        if not isinstance(observations, Sequence) or not all(isinstance(each, Observed) for each in observations):
+        if not isinstance(observations, Sequence) or not all(isinstance(term, Observed) for term in observations):
             raise ConfigError("terms.observations", observations, "a list of Observed")
         for name in ("targets", "target_tensions", "loads"):
             if not isinstance(getattr(self, name), Drawn | None):
@@ -151,7 +151,7 @@ class Terms(Settings):
     @property
     def entries(self) -> list[Entry]:
         """The own entries of the observation, in order."""
-        return [entry for each in self.observations for entry in each.entries]
+        return [entry for term in self.observations for entry in term.entries]
 
     def columns(self, first: int) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
         """Names and columns of readings of the terms of the reward and of the ends, from a first column on."""
@@ -162,7 +162,7 @@ class Terms(Settings):
     def uniforms(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the random numbers that an episode needs, by name."""
         drawn = {name: getattr(self, name) for name in ("targets", "target_tensions", "loads")}
-        return {f"own {name}": (own.uniforms,) for name, own in drawn.items() if own is not None and own.uniforms}
+        return {f"own {name}": (term.uniforms,) for name, term in drawn.items() if term is not None and term.uniforms}
 
 
 def checked_series(name: str, values: Any, start: Start, shape: tuple[int, ...]) -> Array:
@@ -191,7 +191,9 @@ class AppliedTerms:
     def __init__(self, terms: Terms, first: int, dimension: int, n_tendons: int) -> None:
         self._terms, self._d, self._m = terms, dimension, n_tendons
         self.rewards = slice(first, first + len(terms.rewards))
-        self._low, self._high = (np.array([getattr(each, side) for each in terms.entries]) for side in ("low", "high"))
+        self._low, self._high = (
+            np.array([getattr(entry, side) for entry in terms.entries]) for side in ("low", "high")
+        )
         self._steps: dict[int, Step] = {}  # by the number of lanes: making one takes as long as a small function
 
     def __getstate__(self) -> dict[str, Any]:
@@ -226,17 +228,17 @@ class AppliedTerms:
         """The observations of the first lanes with the own entries; raises as `apply`."""
         count, parts = len(observations), [observations]
         first = 0
-        for each in self._terms.observations:
-            name, last = each.entries[0].name, first + len(each.entries)
-            values = _values("observations", name, each.function(self._step(count)), (count, last - first))
+        for term in self._terms.observations:
+            name, last = term.entries[0].name, first + len(term.entries)
+            values = _values("observations", name, term.function(self._step(count)), (count, last - first))
             parts.append(np.clip(values, self._low[first:last], self._high[first:last]).astype(np.float32))
             first = last
         return observations if first == 0 else np.hstack(parts)
 
     def _step(self, count: int) -> Step:
         """The first lanes, as functions see them."""
-        if (known := self._steps.get(count)) is not None:
-            return known
+        if (record := self._steps.get(count)) is not None:
+            return record
         state, d, m = self._state, self._d, self._m
         readings = state.readings[:count]
         self._steps[count] = step = Step(

@@ -5,7 +5,7 @@ Modules:
     check: the table of checks, and the function that runs them.
     episodes: checks of time limits, and against scalar environments.
     interface: checks of attributes, spaces and types.
-    memory: checks that nothing returned is used again.
+    memory: checks that returned objects are not used again.
     probe: the environment under test, with rollouts that checks share.
     report: the report and its table.
     seeding: checks of seeds and random numbers.

@@ -1,4 +1,4 @@
-"""Checks of what happens where an episode ends, in each autoreset mode."""
+"""Checks of the steps where an episode ends, in each autoreset mode."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from rj_gym.vector_checker.probe import (
     AnyVectorEnv,
-    Call,
     Failure,
     Inapplicable,
     Probe,
+    RecordedCall,
     batch,
     calls_difference,
     fail_on,
@@ -132,8 +132,8 @@ def masked_resets_begin_their_lanes_anew(probe: Probe) -> None:
 def masked_resets_seed_their_lanes(probe: Probe) -> None:
     """A masked reset with a seed gives lane i the seed + i, as a reset of all lanes does."""
     probe.require_own_streams()
-    masked, whole = (_reset_midway(probe, mask, seed=probe.seed + 7) for mask in (_last_lane(probe), None))
-    require_equal(masked, whole, "observation of the masked lane")
+    masked, complete = (_reset_midway(probe, mask, seed=probe.seed + 7) for mask in (_last_lane(probe), None))
+    require_equal(masked, complete, "observation of the masked lane")
 
 
 def _first_end(probe: Probe) -> int:
@@ -190,7 +190,7 @@ def _with_other_actions(probe: Probe, env: AnyVectorEnv, actions: Any, lanes: ND
     return batch(space, items)
 
 
-def _final_fault(call: Call, space: spaces.Space[Any], where: str) -> str | None:
+def _final_fault(call: RecordedCall, space: spaces.Space[Any], where: str) -> str | None:
     final = call.infos["final_obs"]
     if not isinstance(final, np.ndarray) or final.dtype != object or final.shape != call.ended.shape:
         return f"{where}infos['final_obs'] is {in_short(final)}, expected an array of {len(call.ended)} objects"

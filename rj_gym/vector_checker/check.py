@@ -92,7 +92,7 @@ def check_vector_env(
             Or an environment, which stays open; then checks that need new ones are skipped.
         seed: first of the seeds used.
         n_steps: steps of each rollout; enough for episodes to end.
-        max_episode_steps: the time limit; if None, that of the environment's spec.
+        max_episode_steps: the time limit; if None, the limit of the environment's spec.
         scalar: builds the scalar environment that every lane should equal (optional).
         skip: names of checks to leave out (see CHECKS), each with the reason, which the report repeats.
         raise_on_failure: if False, failures are only in the report.
@@ -110,7 +110,7 @@ def check_vector_env(
     make, modes, name, is_built = _builder(make_env)
     outcomes: list[Outcome] = []
     for mode in modes:
-        others = tuple(other for other in modes if other not in (mode, None))
+        others = tuple(candidate for candidate in modes if candidate not in (mode, None))
         probe = Probe(make, mode, others, seed, n_steps, max_episode_steps, scalar, is_built)
         outcomes += _outcomes(probe, skip)
     order = list(CHECKS)
@@ -122,15 +122,15 @@ def check_vector_env(
 
 
 def _builder(
-    given: Callable[..., AnyVectorEnv] | AnyVectorEnv,
+    source: Callable[..., AnyVectorEnv] | AnyVectorEnv,
 ) -> tuple[Callable[[AutoresetMode | None], AnyVectorEnv], list[AutoresetMode | None], str, bool]:
-    """What builds an environment in a mode, the modes to check, the environment's name, and whether it is built."""
-    if isinstance(given, VectorEnv):
-        env = given
+    """A function that builds an environment in a mode, the modes to check, the name, and whether it is built."""
+    if isinstance(source, VectorEnv):
+        env = source
         return (lambda mode: env), [_stated_mode(env)], str(env), True
-    if not callable(given):
-        raise InvalidInput("make_env", given, "a function that builds a gymnasium.vector.VectorEnv, or one built")
-    build = given
+    if not callable(source):
+        raise InvalidInput("make_env", source, "a function that builds a gymnasium.vector.VectorEnv, or one built")
+    build = source
     takes_mode = "autoreset_mode" in inspect.signature(build).parameters
 
     def make(mode: AutoresetMode | None) -> AnyVectorEnv:
@@ -151,8 +151,8 @@ def _stated_mode(env: AnyVectorEnv) -> AutoresetMode | None:
 def _outcomes(probe: Probe, skip: Mapping[str, str]) -> list[Outcome]:
     """Every check of one mode; none but the first if the environment does not run."""
     outcomes = [_outcome(interface.runs, probe, skip)]
-    own = IN_ONE_MODE[probe.mode] if probe.mode else ()
-    checks = (*IN_EVERY_MODE, *own, interface.warns_of_nothing)
+    specific = IN_ONE_MODE[probe.mode] if probe.mode else ()
+    checks = (*IN_EVERY_MODE, *specific, interface.warns_of_nothing)
     if outcomes[0].result == "failed":
         skip = {check.__name__: "it does not run" for check in checks}
     return outcomes + [_outcome(check, probe, skip) for check in checks]

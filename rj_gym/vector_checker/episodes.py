@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.typing import NDArray
 
-from rj_gym.vector_checker.probe import Call, Failure, Inapplicable, Probe, require_equal
+from rj_gym.vector_checker.probe import Failure, Inapplicable, Probe, RecordedCall, require_equal
 from rj_gym.vector_checker.values import lane_info
 
 
@@ -45,7 +45,7 @@ def equals_scalar_infos(probe: Probe) -> None:
 
 
 def _stated_limit(probe: Probe) -> int:
-    """The limit that was given, else that of make_vec, whose keyword argument goes before its registered value."""
+    """The limit passed in, else make_vec's, where the keyword argument goes before the registered value."""
     spec = probe.played[0].spec
     registered = spec.kwargs.get("max_episode_steps", spec.max_episode_steps) if spec else None
     limit = registered if probe.max_episode_steps is None else probe.max_episode_steps
@@ -54,7 +54,7 @@ def _stated_limit(probe: Probe) -> int:
     return int(limit)
 
 
-def _episode_lengths(probe: Probe) -> Iterator[tuple[int, NDArray[np.int_], Call]]:
+def _episode_lengths(probe: Probe) -> Iterator[tuple[int, NDArray[np.int_], RecordedCall]]:
     """Number, steps of every lane's episode so far, and call, for each step."""
     lengths, over = np.zeros(probe.num_envs, int), np.zeros(probe.num_envs, bool)
     for number, call in enumerate(probe.rollout):
@@ -68,8 +68,8 @@ def _episode_lengths(probe: Probe) -> Iterator[tuple[int, NDArray[np.int_], Call
                 lengths[over] = 0
 
 
-def _beside_scalar(probe: Probe) -> Iterator[tuple[Call, Call]]:
-    """Every call of the rollout beside that of Gymnasium's SyncVectorEnv of the scalar environments."""
+def _beside_scalar(probe: Probe) -> Iterator[tuple[RecordedCall, RecordedCall]]:
+    """Every call of the rollout with the same call of Gymnasium's SyncVectorEnv of the scalar environments."""
     if probe.scalar is None:
         raise Inapplicable("no scalar environment was given")
     if probe.mode is None:

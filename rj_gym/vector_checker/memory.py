@@ -50,10 +50,10 @@ def leaves_its_arguments_alone(probe: Probe) -> None:
     with probe.env() as env:
         reset(env, seed=probe.seed)
         options = {"reset_mask": np.ones(probe.num_envs, bool)} if masked else {}
-        given = deepcopy(options)
-        reset(env, options=given)
-        require_equal(given, options, "options, after reset,")
+        copies = deepcopy(options)
+        reset(env, options=copies)
+        require_equal(copies, options, "options, after reset,")
         actions = probe.actions(env)[0]
-        given = deepcopy(actions)
-        step(env, given)
-        require_equal(given, actions, "actions, after step,")
+        copies = deepcopy(actions)
+        step(env, copies)
+        require_equal(copies, actions, "actions, after step,")

@@ -28,16 +28,16 @@ class Failure(Exception):
 
 
 class Inapplicable(Exception):
-    """A check that has nothing to say about this environment, and why."""
+    """A check that does not apply to this environment, and why."""
 
 
 @dataclass(frozen=True)
-class Call:
+class RecordedCall:
     """One call of reset or step.
 
     Attributes:
-        returned: what came back, the objects themselves, by name.
-        copy: what came back, copied at once.
+        returned: the returned objects themselves, by name.
+        copy: the returned objects, copied at once.
     """
 
     returned: dict[str, Any]
@@ -76,7 +76,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Probe:
-    """What a check works with.
+    """The environment under test, for checks.
 
     Attributes:
         make: a new environment in an autoreset mode, or always the same one if it `is_built`.
@@ -84,7 +84,7 @@ class Probe:
         seed, n_steps: of every rollout.
         max_episode_steps: the stated time limit.
         scalar: a new scalar environment like one lane.
-        warnings: what the environment has warned of so far.
+        warnings: warnings of the environment so far.
     """
 
     make: Callable[[AutoresetMode | None], AnyVectorEnv]
@@ -105,22 +105,22 @@ class Probe:
             yield env
         finally:
             if not self.is_built:
-                with suppress(Exception):  # a check of its own is about closing
+                with suppress(Exception):  # a separate check is about closing
                     env.close()
 
     @cached_property
-    def played(self) -> tuple[AnyVectorEnv, list[Call]]:
+    def played(self) -> tuple[AnyVectorEnv, list[RecordedCall]]:
         """An environment (closed by now) and its rollout."""
         with self.env() as env:
             return env, self.play(env, self.actions(env))
 
     @property
-    def rollout(self) -> list[Call]:
+    def rollout(self) -> list[RecordedCall]:
         """The rollout that checks share: seeded, n_steps sampled actions."""
         return self.played[1]
 
     @cached_property
-    def repetition(self) -> list[Call]:
+    def repetition(self) -> list[RecordedCall]:
         """The same rollout, played once more; in a new environment, unless one was given."""
         with self.env() as env:
             return self.play(env, self.actions(env))
@@ -144,7 +144,7 @@ class Probe:
 
     def play(
         self, env: AnyVectorEnv, actions: Sequence[Any], *, seed: int | None = None, spoil: bool = False
-    ) -> list[Call]:
+    ) -> list[RecordedCall]:
         """A seeded reset and the steps after it; see play_on."""
         calls = [reset(env, seed=self.seed if seed is None else seed)]
         if spoil:
@@ -161,7 +161,7 @@ class Probe:
 
     @cached_property
     def has_own_streams(self) -> bool:
-        """Whether every lane has random numbers of its own, seeded with seed + lane."""
+        """Whether every lane has separate random numbers, seeded with seed + lane."""
         with self.env() as env:
             lanes, later = (self.reset_lanes(env, seed=self.seed + shift) for shift in (0, 1))
         return not difference(lanes[1:], later[:-1], "lanes")
@@ -178,16 +178,16 @@ class Probe:
             raise Inapplicable("lanes do not have random numbers of their own, seeded with seed + lane")
 
 
-def require_equal(one: Any, other: Any, where: str, *, dtypes: bool = True) -> None:
+def require_equal(actual: Any, expected: Any, where: str, *, dtypes: bool = True) -> None:
     """Raise Failure, naming the first difference, unless two nested values are equal."""
-    fail_on(difference(one, other, where, dtypes=dtypes))
+    fail_on(difference(actual, expected, where, dtypes=dtypes))
 
 
-def calls_difference(calls: Sequence[Call], expected: Sequence[Call], context: str = "") -> str | None:
+def calls_difference(calls: Sequence[RecordedCall], expected: Sequence[RecordedCall], context: str = "") -> str | None:
     """The first difference between the results of two sequences of calls, as far as both go; None if there is none."""
     pairs = enumerate(zip(calls, expected, strict=False))
-    found = (difference(call.copy, other.copy, f"call {n}{context}: results") for n, (call, other) in pairs)
-    return next((text for text in found if text), None)
+    texts = (difference(call.copy, reference.copy, f"call {n}{context}: results") for n, (call, reference) in pairs)
+    return next((text for text in texts if text), None)
 
 
 def fail_on(fault: str | None) -> None:
@@ -196,31 +196,31 @@ def fail_on(fault: str | None) -> None:
         raise Failure(fault)
 
 
-def reset(env: AnyVectorEnv, **arguments: Any) -> Call:
+def reset(env: AnyVectorEnv, **arguments: Any) -> RecordedCall:
     """One call of reset."""
     return _call("reset", env.reset(**arguments))
 
 
-def step(env: AnyVectorEnv, actions: Any) -> Call:
+def step(env: AnyVectorEnv, actions: Any) -> RecordedCall:
     """One call of step."""
     return _call("step", env.step(actions))
 
 
-def play_on(env: AnyVectorEnv, actions: Sequence[Any], *, spoil: bool = False) -> list[Call]:
+def play_on(env: AnyVectorEnv, actions: Sequence[Any], *, spoil: bool = False) -> list[RecordedCall]:
     """Steps with these actions; with autoreset disabled, a masked reset before the step after an end.
 
     With `spoil`, everything that goes in or comes out is overwritten once it is copied.
     """
-    calls: list[Call] = []
+    calls: list[RecordedCall] = []
     for action in actions:
         if calls and env.metadata.get("autoreset_mode") is AutoresetMode.DISABLED and calls[-1].ended.any():
             calls.append(reset(env, options={"reset_mask": calls[-1].ended}))
             if spoil:
                 overwrite(calls[-1].returned)
-        given = deepcopy(action)
-        calls.append(step(env, given))
+        argument = deepcopy(action)
+        calls.append(step(env, argument))
         if spoil:
-            overwrite([given, calls[-1].returned])
+            overwrite([argument, calls[-1].returned])
     return calls
 
 
@@ -243,9 +243,9 @@ def overwrite(value: Any) -> None:
             array += 1
 
 
-def _call(method: str, returned: Any) -> Call:
+def _call(method: str, returned: Any) -> RecordedCall:
     names = RETURNED[method]
     if not isinstance(returned, tuple) or len(returned) != len(names):
         raise Failure(f"{method} returned {in_short(returned)}, expected ({', '.join(names)})")
     results = dict(zip(names, returned, strict=True))
-    return Call(results, deepcopy(results))
+    return RecordedCall(results, deepcopy(results))

@@ -19,7 +19,7 @@ class Outcome:
 
     Attributes:
         check: name of the check.
-        claim: what it claims of the environment.
+        claim: its claim about the environment.
         mode: the environment's autoreset mode; None if it states none.
         result: "passed", "failed" or "skipped".
         detail: why it failed or was skipped.
@@ -46,12 +46,12 @@ class Report:
 
     @property
     def passed(self) -> tuple[Outcome, ...]:
-        """Outcomes of checks whose claim holds."""
+        """Outcomes of checks with a claim that holds."""
         return self._with("passed")
 
     @property
     def failed(self) -> tuple[Outcome, ...]:
-        """Outcomes of checks whose claim does not hold; `detail` says where."""
+        """Outcomes of checks with a claim that does not hold; `detail` says where."""
         return self._with("failed")
 
     @property
@@ -65,7 +65,7 @@ class Report:
         return tuple(dict.fromkeys(outcome.mode for outcome in self.outcomes))
 
     def raise_if_failed(self) -> None:
-        """Raise VectorEnvError, with every failure in its message, unless nothing failed."""
+        """Raise VectorEnvError, with every failure in its message, if a check failed."""
         if self.failed:
             raise VectorEnvError(self)
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from rj_gym.vector_checker.probe import (
-    Call,
     Failure,
     Inapplicable,
     Probe,
+    RecordedCall,
     calls_difference,
     fail_on,
     require_equal,
@@ -42,11 +42,11 @@ def counts_an_integer_seed_up_over_lanes(probe: Probe) -> None:
     with probe.env() as env:
         actions = probe.equal_actions(env)[:10]
         calls, later = (_until_an_end(probe.play(env, actions, seed=probe.seed + shift)) for shift in (0, 1))
-    for number, (call, other) in enumerate(zip(calls, later, strict=False)):
-        lanes, shifted = probe.lanes(call.observations)[1:], probe.lanes(other.observations)[:-1]
+    for number, (call, successor) in enumerate(zip(calls, later, strict=False)):
+        lanes, shifted = probe.lanes(call.observations)[1:], probe.lanes(successor.observations)[:-1]
         require_equal(shifted, lanes, f"call {number}: observations of lanes 0, 1, ... with the next seed")
         if call.is_step:
-            require_equal(other.rewards[:-1], call.rewards[1:], f"call {number}: rewards with the next seed")
+            require_equal(successor.rewards[:-1], call.rewards[1:], f"call {number}: rewards with the next seed")
 
 
 def takes_one_seed_per_lane(probe: Probe) -> None:
@@ -91,14 +91,14 @@ def _starts(probe: Probe) -> list[Any]:
     """Observations of a seeded reset and of some without a seed."""
     with probe.env() as env:
         seeded = reset(env, seed=probe.seed).observations
-        other = reset(env, seed=probe.seed + 1000).observations
-        if not difference(seeded, other, "observations"):
+        unlike = reset(env, seed=probe.seed + 1000).observations
+        if not difference(seeded, unlike, "observations"):
             raise Inapplicable("episodes begin alike with every seed")
         reset(env, seed=probe.seed)
         return [seeded, *(reset(env).observations for _ in range(RESETS - 1))]
 
 
-def _until_an_end(calls: Sequence[Call]) -> list[Call]:
+def _until_an_end(calls: Sequence[RecordedCall]) -> list[RecordedCall]:
     """Calls up to the first in which an episode ended, that one left out."""
     ends = [number for number, call in enumerate(calls) if call.is_step and call.ended.any()]
     return list(calls[: ends[0]] if ends else calls)

@@ -10,21 +10,21 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 
-def difference(one: Any, other: Any, where: str, *, dtypes: bool = True) -> str | None:
+def difference(actual: Any, expected: Any, where: str, *, dtypes: bool = True) -> str | None:
     """The first place where two nested values differ, in words; None where they are equal.
 
     Numbers are equal to the last bit, and NaN equals NaN. Without `dtypes`, 1.0 in float32 equals 1.0 in float64.
     """
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        if one.keys() != other.keys():
-            return f"{where} has the keys {sorted(map(str, one))}, expected {sorted(map(str, other))}"
-        pairs = [(f"{where}[{key!r}]", one[key], other[key]) for key in one]
-    elif _listed(one) and _listed(other) and len(one) == len(other):
-        pairs = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(one, other, strict=True))]
+    if isinstance(actual, Mapping) and isinstance(expected, Mapping):
+        if actual.keys() != expected.keys():
+            return f"{where} has the keys {sorted(map(str, actual))}, expected {sorted(map(str, expected))}"
+        pairs = [(f"{where}[{key!r}]", actual[key], expected[key]) for key in actual]
+    elif _listed(actual) and _listed(expected) and len(actual) == len(expected):
+        pairs = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(actual, expected, strict=True))]
     else:
-        return None if _equal(one, other, dtypes) else _unequal(one, other, where)
-    found = (difference(a, b, place, dtypes=dtypes) for place, a, b in pairs)
-    return next((text for text in found if text), None)
+        return None if _equal(actual, expected, dtypes) else _unequal(actual, expected, where)
+    texts = (difference(a, b, place, dtypes=dtypes) for place, a, b in pairs)
+    return next((text for text in texts if text), None)
 
 
 def arrays_in(value: Any, where: str) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -37,7 +37,7 @@ def arrays_in(value: Any, where: str) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def space_fault(space: spaces.Space[Any], value: Any, where: str) -> str | None:
-    """What keeps a value from being one of the space, in words; None if nothing does.
+    """Why a value is not in the space, in words; None if it is.
 
     Stricter than `space.contains`: dtypes must be equal, not castable.
     """
@@ -51,7 +51,7 @@ def space_fault(space: spaces.Space[Any], value: Any, where: str) -> str | None:
 
 
 def array_fault(value: Any, shape: tuple[int, ...], kind: Any, where: str) -> str | None:
-    """What keeps a value from being an array of this shape and kind of number, in words; None if nothing does."""
+    """Why a value is not an array of this shape and kind of number, in words; None if it is."""
     if not isinstance(value, np.ndarray):
         return f"{where} is a {type(value).__name__}, expected an array"
     if value.shape != shape or not np.issubdtype(value.dtype, kind):
@@ -60,7 +60,7 @@ def array_fault(value: Any, shape: tuple[int, ...], kind: Any, where: str) -> st
 
 
 def info_fault(infos: Any, num_envs: int, where: str = "infos") -> str | None:
-    """What keeps infos from Gymnasium's vector form (arrays by lane, `_key` masks, nested alike); None if nothing."""
+    """Why infos do not have Gymnasium's vector form (arrays by lane, `_key` masks, nested alike); None if they do."""
     if not isinstance(infos, dict):
         return f"{where} is a {type(infos).__name__}, expected a dict"
     for key, value in infos.items():
@@ -79,7 +79,7 @@ def info_fault(infos: Any, num_envs: int, where: str = "infos") -> str | None:
 
 
 def lane_info(infos: Mapping[str, Any], lane: int) -> dict[str, Any]:
-    """One lane of infos: the keys whose mask has it, without masks."""
+    """One lane of infos: the keys with a mask that has it, without masks."""
     return {
         key: lane_info(value, lane) if isinstance(value, Mapping) else value[lane]
         for key, value in infos.items()
@@ -97,26 +97,28 @@ def _listed(value: Any) -> bool:
     return isinstance(value, tuple | list) or (isinstance(value, np.ndarray) and value.dtype == object)
 
 
-def _equal(one: Any, other: Any, dtypes: bool) -> bool:
-    if dtypes and (type(one) is not type(other) or getattr(one, "dtype", None) != getattr(other, "dtype", None)):
+def _equal(actual: Any, expected: Any, dtypes: bool) -> bool:
+    if dtypes and (
+        type(actual) is not type(expected) or getattr(actual, "dtype", None) != getattr(expected, "dtype", None)
+    ):
         return False
-    if isinstance(one, np.ndarray | np.generic | float):
-        inexact = all(np.issubdtype(np.asarray(value).dtype, np.inexact) for value in (one, other))
-        return np.array_equal(one, other, equal_nan=inexact)
-    return bool(one == other)
+    if isinstance(actual, np.ndarray | np.generic | float):
+        inexact = all(np.issubdtype(np.asarray(value).dtype, np.inexact) for value in (actual, expected))
+        return np.array_equal(actual, expected, equal_nan=inexact)
+    return bool(actual == expected)
 
 
-def _unequal(one: Any, other: Any, where: str) -> str:
+def _unequal(actual: Any, expected: Any, where: str) -> str:
     """In words that two values differ; for arrays of one shape and dtype, where they first do."""
-    arrays = isinstance(one, np.ndarray) and isinstance(other, np.ndarray)
-    if arrays and one.shape == other.shape != () and one.dtype == other.dtype:
-        unequal = (one != other) & ((one == one) | (other == other))  # two NaN are equal
+    arrays = isinstance(actual, np.ndarray) and isinstance(expected, np.ndarray)
+    if arrays and actual.shape == expected.shape != () and actual.dtype == expected.dtype:
+        unequal = (actual != expected) & ((actual == actual) | (expected == expected))  # two NaN are equal
         index = tuple(int(i) for i in np.argwhere(unequal)[0])
-        one, other, where = one[index], other[index], f"{where}[{', '.join(map(str, index))}]"
-    found, expected = in_short(one), in_short(other)
-    if found == expected:
-        found, expected = (f"{in_short(value)} ({_kind(value)})" for value in (one, other))
-    return f"{where} is {found}, expected {expected}"
+        actual, expected, where = actual[index], expected[index], f"{where}[{', '.join(map(str, index))}]"
+    text, expected_text = in_short(actual), in_short(expected)
+    if text == expected_text:
+        text, expected_text = (f"{in_short(value)} ({_kind(value)})" for value in (actual, expected))
+    return f"{where} is {text}, expected {expected_text}"
 
 
 def _kind(value: Any) -> str:

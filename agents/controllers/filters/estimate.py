@@ -34,18 +34,18 @@ def average(weights, solved, linear, play, states, changes, at, tips, estimate):
         values[:] = 0.0
     estimate.tip_by_command[:], estimate.tensions_by_command[:] = 0.0, 0.0
     for b in range(n_episodes):
-        usable = 0.0
+        total = 0.0
         for h in range(n_hypotheses):
-            usable += weights[b, h] if solved.usable[b * n_hypotheses + h] else 0.0
+            total += weights[b, h] if solved.usable[b * n_hypotheses + h] else 0.0
         for h in range(n_hypotheses):
             row = b * n_hypotheses + h
             tips[b, h] = 0.0
             for j in range(m):
                 estimate.played[b, j] += weights[b, h] * play.played[row, j]
                 estimate.half_widths[b, j] += weights[b, h] * states[row, at.half_widths + j]
-            if solved.usable[row] and usable > 0.0:
+            if solved.usable[row] and total > 0.0:
                 _fill_tip(solved, linear, states, changes, at, row, tips[b, h])
-                _add_model(solved, linear, weights[b, h] / usable, at, row, tips[b, h], estimate, b)
+                _add_model(solved, linear, weights[b, h] / total, at, row, tips[b, h], estimate, b)
 
 
 @part

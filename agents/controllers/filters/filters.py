@@ -46,11 +46,11 @@ class Beliefs:
         play = Play(*(values[rows] for values in self.play))
         return Beliefs(self.states[rows], self.covariances[rows], self.evidence[rows], self.angles[rows], play)
 
-    def put(self, rows: Integers, other: Beliefs) -> None:
+    def put(self, rows: Integers, beliefs: Beliefs) -> None:
         """Take over some rows."""
-        self.states[rows], self.covariances[rows] = other.states, other.covariances
-        self.evidence[rows], self.angles[rows] = other.evidence, other.angles
-        for values, others in zip(self.play, other.play, strict=True):
+        self.states[rows], self.covariances[rows] = beliefs.states, beliefs.covariances
+        self.evidence[rows], self.angles[rows] = beliefs.evidence, beliefs.angles
+        for values, others in zip(self.play, beliefs.play, strict=True):
             values[rows] = others
 
 
@@ -118,12 +118,12 @@ class Filters:
         """Take in that all tendons began at the start tension; linearised anew where the first look leads."""
         prior, played, updated = belief.copy(), belief.play.played.copy(), belief
         for _ in range(self.model.START_PASSES):
-            there, tension, sd = updated.states, self.task.config.start_tension, self.settings.start_sd_mm
-            expected, columns, *rest = start_measurement(self.model, there, played, tension, sd)
-            change = prior.states - there
+            states, tension, sd = updated.states, self.task.config.start_tension, self.settings.start_sd_mm
+            expected, columns, *measurement = start_measurement(self.model, states, played, tension, sd)
+            change = prior.states - states
             expected = expected + np.einsum("rmi,ri->rm", columns, change)
             updated = prior.copy()
-            self._update(updated, expected, columns, *rest)
+            self._update(updated, expected, columns, *measurement)
         belief.put(np.arange(len(played)), updated)
 
     def forecast(self, belief: Beliefs, motors: Array) -> None:
@@ -158,8 +158,8 @@ class Filters:
     def solve(self, belief: Beliefs) -> Linearised:
         """The model under the beliefs, which take over its joint angles."""
         prediction = self.model.predict(belief.states, belief.play, belief.angles)
-        usable = prediction.solved.usable[:, None]
-        belief.angles = np.where(usable, prediction.equilibria.joint_angles, belief.angles)
+        valid = prediction.solved.usable[:, None]
+        belief.angles = np.where(valid, prediction.equilibria.joint_angles, belief.angles)
         return Linearised(prediction, belief.states.copy())
 
     def _biases(self, linearised: Linearised) -> Array:

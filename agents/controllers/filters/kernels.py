@@ -97,8 +97,8 @@ def _fill_system(solved, levers, row, system):
     n_loads = levers.loads.shape[2]
     for i in range(n_joints):
         for k in range(n_joints):
-            both = solved.free[row, i] and solved.free[row, k]
-            system[i, k] = solved.stiffness[row, i, k] if both else (1.0 if i == k else 0.0)
+            joints_free = solved.free[row, i] and solved.free[row, k]
+            system[i, k] = solved.stiffness[row, i, k] if joints_free else (1.0 if i == k else 0.0)
         free = 1.0 if solved.free[row, i] else 0.0
         for c in range(n_loads):
             system[i, n_joints + c] = free * levers.loads[row, i, c]

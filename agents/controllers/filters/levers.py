@@ -44,17 +44,17 @@ def arm_levers(poses, axes, loads, levers):
     poses: (R, n, 4, 4) [mm]. axes: of the hinges, in the frames of the links below, (J, 3). loads: ArmLoads.
     """
     n_rows, n_joints = poses.shape[0], len(axes)
-    axis, beyond, tip, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    axis, weight_moment, tip, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(n_rows):
         weight = 0.0
-        beyond[:] = 0.0  # sum of the weights beyond a hinge times where they act, N mm
+        weight_moment[:] = 0.0  # sum of the weights beyond a hinge times where they act, N mm
         for i in range(n_joints - 1, -1, -1):
             weight += loads.weights[i]
             for k in range(3):
                 centre = poses[row, i + 1, k, 3] - loads.centres[i] * poses[row, i + 1, k, 2]
-                beyond[k] += loads.weights[i] * centre
+                weight_moment[k] += loads.weights[i] * centre
                 tip[k] = poses[row, n_joints, k, 3] - poses[row, i, k, 3]
-                moment[k] = beyond[k] - weight * poses[row, i, k, 3] + loads.payloads[row] * tip[k]
+                moment[k] = weight_moment[k] - weight * poses[row, i, k, 3] + loads.payloads[row] * tip[k]
                 axis[k] = 0.0
                 for c in range(3):
                     axis[k] += poses[row, i, k, c] * axes[i, c]

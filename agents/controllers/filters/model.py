@@ -51,10 +51,10 @@ class Prediction:
 
 
 class FilterModel(ABC):
-    """A mechanism whose tip, tensions and link angles are predicted; every class of chains has one.
+    """A mechanism with predicted tip, tensions and link angles; every class of chains has one.
 
     Args:
-        task: whose nominal mechanism it is.
+        task: the task with this nominal mechanism.
         links: the loaded link of every hypothesis, (H,).
 
     Attributes:
@@ -150,9 +150,9 @@ class SharedRows:
 
 def solved_of(equilibria: Any) -> ModelEquilibria:
     """Equilibria as the kernels take them."""
-    usable, tips = np.asarray(equilibria.ok), np.array(equilibria.tip)  # of one kind for all chains: compiled once
+    valid, tips = np.asarray(equilibria.ok), np.array(equilibria.tip)  # of one kind for all chains: compiled once
     rates, elastic, tensions = equilibria.tendon_rates, equilibria.tendon_stiffness, equilibria.tensions
-    return ModelEquilibria(usable, equilibria.free_joints, equilibria.stiffness, rates, elastic, tensions, tips)
+    return ModelEquilibria(valid, equilibria.free_joints, equilibria.stiffness, rates, elastic, tensions, tips)
 
 
 def process_part(size: int, sd: float, settings: Any, walk: float, bounds: tuple[float, float]) -> StatePart:

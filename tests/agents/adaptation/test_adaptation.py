@@ -17,7 +17,7 @@ from agents.adaptation.fine_tuning import FineTuning, fine_tuned, loss_of
 from agents.adaptation.identify import BELIEFS, Identified, Space, _Misfit, identify
 from agents.adaptation.informed import Informed
 from agents.adaptation.robot import robot
-from agents.adaptation.trial import Outcome, Plan, Trial, gains, leads, trial_table
+from agents.adaptation.trial import RobotTrial, TrialOutcome, TrialPlan, gains, leads, trial_table
 from agents.adaptation.world import LikelyRobots, likely
 from agents.controllers.controller import Controller, Reading
 from agents.controllers.tuned import tuned_controllers
@@ -195,13 +195,13 @@ def test_the_loss_counts_the_last_steps_once_and_all_of_them_a_little():
     assert loss.item() == pytest.approx(2.0 + 0.1 * (20 + 2 * 15) / 35)
 
 
-def outcome(before: float, after: float) -> Outcome:
-    return Outcome(np.full(2, before), np.full(2, after), 1.0, InstrumentController(None))
+def outcome(before: float, after: float) -> TrialOutcome:
+    return TrialOutcome(np.full(2, before), np.full(2, after), 1.0, InstrumentController(None))
 
 
 def test_gains_are_over_robots_and_the_best_adapted_controller_comes_first(known):
     trials = [
-        Trial(robot(number), known, 1.0, {"a": outcome(4.0, 4.0 - gain), "b": outcome(2.0, 2.0 + 0.5 * gain)})
+        RobotTrial(robot(number), known, 1.0, {"a": outcome(4.0, 4.0 - gain), "b": outcome(2.0, 2.0 + 0.5 * gain)})
         for number, gain in enumerate((1.0, 3.0))
     ]
     before, after, change = gains(trials, "a")
@@ -262,6 +262,6 @@ def test_policies_without_the_memory_that_is_trained_on_are_refused(policy, know
     with pytest.raises(ConfigError, match="updates"):
         FineTuning(updates=-1)
     with pytest.raises(ConfigError, match="--tries"):
-        Plan(tries=-1)
+        TrialPlan(tries=-1)
     with pytest.raises(InvalidInput, match="bench"):
         bench.record(robot(0), 0, True)

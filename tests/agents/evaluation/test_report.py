@@ -11,7 +11,7 @@ from agents.evaluate import evaluate_controllers
 from agents.evaluation import pictures
 from agents.evaluation.floor import episode_floor
 from agents.evaluation.pictures import animation, error_distribution, error_over_time
-from agents.evaluation.report import Report
+from agents.evaluation.report import EvaluationReport
 from agents.evaluation.rollout import Episodes
 from agents.evaluation.score import Score
 from agents.runs.environment import EnvConfig
@@ -54,7 +54,9 @@ def test_regret_is_the_mean_of_error_minus_floor_where_there_is_a_floor():
 
 
 def test_a_report_holds_every_error_and_every_floor_as_strict_json():
-    report = Report({"one": episodes([0.2, 3.0]), "two": episodes([0.5, 0.6])}, 100.0, np.array([0.1, np.inf]))
+    report = EvaluationReport(
+        {"one": episodes([0.2, 3.0]), "two": episodes([0.5, 0.6])}, 100.0, np.array([0.1, np.inf])
+    )
     values = json.loads(json.dumps(report.to_dict(), allow_nan=False))
     assert values["final_errors_mm"] == {"one": [0.2, 3.0], "two": [0.5, 0.6]}
     assert values["floors_mm"] == [0.1, None]
@@ -63,7 +65,7 @@ def test_a_report_holds_every_error_and_every_floor_as_strict_json():
 
 
 def test_the_table_ends_with_the_floor():
-    report = Report({"one": episodes([0.2, 3.0])}, 100.0, np.array([0.1, 0.2]), {"run": "somewhere"})
+    report = EvaluationReport({"one": episodes([0.2, 3.0])}, 100.0, np.array([0.1, 0.2]), {"run": "somewhere"})
     rows = report.table()
     assert [row[0] for row in rows] == ["controller", "one", "floor"]
     assert rows[1][1:] == ["1.60 mm", "1.60 mm", "2.86 mm", "0.610 mm", "50.0 %", "50.0 %", "1.45 mm"]

@@ -14,7 +14,7 @@ from agents.adaptation import driving, trial
 from agents.adaptation.controllers import InstrumentController, instrument_controller, instrument_controllers, marked
 from agents.adaptation.driving import RobotScore, seeds_of
 from agents.adaptation.identify import Identified, Space
-from agents.adaptation.trial import Outcome, Trial
+from agents.adaptation.trial import RobotTrial, TrialOutcome
 from agents.controllers import OpenLoop
 from agents.policies.export import export_policy
 from agents.robots import DEVELOPMENT, TEST_BED, robot, robots, score_on_robots
@@ -167,8 +167,8 @@ def adapted_at_once(one, chosen, plan, say):
     """A trial in place of identification, adaptation and driving."""
     space = Space()
     found = Identified(one.number, space.mean, np.diag(space.sd), 1.0, 2.0)
-    made = {name: Outcome(np.full(2, 3.0), np.full(2, 1.0), 1.0, each) for name, each in chosen.items()}
-    return Trial(one, found, 1.0, made)
+    made = {name: TrialOutcome(np.full(2, 3.0), np.full(2, 1.0), 1.0, each) for name, each in chosen.items()}
+    return RobotTrial(one, found, 1.0, made)
 
 
 class Still:
