@@ -26,7 +26,7 @@ help:
 	@echo "make campaign  train the runs of docs/results.md into runs/instrument (some hours; again: goes on)"
 	@echo "make results   score them and rewrite docs/results.md (some minutes)"
 	@echo "make docs      build the documentation site: site/index.html, which opens from disk"
-	@echo "make lint      style, types and import layers"
+	@echo "make lint      style, types, import layers, names and prose"
 	@echo "make lock      renew constraints.txt: versions and hashes of what setup installs (UPGRADE=1: the newest)"
 	@echo "make setup     virtual environment in $(VENV); the others call it"
 	@echo "make clean     remove the environment, caches and builds (results in runs/ stay)"
@@ -118,6 +118,8 @@ lint: setup
 	@$(BIN)/mypy
 	@echo "==> Import layers"
 	@$(BIN)/lint-imports
+	@echo "==> Names and prose"
+	@$(BIN)/python .ci/prose.py
 
 lock: setup
 	@echo "==> Renewing versions and hashes"
