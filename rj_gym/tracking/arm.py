@@ -68,11 +68,12 @@ class ArmTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config = self.config
         mechanisms, designs = _mechanisms(config.randomization, self.mechanism, uniforms, fixed)
-        weights = own_series(config, "loads", uniforms, self.length, ())
         return ArmDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale),
             gravity=gravity_directions(config.gravity.tilt, uniforms["gravity"]),
-            payloads=payloads(config.load, uniforms) if weights is None else weights,
+            payloads=payloads(config.load, uniforms)
+            if config.terms.loads is None
+            else own_series(config, "loads", uniforms, mechanisms, ()),
             hinge_stiffnesses=of_lanes([[bead.stiffness for bead in arm.beads] for arm in mechanisms], designs),
             weights=of_lanes([[bead.weight for bead in arm.beads] for arm in mechanisms], designs),
         )

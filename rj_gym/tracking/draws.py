@@ -75,13 +75,18 @@ def shared_draws(
         scale: the scales of a pose's numbers, from the scales of its positions [mm] and angles [rad].
         parts: shape of the poses that are measured, (n - 1,) for every link; () for one.
     """
-    randomization, length = config.randomization, float(mechanisms[0].length)
-    tensions = own_series(config, "target_tensions", uniforms, length, (mechanisms[0].n_tendons,))
+    randomization, terms, targets = config.randomization, config.terms, None
+    if terms.targets is not None:
+        targets = own_series(config, "targets", uniforms, mechanisms, (config.target_numbers,))
+    if terms.target_tensions is None:
+        tensions = target_tensions(config, uniforms["target"])
+    else:
+        tensions = own_series(config, "target_tensions", uniforms, mechanisms, uniforms["start"].shape[1:])
     return {
         "mechanisms": mechanisms,
         "designs": designs,
-        "targets": own_series(config, "targets", uniforms, length, (config.target_numbers,)),
-        "target_tensions": target_tensions(config, uniforms["target"]) if tensions is None else tensions,
+        "targets": targets,
+        "target_tensions": tensions,
         "start_tensions": start_tensions(config, uniforms["start"]),
         "stiffnesses": tendon_stiffnesses(mechanisms).take(designs, axis=0),
         "actuator_offsets": symmetric(randomization.actuator_offset_mm, uniforms["actuator"]),
@@ -92,14 +97,12 @@ def shared_draws(
 
 
 def own_series(
-    config: TaskConfig, name: str, uniforms: Uniforms, length: float, shape: tuple[int, ...]
-) -> Array | None:
-    """The targets or loads that the settings bring, `terms.<name>`, (B, 1 or T + 1, *shape); None where they do not."""
+    config: TaskConfig, name: str, uniforms: Uniforms, mechanisms: Sequence[Any], shape: tuple[int, ...]
+) -> Array:
+    """The targets or loads that the settings bring, `terms.<name>`, (B, 1 or T + 1, *shape)."""
     term = getattr(config.terms, name)
-    if term is None:
-        return None
     numbers = uniforms[f"own {name}"] if term.uniforms else np.zeros((len(uniforms), 0))
-    start = Start(numbers, config.episode_steps, length)
+    start = Start(numbers, config.episode_steps, float(mechanisms[0].length))
     return checked_series(f"terms.{name}", term.function(start), start, shape)
 
 

@@ -204,10 +204,11 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         aims = np.empty((count, waypoints, self.task.target_numbers))
         for k in range(waypoints):
             tensions = draws.target_tensions[:, k]
-            unloaded = np.ones(count, bool)
-            if self.task.config.target.loaded:
-                aims[:, k], status = self._tips_at(tensions, draws.forces[:, -1])
-                unloaded = status != int(Status.CONVERGED)
+            if not self.task.config.target.loaded:
+                aims[:, k] = self._tips_at(tensions)[0]
+                continue
+            aims[:, k], status = self._tips_at(tensions, draws.forces[:, -1])
+            unloaded = status != int(Status.CONVERGED)
             if unloaded.any():
                 aims[unloaded, k] = self._tips_at(tensions)[0][unloaded]
         return aims

@@ -66,11 +66,12 @@ class PlanarTask(TrackingTask):
         """Episodes from uniform numbers, with the fixed mechanism if there is one."""
         config, nominal = self.config, self.mechanism
         mechanisms, designs, offsets = _mechanisms(config.randomization, nominal, uniforms, fixed)
-        forces = own_series(config, "loads", uniforms, self.length, (2,))
         return PlanarDraws(
             **shared_draws(config, mechanisms, designs, uniforms, _pose_scale, (nominal.n_links - 1,)),
             links=load_links(config.load, nominal.n_links, uniforms["link"]),
-            forces=load_forces(config.load, uniforms) if forces is None else forces,
+            forces=load_forces(config.load, uniforms)
+            if config.terms.loads is None
+            else own_series(config, "loads", uniforms, mechanisms, (2,)),
             surface_offsets=offsets,
         )
 

@@ -248,7 +248,7 @@ class HingeChain(Chain[HingeEquilibrium]):
     def load_table(self, loads: Sequence[Load]) -> Array:
         """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns)."""
         table = spatial_load_table(loads, self.n_links)
-        for row in table[table[:, _TORSION] != 0.0]:
+        for row in table[table[:, _TORSION] != 0.0] if np.count_nonzero(table[:, _TORSION]) else ():
             low, high = sorted((int(row[0]), int(row[_OTHER])))
             axes = np.array([bead.axis for bead in self.beads[low:high]])
             if not np.allclose(axes, axes[0], rtol=0.0, atol=_UNIT):
