@@ -36,8 +36,8 @@ _MOST_UNIFORMS = 100_000
 class Step(NamedTuple):
     """Where B running episodes are after a step, or at their start: d coordinates, m tendons, n links.
 
-    Views of the environment's own arrays: read them in the call and do not change them. Poses, tip and tensions are
-    true values, without the errors of sensors.
+    Views of the environment's own arrays, read-only, which the next step changes. Poses, tip and tensions are true
+    values, without the errors of sensors.
     """
 
     step: NDArray[np.float64]  # (B,) steps taken, 0 at the start
@@ -241,7 +241,7 @@ class AppliedTerms:
             return record
         state, d, m = self._state, self._d, self._m
         readings = state.readings[:count]
-        self._steps[count] = step = Step(
+        views = Step(
             step=readings[:, STEP],
             action=state.actions[:count, 0],
             previous_action=state.actions[:count, 1],
@@ -256,7 +256,15 @@ class AppliedTerms:
             load_force=readings[:, FORCE : FORCE + d],
             reward=readings[:, REWARD],
         )
+        self._steps[count] = step = Step(*map(_read_only, views))
         return step
+
+
+def _read_only(view: Array) -> Array:
+    """The same view, which a function cannot write to by mistake."""
+    view = view.view()
+    view.flags.writeable = False
+    return view
 
 
 def _values(section: str, name: str, values: Any, shape: tuple[int, ...]) -> Array:

@@ -255,3 +255,12 @@ def test_goals_have_their_own_reward():
         gymnasium.make("rj_gym/RollingJointGoal-v0", terms=ALL)
     env = gymnasium.make("rj_gym/RollingJointGoal-v0", terms=Terms(observations=[JOINTS]))
     assert env.reset(seed=0)[0]["observation"][-2:].shape == (2,)
+
+
+def test_functions_cannot_write_into_the_environment():
+    def clumsy(step):
+        step.tip[:] = 0.0
+        return step.error_mm
+
+    with pytest.raises(ValueError, match="read-only"):
+        RollingJointEnv(terms=Terms(rewards={"clumsy": clumsy})).reset(seed=0)
