@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from agents.runs import processes
+from agents.runs import command_line
 from agents.runs.config import TrainConfig
 from agents.runs.folder import RunFolder
 from agents.runs.locks import file_lock
@@ -127,7 +127,7 @@ def test_run_folders_are_made_and_replaced_as_windows_renames(like_windows, tmp_
 
 
 def test_ctrl_c_and_termination_ask_a_command_to_stop_on_every_system():
-    assert {signal.SIGINT, signal.SIGTERM} <= set(processes.STOPPING)
+    assert {signal.SIGINT, signal.SIGTERM} <= set(command_line.STOPPING)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])

@@ -28,7 +28,7 @@ def a_case(mechanism, given="tensions"):
     rng = np.random.default_rng(0)
     inputs = solves.drawing.draw_inputs(rng, mechanism, given, ROWS)
     planar = mechanism.name == "five_link"
-    tables = np.zeros((ROWS, 1, 14 if planar else 20))
+    tables = np.zeros((ROWS, 1, 14 if planar else 23))
     tables[:, 0, 0], tables[:, 0, 3 if planar else 4] = 1, 0.2
     starts = np.repeat(mechanism.neutral_angles[None], ROWS, axis=0)
     return solves.Case(mechanism, given, inputs, tables, starts, (0.0, np.inf))
