@@ -68,9 +68,9 @@ import rollingjoint as rj
 from benchmarks.on_arrays import solve_on_arrays
 from rollingjoint.compiled import BatchArrays, Integers, Pinned, PinnedRange
 from rollingjoint.load import LOAD_COLUMNS
-from rollingjoint.kernels.shared.batch import solve_lanes
+from rollingjoint.kernels.batch import solve_lanes
 from rollingjoint.chain.batch import TendonLaw, _on_batch
-from rollingjoint.kernels.planar.arrays import new_results
+from rollingjoint.kernels.rolling import new_results
 
 arm, B = rj.five_link(), {lanes}
 kernels = arm.kernels

@@ -34,11 +34,11 @@ MODULES = (
 
 
 def public_names(module: ModuleType) -> list[str]:
-    """What users may import from a module."""
+    """Names that users may import from a module, former ones left out."""
     if hasattr(module, "__all__"):
         return sorted(module.__all__)
-    defined = {name for name, value in vars(module).items() if inspect.getmodule(value) is module}
-    return sorted(name for name in defined if not name.startswith("_"))
+    defined = {name: value for name, value in vars(module).items() if inspect.getmodule(value) is module}
+    return sorted(name for name, value in defined.items() if value.__name__ == name and not name.startswith("_"))
 
 
 def pages() -> dict[str, str]:

@@ -273,7 +273,7 @@ def test_warmup_says_where_the_kernels_are(capsys: pytest.CaptureFixture[str]) -
     printed = capsys.readouterr().out
     assert printed.startswith("all kernels are there, kept in ")
     kept = Path(printed.split("kept in ")[1].strip())
-    for kernels in ("batch.solve_lanes", "lanes.solve_hinges_pinned"):
+    for kernels in ("batch.solve_lanes", "hinge_lanes.solve_hinges_pinned"):
         assert any(kept.glob(f"{kernels}-*.nbc")), kernels
 
 

@@ -243,9 +243,9 @@ def warm_folder(tmp_path_factory):
 COMPILED = """
 from pathlib import Path
 from rollingjoint._numba.cache import cache_directory
-from rollingjoint.kernels.shared.batch import solve_lanes, stiffness_of
-from rollingjoint.kernels.planar.side_by_side import solve_alone, solve_pinned
-from rollingjoint.kernels.planar.forward import arc_lengths_of, poses_of
+from rollingjoint.kernels.batch import solve_lanes, stiffness_of
+from rollingjoint.kernels.rolling_lanes import solve_alone, solve_pinned
+from rollingjoint.kernels.rolling import arc_lengths_of, poses_of
 
 KERNELS = solve_alone, solve_pinned, solve_lanes, stiffness_of, arc_lengths_of, poses_of
 
