@@ -13,6 +13,7 @@ from tests.attack.minima import minimum
 from tests.attack.planar import PlanarGeometry
 
 ROWS, HARD_ROWS = 8192, 512
+LONGEST_BATCH = 12.0  # s of processor time: 256 steps with friction of a taut arm of 32 hinges take 5
 STEPS_WITH_FRICTION = 4
 PLACE, LENGTH = 1e-7, 1e-7  # mm: how far poses and lengths may be off
 BALANCE = 1e-7  # N·mm, and times 1e-7 of the sum of the terms: how far moments may be off
@@ -182,7 +183,7 @@ def cases(rng):
 def attack(rng, report):
     """One round: some thousand rows, recomputed; a few of them solved again one by one; energies of a few."""
     for case, invalid in cases(rng):
-        with report.limited("a batch"):
+        with report.limited("a batch", LONGEST_BATCH):
             result = case.solve()
         found, checked = case.faults(result, invalid)
         family = "arms" if hasattr(case.mechanism, "beads") else "planar chains"
