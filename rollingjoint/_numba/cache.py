@@ -106,20 +106,26 @@ def _fresh_folder() -> Path:
     return Path(folder)
 
 
-def _sources(function: Callable[..., Any]) -> list[Path]:
-    """Source files of a kernel outside this package: its file, and the files of kernels and layouts that it imports."""
+def _sources(function: Callable[..., Any]) -> tuple[list[Path], list[str]]:
+    """Source files of a kernel outside this package, and the constants in them, imported ones included.
+
+    The files are its own, and those of kernels and layouts that it imports.
+    """
     files: list[Path] = []
+    constants: list[str] = []
     waiting = [function]
     while waiting:
         kernel = waiting.pop(0)
         file = Path(kernel.__code__.co_filename)
         if file not in files and _PACKAGE not in file.parents:
             files.append(file)
+            plain = (item for item in kernel.__globals__.items() if isinstance(item[1], int | float))
+            constants += sorted(f"{name} {value!r}" for name, value in plain)
             waiting += [value.py_func for value in kernel.__globals__.values() if isinstance(value, CPUDispatcher)]
             for value in filter(is_layout, list(kernel.__globals__.values())):
                 path = Path(getattr(sys.modules[value.__module__], "__file__", None) or file)
                 files += [path] if path not in files and _PACKAGE not in path.parents else []
-    return files
+    return files, constants
 
 
 @functools.cache
@@ -149,8 +155,9 @@ def without_compiling() -> Iterator[None]:
 
 class _KernelLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        digest = hashlib.sha256()
-        for path in _sources(py_func):
+        files, constants = _sources(py_func)
+        digest = hashlib.sha256(" ".join(constants).encode())
+        for path in files:
             digest.update(path.read_bytes())
         self._stamp = _source_hash() + digest.hexdigest()[:16]
         self._name = "-".join(Path(py_file).with_suffix("").parts[-2:])  # folders may have kernels of one name

@@ -70,6 +70,15 @@ def test_every_kernel_source_is_part_of_the_key(tmp_path, monkeypatch, source):
     assert cache._source_hash.__wrapped__() != before
 
 
+def test_constants_that_a_kernel_imports_are_part_of_its_key(monkeypatch):
+    from rj_gym.tracking import kernels
+
+    function = kernels.all_finite.py_func
+    before = cache._KernelLocator(function, function.__code__.co_filename).get_source_stamp()
+    monkeypatch.setitem(function.__globals__, "TENSIONS", kernels.TENSIONS + 1)
+    assert cache._KernelLocator(function, function.__code__.co_filename).get_source_stamp() != before
+
+
 def test_a_home_that_cannot_be_written_leaves_scratch_space(tmp_path):
     blocked, scratch = tmp_path / "file", tmp_path / "scratch"
     blocked.write_text("a file where a folder should be: not even an administrator can write there")
