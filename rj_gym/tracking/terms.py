@@ -77,9 +77,14 @@ class Observed:
 
     def __post_init__(self) -> None:
         _check_function("observations", self.function)
-        entries = tuple(Entry(*entry) for entry in self.entries)
-        if not entries or not all(entry.low < entry.high for entry in entries):
-            raise ConfigError("entries of an observation", self.entries, "Entry(name, unit, low, high), low below high")
+        allowed = "a list of Entry(name, unit, low, high), low below high"
+        try:
+            entries = tuple(Entry(*entry) for entry in self.entries)
+            ordered = bool(entries) and all(entry.low < entry.high for entry in entries)
+        except TypeError:
+            raise ConfigError("entries of an observation", self.entries, allowed) from None
+        if not ordered:
+            raise ConfigError("entries of an observation", self.entries, allowed)
         object.__setattr__(self, "entries", entries)
 
 

@@ -149,7 +149,10 @@ class RollingFormat(ChainFormat):
     def part_dict(self, part: Link) -> dict[str, Any]:
         """The content that makes the same link."""
         surfaces = {side: _surface_dict(getattr(part, side)) for side in ("parent", "child")}
-        return surfaces | ({"weight": float(part.weight), "centre": list(part.centre)} if part.weight else {})
+        weight, centre = float(part.weight), tuple(map(float, part.centre))
+        if (weight, centre) == (Link.weight, Link.centre):
+            return surfaces
+        return surfaces | {"weight": weight, "centre": list(centre)}
 
     def holes(self, where: str, tendon: Mapping[str, Any]) -> Sequence[tuple[Hole, Hole]]:
         """The holes of a tendon, all at one place of the surfaces or pair by pair."""

@@ -32,7 +32,8 @@ def _of_checkout() -> list[EntryPoint]:
     """Commands of the controllers that lie beside this package; empty where it is installed from a wheel."""
     if not TABLE.is_file():
         return []
-    table = tomllib.loads(TABLE.read_text("utf-8"))["project"]["entry-points"][GROUP]
+    project = tomllib.loads(TABLE.read_text("utf-8")).get("project", {})  # a project that holds a copy has another one
+    table = project.get("entry-points", {}).get(GROUP, {})
     return [EntryPoint(name, place.replace(INSTALLED, HERE, 1), GROUP) for name, place in table.items()]
 
 

@@ -250,6 +250,12 @@ def test_settings_that_cannot_be_used_are_refused_in_one_line(settings, said):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("entries", [[], [("tip", "mm", 1.0, 0.0)], [("tip", "mm")], None, [("tip", "mm", "a", 1.0)]])
+def test_entries_that_cannot_be_used_are_refused_in_one_line(entries):
+    with pytest.raises(ConfigError, match=r"Entry\(name, unit, low, high\)"):
+        Observed(entries, angles)
+
+
 def test_goals_have_their_own_reward():
     with pytest.raises(ConfigError, match="none in a Goal environment"):
         gymnasium.make("rj_gym/RollingJointGoal-v0", terms=ALL)
