@@ -1,15 +1,17 @@
-"""Break the physics' formulas one at a time and see whether their tests notice: the mutation score.
+"""Break formulas one at a time and see whether their tests notice: the mutation score.
 
     python benchmarks/mutants.py                          # 50 mutants; about 40 minutes on one core
     python benchmarks/mutants.py --count 200 --seed 7     # others
+    python benchmarks/mutants.py --of environments        # 50 of the environments' kernels
     python benchmarks/mutants.py --list                   # what would be broken, and how; nothing is run
     python benchmarks/mutants.py --only 3 17              # these of the draw
 
-A mutant is one change in the body of a function of `rollingjoint/kernels`, of the table of joints or of profiles:
-another operator, a lost sign, a reversed comparison, a doubled constant, an index or a loop that is off by one; as many
-of each kind. It is made in a copy of the checkout, with a folder of compiled kernels for it alone, and its tests run
-until the first failure: those that are likely to notice, then all of the physics. It is killed by a test that fails, by
-a process that dies, or by one that takes too long. One that survives lacks a test, unless
+A mutant is one change in the body of a function: of physics, of `rollingjoint/kernels`, of the table of joints or of
+profiles; of environments, of the compiled step of the tracking task or of the laws of its motors. It is another
+operator, a lost sign, a reversed comparison, a doubled constant, an index or a loop that is off by one; as many of
+each kind. It is made in a copy of the checkout, and its tests run until the first failure: those that are likely to
+notice, then all of the subject. Compiled kernels that it does not reach are kept. It is killed by a test that fails,
+by a process that dies, or by one that takes too long. One that survives lacks a test, unless
 `benchmarks/mutants_equivalent.yaml` says why no test can tell it from the original. Exit code 0: no other survives.
 """
 
@@ -34,7 +36,14 @@ import yaml
 from mutation_sites import KINDS, Site, sites_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SOURCES = ("rollingjoint/kernels/**/*.py", "rollingjoint/chain/joint_table.py", "rollingjoint/profile.py")
+SOURCES = {
+    "physics": ("rollingjoint/kernels/**/*.py", "rollingjoint/chain/joint_table.py", "rollingjoint/profile.py"),
+    "environments": (
+        "rj_gym/tracking/kernels.py",
+        "rj_gym/tracking/measuring.py",
+        "rollingjoint/transmission/kernels.py",
+    ),
+}
 EQUIVALENT = Path(__file__).resolve().parent / "mutants_equivalent.yaml"
 PATIENCE = 420.0  # s for one stage, four times what the slowest takes with kernels to compile
 
@@ -43,7 +52,11 @@ CHAIN = f"{TESTS}/chain"
 PLANAR = [f"{CHAIN}/test_equilibrium.py", f"{CHAIN}/test_joint_table.py"]
 SPATIAL = [f"{CHAIN}/test_hinge_equilibrium.py", f"{CHAIN}/test_hinge_lanes.py", f"{CHAIN}/test_turns.py"]
 FRICTION = [f"{CHAIN}/test_friction.py", f"{CHAIN}/test_friction_jacobian.py"]
+TRACKING = "tests/rj_gym/tracking"
+EPISODES = [f"{TRACKING}/test_{name}.py" for name in ("hardware", "planar_env", "planar_task", "arm_task")]
 FIRST = {  # the first pattern that is in a file's path: the tests that are likely to notice
+    "rj_gym": EPISODES,
+    "transmission": [f"{TESTS}/test_transmission.py", *EPISODES],
     "profile.py": [f"{TESTS}/test_profile.py"],
     "joint_table.py": [f"{CHAIN}/test_joint_table.py"],
     "torsion": [f"{CHAIN}/test_torsion_spring.py"],
@@ -56,7 +69,8 @@ FIRST = {  # the first pattern that is in a file's path: the tests that are like
     "rolling": PLANAR,
     "": [f"{TESTS}/kernels", *PLANAR, *SPATIAL],
 }
-SECOND = {  # likewise: all tests of the physics that use the file
+SECOND = {  # likewise: all tests of the subject that use the file
+    "rj_gym|transmission": ["tests/rj_gym"],
     "": [f"{TESTS}/{name}" for name in ("kernels", "chain", "statics", "test_theory.py")],
 }
 
@@ -78,7 +92,7 @@ class Verdict:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the mutants; returns the exit code."""
     arguments = _arguments(argv)
-    drawn = draw(arguments.count, arguments.seed)
+    drawn = draw(arguments.of, arguments.count, arguments.seed)
     chosen = [number for number in range(len(drawn)) if arguments.only is None or number in arguments.only]
     if arguments.list:
         print(*(f"{number:3} {described(drawn[number])}" for number in chosen), sep="\n")
@@ -96,10 +110,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return int(any(verdict.outcome == "survived" for verdict in verdicts))
 
 
-def draw(count: int, seed: int) -> list[Site]:
-    """Sites at random, as many of each kind, in the order in which they are broken."""
+def draw(subject: str, count: int, seed: int) -> list[Site]:
+    """Sites of a subject of SOURCES at random, as many of each kind, in the order in which they are broken."""
     generator = random.Random(seed)
-    files = sorted({path for pattern in SOURCES for path in REPOSITORY.glob(pattern)})
+    files = sorted({path for pattern in SOURCES[subject] for path in REPOSITORY.glob(pattern)})
     every = [
         site for path in files for site in sites_of(path.relative_to(REPOSITORY).as_posix(), path.read_text("utf-8"))
     ]
@@ -118,7 +132,8 @@ class Workplace:
     """A copy of the checkout in which mutants are made and tested."""
 
     def __init__(self, scratch: Path) -> None:
-        self.tree, self.cache = scratch / "tree", scratch / "kernels"
+        self.tree, self.cache, self.kept = scratch / "tree", scratch / "kernels", scratch / "kept"
+        self.kept.mkdir(mode=0o700)
         command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
         listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout.splitlines()
         for name in filter(lambda name: (REPOSITORY / name).is_file(), listed):
@@ -126,8 +141,8 @@ class Workplace:
             shutil.copyfile(REPOSITORY / name, self.tree / name)
 
     def check(self, tests: set[str]) -> None:
-        """Raise RuntimeError unless the tests pass on the original."""
-        if failure := self._first_failure(sorted(tests), 4 * PATIENCE):
+        """Raise RuntimeError unless the tests pass on the original; its compiled kernels are kept for the mutants."""
+        if failure := self._first_failure(sorted(tests), 4 * PATIENCE, self.kept):
             raise RuntimeError(f"without a mutant, too: {failure}")
 
     def judge(self, site: Site) -> Verdict:
@@ -144,11 +159,18 @@ class Workplace:
             path.write_text(original, "utf-8")
         return Verdict(site, "killed" if failure else "survived", failure, time.perf_counter() - begin)
 
-    def _first_failure(self, tests: Sequence[str], patience: float) -> str:
-        """The first test that fails, or how the process ended; "" if all pass."""
-        self.cache.mkdir(mode=0o700)
+    def _first_failure(self, tests: Sequence[str], patience: float, cache: Path | None = None) -> str:
+        """The first test that fails, or how the process ended; "" if all pass.
+
+        cache: the folder of compiled kernels; without one it is a copy of those that are kept, of which a mutant takes
+        only what its change does not reach: a kernel's key holds the text of all that it is compiled from.
+        """
+        if cache is None:
+            cache = self.cache
+            shutil.rmtree(cache, ignore_errors=True)
+            shutil.copytree(self.kept, cache)
         paths = os.pathsep.join([str(self.tree), *filter(None, [os.environ.get("PYTHONPATH")])])
-        settings = {"PYTHONPATH": paths, "ROLLINGJOINT_CACHE": str(self.cache), "PYTHONDONTWRITEBYTECODE": "1"}
+        settings = {"PYTHONPATH": paths, "ROLLINGJOINT_CACHE": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", *tests]
         with subprocess.Popen(
             command,
@@ -166,7 +188,6 @@ class Workplace:
             finally:
                 if process.poll() is None:  # it takes too long, or Ctrl-C ends the wait
                     os.killpg(process.pid, signal.SIGKILL)
-                shutil.rmtree(self.cache, ignore_errors=True)
         if process.returncode == 0:
             return ""
         failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", printed, re.MULTILINE)
@@ -204,6 +225,7 @@ def summary(verdicts: Sequence[Verdict]) -> str:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--of", choices=list(SOURCES), default="physics", help="what is broken (default physics)")
     parser.add_argument("--count", type=int, default=50, help="mutants to be drawn (default 50)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these of the draw")
