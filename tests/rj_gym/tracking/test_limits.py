@@ -239,3 +239,16 @@ def test_settings_that_cannot_be_used_are_refused_in_one_line(settings, match):
 
 def test_a_number_is_the_range_of_one_limit():
     assert ActuationConfig(tension_limit=20.0) == ActuationConfig(tension_limit=[20.0, 20.0])
+
+
+@pytest.mark.parametrize("stem", ["Instrument", "InstrumentShift", "SlowCamera", "LatePose", "ArmInstrument"])
+def test_version_1_takes_a_limit_for_every_motor_and_keeps_its_other_settings(stem):
+    first, plain, limited = (
+        gymnasium.make(f"rj_gym/{stem}-v{version}", **settings).unwrapped
+        for version, settings in ((0, {}), (1, {}), (1, {"actuation": {"tension_limit": [20, 20]}}))
+    )
+    assert limited.observation_space == plain.observation_space == first.observation_space
+    assert [entry.unit for entry in plain.task.entries()] == [entry.unit for entry in first.task.entries()]
+    changed = {"tension_limit": (20.0, 20.0)}
+    assert limited.config == plain.config.updated({"actuation": changed})
+    assert np.all(limited.reset(seed=0)[1]["sampled"]["tension_limits"] == 20.0)
