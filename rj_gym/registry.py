@@ -37,7 +37,7 @@ class Registration:
     @property
     def version(self) -> int:
         """Of the environment: 1 of rj_gym/Instrument-v1."""
-        return int(self.env_id.rpartition("-v")[2])
+        return version_of(self.env_id)
 
     @property
     def world(self) -> str:
@@ -118,11 +118,18 @@ def settings_of(env_id: str) -> type[Settings]:
 
 
 def registration_of(config: Settings) -> Registration | None:
-    """The row of the class of these settings; None for a class that is not of the table.
+    """The row of the class of these settings, or of the nearest base class that has one; None where there is none.
 
-    Settings that environments with and without goals share are those without.
+    Environments with and without goals share settings; their row is the one without.
     """
-    return next((row for row in TABLE if row.settings == type(config).__name__), None)
+    rows = {row.settings: row for row in reversed(TABLE)}
+    return next((rows[kind.__name__] for kind in type(config).__mro__ if kind.__name__ in rows), None)
+
+
+def version_of(env_id: str) -> int:
+    """The version of an environment, 1 of rj_gym/Instrument-v1; 0 for an id without one."""
+    number = env_id.rpartition("-v")[2]
+    return int(number) if number.isdecimal() else 0
 
 
 @overload
