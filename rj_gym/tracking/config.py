@@ -226,10 +226,24 @@ class TaskConfig(Settings):
             raise ConfigError("actuation.tension_limit", limit, allowed)
 
     @property
-    def largest_tension(self) -> float:
-        """The upper limit of tension, of ranges the largest one [N]."""
+    def held_tensions(self) -> Range:
+        """The tensions behind the sheath that controllers plan with where they do not know the limits [N].
+
+        Up to the lowest limit that can be drawn. Where limits act before the sheath, also no higher than the middle
+        limit behind the sheath with the most friction, and than `tension_range`.
+        """
+        (low, high), actuation = self.tension_range, self.actuation
+        limit = actuation.tension_limit or (high, high)
+        if actuation.limit_at == "tendon":
+            return low, limit[0]
+        return low, min(high, limit[0], 0.5 * sum(limit) / math.exp(actuation.sheath_friction[1]))
+
+    @property
+    def possible_tensions(self) -> Range:
+        """All tensions behind the sheath that motors may have to hold: any where their limit acts before it [N]."""
         limit = self.actuation.tension_limit
-        return self.tension_range[1] if limit is None else limit[1]
+        high = math.inf if self.actuation.limit_at == "motor" else self.tension_range[1] if limit is None else limit[1]
+        return self.tension_range[0], high
 
     @cached_property
     def lags(self) -> tuple[int, ...]:

@@ -252,3 +252,18 @@ def test_version_1_takes_a_limit_for_every_motor_and_keeps_its_other_settings(st
     changed = {"tension_limit": (20.0, 20.0)}
     assert limited.config == plain.config.updated({"actuation": changed})
     assert np.all(limited.reset(seed=0)[1]["sampled"]["tension_limits"] == 20.0)
+
+
+@pytest.mark.parametrize(
+    ("actuation", "held", "possible"),
+    [
+        ({}, 15.0, 15.0),
+        ({"tension_limit": [10.0, 30.0]}, 10.0, 30.0),
+        ({"limit_at": "motor"}, 15.0 / np.exp(0.6), np.inf),
+        ({"limit_at": "motor", "tension_limit": [10.0, 30.0]}, 10.0, np.inf),
+        ({"limit_at": "motor", "tension_limit": 60.0}, 15.0, np.inf),
+    ],
+)
+def test_models_plan_with_tensions_that_motors_hold_and_expect_all_that_there_can_be(actuation, held, possible):
+    config = InstrumentConfig.from_dict({"actuation": actuation})
+    assert config.held_tensions == pytest.approx((0.5, held)) and config.possible_tensions == (0.5, possible)
