@@ -77,8 +77,8 @@ class ActuationConfig(Settings):
     Args:
         play_mm: width of the play between motor and tendon, 0 to 20 mm: a number, or a range from which every tendon of
             an episode draws uniformly. p stays within half a width of q; it starts anywhere in there.
-        sheath_friction: coefficient phi, 0 to 1, of the friction between motor and tendon, drawn likewise: the motor
-            measures T exp(phi u) of a tension T, u = (p - q) / (half the width), 1 while the motor pulls in.
+        sheath_friction: coefficient nu, 0 to 1, of the friction between motor and tendon, drawn likewise: the motor
+            measures T exp(nu zeta) of a tension T, zeta = (p - q) / (half the width), 1 while the motor pulls in.
         rate_limit_mm: the farthest that a motor moves in a step, on the way to where it is commanded; None: any way.
         delay: actions act this many steps late.
     """

@@ -41,13 +41,13 @@ def play_inverse(tendon, move, half_width):
 
 @part(inline=True)
 def sheath_direction(tendon, motor, half_width):
-    """u, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
+    """zeta, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
     return min(max(play_place(tendon, motor, half_width), -1.0), 1.0)
 
 
 @part(inline=True)
 def sheath_ratio(friction, direction):
-    """Tension at the motor over the one behind the sheath: exp(phi u), the capstan's."""
+    """Tension at the motor over the one behind the sheath: exp(nu zeta), the capstan's."""
     return math.exp(friction * direction)
 
 
@@ -59,7 +59,7 @@ def at_limit(tension, low, high):
 
 @part(inline=True)
 def limited_tension(pull, low, high):
-    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high)."""
+    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high), at a limit exactly that."""
     return where(pull <= low, low, where(pull >= high, high, pull))
 
 

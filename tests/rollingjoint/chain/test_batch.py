@@ -1,4 +1,4 @@
-"""Lanes of a batch do not see each other, and the solver of eight lanes finds what the solver for all cases finds."""
+"""Lanes of a batch do not see each other, and the solver of eight lanes finds what the general solver finds."""
 
 import dataclasses
 import sys
@@ -174,7 +174,7 @@ def test_an_equilibrium_of_several_mechanisms_has_no_single_one():
 
 
 def both_solvers(seed, count=10):
-    """(results side by side, results of the solver for all cases) for random lengths or tensions under dead loads."""
+    """(results side by side, results of the general solver) for random lengths or tensions under dead loads."""
     rng = np.random.default_rng(seed)
     chain = random_chain(rng)
     dead = [load for load in random_loads(rng, chain.n_links) if not isinstance(load, Spring)]
@@ -203,7 +203,7 @@ def test_both_solvers_find_the_same_equilibrium_or_both_a_stable_one():
         for lane in np.flatnonzero(fast.status != PENDING):
             assert fast.status[lane] in (Status.CONVERGED, Status.AT_LIMIT)
             assert fast.residual[lane] <= 1e-8
-            assert every.status[lane] in (Status.CONVERGED, Status.AT_LIMIT), "the solver for all cases misses it"
+            assert every.status[lane] in (Status.CONVERGED, Status.AT_LIMIT), "the general solver misses it"
             solved += 1
             away = np.abs(fast.joint_angles[lane] - every.joint_angles[lane]).max()
             if away > 1e-9:
