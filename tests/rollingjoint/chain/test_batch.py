@@ -187,7 +187,12 @@ def both_solvers(seed, count=10):
     else:
         values = np.stack([random_tensions(rng, chain.n_tendons) for _ in range(count)])
         laws = TendonLaw(np.zeros_like(values), np.ones_like(values), values, values)
-    starts = np.repeat(chain.neutral_angles[None], count, axis=0)
+    return solved_by_both(chain, laws, tables, np.repeat(chain.neutral_angles[None], count, axis=0))
+
+
+def solved_by_both(chain, laws, tables, starts):
+    """(results side by side, results of the general solver)."""
+    count = len(starts)
     arrays, designs = designs_of(chain, count)
     shape = count, chain.n_joints, chain.n_tendons
     fast, every = new_results(*shape), new_results(*shape)
@@ -210,6 +215,23 @@ def test_both_solvers_find_the_same_equilibrium_or_both_a_stable_one():
                 others.append((seed, lane, away))
     assert solved > 250  # of 320: the rest is slack, or crosses poses where the energy is not convex
     assert len(others) <= 0.01 * solved, others
+
+
+@pytest.mark.parametrize(
+    ("seed", "lengths", "start"),
+    [
+        (5, [47.71790383035549, 33.73992866009506], [13.09]),
+        (11, [31.06236420788894, 34.93927743409316, 40.09078330746837], [7.51]),
+        (10, [44.586844101963436, 58.633032012797344, 51.379590963795515], [-1.9941775855472255, 2.6723974423126347]),
+    ],
+)
+def test_both_solvers_refuse_a_step_that_brings_too_little(seed, lengths, start):
+    """From a start far away, where a step brings 1e-4 of the fall that its slope promises, or less."""
+    chain, unstretched = random_chain(np.random.default_rng(seed), len(start) + 1), np.array([lengths])
+    laws = TendonLaw(unstretched, chain.stiffnesses[None], np.zeros_like(unstretched), unstretched + np.inf)
+    fast, every = solved_by_both(chain, laws, load_table((), chain.n_links)[None], np.array([start]))
+    assert fast.status == every.status == Status.CONVERGED
+    assert fast.iterations == every.iterations > 5
 
 
 def test_slack_invalid_and_limited_lanes_leave_good_lanes_as_they_are():
