@@ -15,10 +15,15 @@ from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.planar import PlanarTask
 from rj_gym.tracking.worlds import (
     ArmInstrumentConfig,
+    ArmInstrumentV1Config,
     InstrumentConfig,
     InstrumentShiftConfig,
+    InstrumentShiftV1Config,
+    InstrumentV1Config,
     LatePoseConfig,
+    LatePoseV1Config,
     SlowCameraConfig,
+    SlowCameraV1Config,
 )
 
 
@@ -171,7 +176,7 @@ class InstrumentEnv(RollingJointEnv):
     ActuationConfig. Moving targets: `target={"process": "path"}`.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension, behind the sheath; InstrumentV1Env has that of a motor.
     """
 
     settings: ClassVar[type[Settings]] = InstrumentConfig
@@ -189,7 +194,7 @@ class InstrumentShiftEnv(InstrumentEnv):
     As InstrumentEnv, with InstrumentShiftConfig.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see InstrumentShiftV1Env.
     """
 
     settings: ClassVar[type[Settings]] = InstrumentShiftConfig
@@ -221,7 +226,7 @@ class SlowCameraEnv(RollingJointEnv):
     As RollingJointEnv, with SlowCameraConfig; info as InstrumentEnv.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see SlowCameraV1Env.
     """
 
     settings: ClassVar[type[Settings]] = SlowCameraConfig
@@ -241,7 +246,7 @@ class LatePoseEnv(RollingJointEnv):
     As RollingJointEnv, with LatePoseConfig; info as InstrumentEnv.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see LatePoseV1Env.
     """
 
     settings: ClassVar[type[Settings]] = LatePoseConfig
@@ -389,7 +394,94 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     `target={"process": "path"}`.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see ArmInstrumentV1Env.
     """
 
     settings: ClassVar[type[Settings]] = ArmInstrumentConfig
+
+
+class InstrumentV1Env(InstrumentEnv):
+    """The instrument with the motors and sensors of a rig: as InstrumentEnv, with these differences.
+
+    ## Action space
+    A motor moves by an action once it is more than 0.02 mm from where it is commanded (`actuation.dead_band_mm`). No
+    tension has an ideal limit. A motor that pulls in stops where the tension before the sheath, T exp(nu zeta), is its
+    limit (`actuation.limit_at`: motor); at rest it holds any tension, and paying out is free.
+
+    ## Observation space
+    As InstrumentEnv, with tensions in units of 15 N. Motor positions are multiples of 0.015 mm. Load cells, at the
+    motors, have a gain within 2 % of 1 and an offset within 0.1 N, constant in an episode and hidden.
+
+    ## Start
+    As InstrumentEnv, but motors begin where their load cells show 3 N, and then the load acts (`start`: measured).
+    Every motor has a hidden limit, 10 to 30 N in steps of 0.5 N (`actuation.tension_limit`).
+
+    ## Info
+    As InstrumentEnv; `sampled` has `tension_limits`, `tension_gains` and `tension_offsets`, too.
+
+    ## Arguments
+    As InstrumentEnv, with InstrumentV1Config. `actuation={"tension_limit": [20, 20]}` has the same limit at every
+    motor; the observation keeps its units.
+
+    ## Version history
+    * v1: limits at the motors, measured starts, errors of load cells, dead bands and counts of motors and encoders.
+    * v0: InstrumentEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentV1Config
+
+
+class InstrumentShiftV1Env(InstrumentShiftEnv):
+    """The instrument before it wears, with the motors and sensors of a rig: as InstrumentShiftEnv and InstrumentV1Env.
+
+    ## Arguments
+    As InstrumentShiftEnv, with InstrumentShiftV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: InstrumentShiftEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentShiftV1Config
+
+
+class SlowCameraV1Env(SlowCameraEnv):
+    """A slow camera with the motors and sensors of a rig: as SlowCameraEnv, with the differences of InstrumentV1Env.
+
+    ## Arguments
+    As SlowCameraEnv, with SlowCameraV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: SlowCameraEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = SlowCameraV1Config
+
+
+class LatePoseV1Env(LatePoseEnv):
+    """Late poses with the motors and sensors of a rig: as LatePoseEnv, with the differences of InstrumentV1Env.
+
+    ## Arguments
+    As LatePoseEnv, with LatePoseV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: LatePoseEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = LatePoseV1Config
+
+
+class ArmInstrumentV1Env(ArmInstrumentEnv):
+    """An arm's instrument with the motors and sensors of a rig: as ArmInstrumentEnv and InstrumentV1Env.
+
+    ## Arguments
+    As ArmInstrumentEnv, with ArmInstrumentV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: ArmInstrumentEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = ArmInstrumentV1Config

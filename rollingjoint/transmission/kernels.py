@@ -76,6 +76,25 @@ def unstretched_length(length, tension, stiffness):
 
 
 @part(inline=True)
+def pull_limit(limit, friction, half_width):
+    """T behind the sheath at which a motor that pulls its tendon in stops: its limit over exp(nu)."""
+    return limit / sheath_ratio(friction, 1.0) if half_width > 0.0 else limit
+
+
+@part(inline=True)
+def pull_end(tendon, motor, goal, tension, limit, friction, half_width):
+    """q where a pull from q to a goal ends while the tendon stays at p: there, or where T exp(nu zeta) is the limit.
+
+    A motor that is at its limit already stays at q.
+    """
+    if tension * sheath_ratio(friction, sheath_direction(tendon, goal, half_width)) < limit:
+        return max(goal, tendon - half_width)
+    if tension * sheath_ratio(friction, sheath_direction(tendon, motor, half_width)) >= limit:
+        return motor
+    return min(max(tendon - half_width * math.log(limit / tension) / friction, goal), motor)
+
+
+@part(inline=True)
 def motor_yield(motor, goal, shift):
     """(q, goal) of a motor after a limit of tension has moved its tendon by `shift` [mm]; it stays there."""
     motor, goal = motor + shift, goal + shift
@@ -122,6 +141,20 @@ def sheath_ratios(friction, direction, ratios):
     """Fill ratios (N,)."""
     for i in range(len(ratios)):
         ratios[i] = sheath_ratio(friction[i], direction[i])
+
+
+@kernel(title="motors and sheaths")
+def pull_limits(limit, friction, half_width, tensions):
+    """Fill tensions (N,)."""
+    for i in range(len(tensions)):
+        tensions[i] = pull_limit(limit[i], friction[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def pull_ends(tendon, motor, goal, tension, limit, friction, half_width, ends):
+    """Fill ends (N,)."""
+    for i in range(len(ends)):
+        ends[i] = pull_end(tendon[i], motor[i], goal[i], tension[i], limit[i], friction[i], half_width[i])
 
 
 @kernel(title="motors and sheaths")
