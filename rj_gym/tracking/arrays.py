@@ -66,7 +66,7 @@ class Hardware(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers that all lanes share; scales as in the settings."""
+    """Numbers that all lanes share, filled in TrackingTask.rules; scales as in the settings."""
 
     dimension: int  # coordinates of a position, 2 or 3
     action_scale: float  # mm
@@ -136,7 +136,7 @@ class StepResults(NamedTuple):
 
 
 class TaskArrays(NamedTuple):
-    """Everything that the kernels below work on."""
+    """Everything that the kernels of kernels.py work on."""
 
     rules: Rules
     course: Course

@@ -468,7 +468,7 @@ class FlexibleArmConfig(TaskConfig):
     DIMENSION: ClassVar[int] = 3
     MECHANISM: ClassVar[type] = HingeChain
     MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of an arm, or a HingeChain"
-    _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load", "orientation")
+    _SWITCHES: ClassVar[tuple[str, ...]] = (*TaskConfig._SWITCHES, "orientation")
     _NESTED: ClassVar[dict[str, type[Settings]]] = {
         "load": PayloadConfig,
         "target": ArmTargetConfig,

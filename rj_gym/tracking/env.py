@@ -65,7 +65,8 @@ class RollingJointEnv(TaskEnv):
     | failure | - `failure_penalty` (100) if the solver gave no usable equilibrium, else 0 |
 
     ## Start
-    Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied.
+    Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied,
+    in a step with the action 0.
     Drawn per episode: a target that the unloaded mechanism reaches (`target`), and the load: a dead force at the
     origin of a random moving link, uniform in direction and in magnitude from 0 to 1 N (`load`).
     `reset(options=...)` fixes any of "target", "load", "mechanism", "start" and "friction"; the random draws are in
@@ -74,8 +75,8 @@ class RollingJointEnv(TaskEnv):
     ## Episode end
     Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
     vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
-    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
-    the observation shows the last good pose.
+    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty is added, and
+    pose, tensions and commands are the last good ones.
 
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (2,) [mm], `load` {"link", "force"},
@@ -140,7 +141,7 @@ class InstrumentEnv(RollingJointEnv):
     | Entries | Meaning | Unit | Low | High |
     |---|---|---|---|---|
     | tendon j command | measured motor position minus neutral length | `command_scale_mm` (20 mm) | -2 | 2 |
-    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | tendon j tension | measured by the motor: T exp(nu zeta), zeta = (p - q) / h | largest tension (15 N) | 0 | 3 |
     | target x, target y | where the tip should be now | L | -2 | 2 |
     | past readings (`observe_history`, 1) | for every lag, see below | | | |
 
@@ -160,7 +161,7 @@ class InstrumentEnv(RollingJointEnv):
     ## Start
     As RollingJointEnv. Drawn per episode and hidden: a constant force at the tip, 0 to 1 N; stiffness of every tendon
     (20 %), motor offsets (0.5 mm) and contact surfaces (0.1 mm, 0.01 rad) unlike the model; the width of every
-    tendon's play, 0.5 to 3 mm, and where in it the tendon begins; every tendon's phi, 0 to 0.6.
+    tendon's play, 0.5 to 3 mm, and where in it the tendon begins; every sheath's nu, 0 to 0.6.
 
     ## Episode end
     As RollingJointEnv. Controllers are compared by the mean tip error over the last 10 steps.
@@ -185,7 +186,7 @@ class InstrumentShiftEnv(InstrumentEnv):
     """The instrument as it is before it wears, to train for later wear: as InstrumentEnv, with these differences.
 
     ## Start
-    Surfaces are exact; play is 0.5 to 2 mm and phi 0 to 0.3. That is the world to train in. Controllers are tested in
+    Surfaces are exact; play is 0.5 to 2 mm and nu 0 to 0.3. That is the world to train in. Controllers are tested in
     two others, absent from training: `actuation={"play_mm": (2, 3)}` and
     `actuation={"sheath_friction": (0, 0.6)}`.
 
@@ -238,7 +239,7 @@ class LatePoseEnv(RollingJointEnv):
     As SlowCameraEnv, but every step brings a picture of two steps ago, with noise of 0.3 mm and 0.005 rad.
 
     ## Start
-    Mechanism and motors are as in the model; play is 0.5 to 3 mm and phi 0 to 0.3. The force at the tip wanders as
+    Mechanism and motors are as in the model; play is 0.5 to 3 mm and nu 0 to 0.3. The force at the tip wanders as
     in SlowCameraEnv.
 
     ## Arguments
@@ -368,7 +369,7 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     | Entries | Meaning | Unit | Low | High |
     |---|---|---|---|---|
     | tendon j command | measured motor position minus length when straight | `command_scale_mm` (30 mm) | -2 | 2 |
-    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | tendon j tension | measured by the motor: T exp(nu zeta), zeta = (p - q) / h | largest tension (15 N) | 0 | 3 |
     | target x, target y, target z | where the tip should be now | L | -2 | 2 |
 
     With `orientation` the axes of the target frame follow; past readings (`observe_history`, 1) as in InstrumentEnv.
@@ -379,7 +380,7 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     ## Start
     As FlexibleArmEnv. Drawn per episode and hidden besides gravity and payload: the stiffness of every tendon (20 %)
     and hinge (10 %), the weight of every bead (10 %), motor offsets (0.5 mm); the width of every tendon's play, 0.2 to
-    1 mm, and where in it the tendon begins; every tendon's phi in the sheath, 0 to 0.3; mu in the holes, 0 to 0.1, the
+    1 mm, and where in it the tendon begins; every sheath's nu, 0 to 0.3; mu in the holes, 0 to 0.1, the
     same for all tendons. Targets are tips of equilibria without friction under gravity and payload of the episode.
 
     ## Episode end
@@ -404,7 +405,7 @@ class InstrumentV1Env(InstrumentEnv):
 
     ## Action space
     A motor moves by an action once it is more than 0.02 mm from where it is commanded (`actuation.dead_band_mm`). No
-    tension has an ideal limit. A motor that pulls in stops where the tension before the sheath, T exp(phi u), is its
+    tension has an ideal limit. A motor that pulls in stops where the tension before the sheath, T exp(nu zeta), is its
     limit (`actuation.limit_at`: motor); at rest it holds any tension, and paying out is free.
 
     ## Observation space

@@ -113,7 +113,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return observations
 
     def _complete(self, address: int, first: int, last: int) -> None:
-        """A step after lanes were left to the solver for all cases, or to steps with friction."""
+        """A step after lanes were left to the general solver, or to steps with friction."""
         self.solver.solve_the_rest(first, last, self._kernels.revise if self._rules.hardware.limits_pulls else None)
         self._kernels.finish(address, first, last)
 
@@ -131,8 +131,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     def begin(self, rngs: Random, fixed: Any = None) -> tuple[Any, Observation]:
         """New episodes in the first lanes, one per generator, with their observations, (len(rngs), entries).
 
-        Tendons are locked at the unloaded start tensions, then the load is applied. Offsets of motors come in when they
-        are locked, or, where the start is measured, before.
+        Tendons are locked at the unloaded start tensions, then the load is applied in a step with the action 0, which
+        is step 0. Offsets of motors come in when they are locked, or, where the start is measured, before.
         """
         count, m = len(rngs), self.task.action_size
         draws = self.task.sample(rngs, fixed)

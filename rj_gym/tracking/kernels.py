@@ -1,6 +1,6 @@
 """A step of the tracking tasks, compiled: motors, loads, predicted starts and ends of steps of a range of lanes.
 
-A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
+A step is `step`, and where it leaves lanes to the general solver, that and `finish`; each works on lanes first to
 last - 1, and lanes do not see each other. Chains in the plane and arms in space differ in the shapes of arrays
 (arrays.py), in `Rules.dimension`, and in their measurements (measuring.py). A motor's position q and the tendon's
 command p (readings, after TENSIONS) are different things: the agent moves and reads q. The formulas of play and
@@ -73,12 +73,12 @@ class StepKernels:
         self._observe = machine_code(observe, int, int)
 
     def step(self, address: int, first: int, last: int) -> int:
-        """One step of lanes; how many of them are left to the solver for all cases, or REFUSED: see `step`."""
+        """One step of lanes; how many of them are left to the general solver, or REFUSED: see `step`."""
         remaining: int = self._step(self._pins, address, first, last)
         return remaining
 
     def finish(self, address: int, first: int, last: int) -> None:
-        """End the step of lanes of which some were left to the solver for all cases."""
+        """End the step of lanes of which some were left to the general solver."""
         self._finish(self._pins, address, first, last)
 
     def revise(self, first: int, last: int) -> int:
@@ -95,7 +95,7 @@ class StepKernels:
 def step(pins, observation, first, last):
     """One step of lanes, into the observations (B, entries) at an address, float32.
 
-    Returns how many lanes the solver has left to PinnedRange.solve_the_rest; if any, `finish` remains to be done after
+    Returns how many lanes the solver has left to LaneSolver.solve_the_rest; if any, `finish` remains to be done after
     that. REFUSED, and no change, where an action is not finite.
     """
     rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
@@ -103,7 +103,7 @@ def step(pins, observation, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
     remaining = _solve(rules, solver, problem, first, last)
-    if remaining < 0:  # no memory: the solver for all cases has enough, or raises
+    if remaining < 0:  # no memory: the general solver has enough, or raises
         remaining = last - first
         for lane in range(first, last):
             solved.status[lane] = PENDING

@@ -20,7 +20,7 @@ ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 @part(inline=True)
 def measure(rules, course, state, hardware, first, last):
-    """Fill the measurements at the end of a step, and the privileged state."""
+    """Where a world has sensors: fill the measurements at the end of a step, and the privileged state."""
     readings = state.readings
     for lane in range(first, last):
         _measure_tendons(rules, hardware, readings, lane)

@@ -1,4 +1,8 @@
-"""Entries of the observations of tracking tasks: names, units and bounds; measuring.py fills them."""
+"""Entries of the observations of tracking tasks: names, units and bounds.
+
+An entry is what a sensor gives; true values that none gives are shown by `observe_load` and the privileged state alone.
+measuring.py fills them (`tendon_entries`: `_observe_tendons`, and so on), in torch rj_gym/torch_env/observing.py.
+"""
 
 from __future__ import annotations
 

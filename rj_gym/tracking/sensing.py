@@ -45,7 +45,7 @@ class SensingConfig(Settings):
         encoder_resolution_mm: measured motor positions are rounded to multiples of this; 0: not at all [mm].
         tension_noise: standard deviation of the measured tensions, every step [N].
         tension_resolution: measured tensions are rounded to multiples of this; 0: not at all [N].
-        tension_at: place of the load cells: "motor", where they measure T exp(phi u), or "tendon", behind the sheath,
+        tension_at: place of the load cells: "motor", where they measure T exp(nu zeta), or "tendon", behind the sheath,
             where they measure T.
         tension_gain_error: load cells show 1 + uniform(-error, error) times their tension, drawn per tendon and
             episode.
@@ -99,15 +99,15 @@ class ActuationConfig(Settings):
     Args:
         play_mm: width of the play between motor and tendon, 0 to 20 mm: a number, or a range from which every tendon of
             an episode draws uniformly. p stays within half a width of q; it starts anywhere in there.
-        sheath_friction: coefficient phi, 0 to 1, of the friction between motor and tendon, drawn likewise: the motor
-            measures T exp(phi u) of a tension T, u = (p - q) / (half the width), 1 while the motor pulls in.
+        sheath_friction: coefficient nu, 0 to 1, of the friction between motor and tendon, drawn likewise: the motor
+            measures T exp(nu zeta) of a tension T, zeta = (p - q) / (half the width), 1 while the motor pulls in.
         rate_limit_mm: the farthest that a motor moves in a step, on the way to where it is commanded; None: any way.
         delay: actions act this many steps late.
         dead_band_mm: a motor's position servo is at rest while it is within this of where it is commanded, and stops as
             soon as it is [mm].
         tension_limit: upper limit of tension [N]: a number, or a range from which every tendon of an episode draws
             uniformly; None: the upper end of `tension_range`, which otherwise only scales observations and rewards.
-        limit_at: where that limit acts. "tendon": on T, and the motor moves along. "motor": on T exp(phi u), as a limit
+        limit_at: where that limit acts. "tendon": on T, and the motor moves along. "motor": on T exp(nu zeta), as a limit
             of current does; a motor that pulls stops where it reaches its limit, all motors of a step together; at rest
             it holds whatever the tension becomes, and paying out is free.
         current_resolution: limits are whole multiples of this, one count of a motor's current; 0: any limits [N].

@@ -41,13 +41,13 @@ def play_inverse(tendon, move, half_width):
 
 @part(inline=True)
 def sheath_direction(tendon, motor, half_width):
-    """u, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
+    """zeta, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
     return min(max(play_place(tendon, motor, half_width), -1.0), 1.0)
 
 
 @part(inline=True)
 def sheath_ratio(friction, direction):
-    """Tension at the motor over the one behind the sheath: exp(phi u), the capstan's."""
+    """Tension at the motor over the one behind the sheath: exp(nu zeta), the capstan's."""
     return math.exp(friction * direction)
 
 
@@ -59,7 +59,7 @@ def at_limit(tension, low, high):
 
 @part(inline=True)
 def limited_tension(pull, low, high):
-    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high)."""
+    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high), at a limit exactly that."""
     return where(pull <= low, low, where(pull >= high, high, pull))
 
 
@@ -77,13 +77,13 @@ def unstretched_length(length, tension, stiffness):
 
 @part(inline=True)
 def pull_limit(limit, friction, half_width):
-    """T behind the sheath at which a motor that pulls its tendon in stops: its limit over exp(phi u), u = 1."""
+    """T behind the sheath at which a motor that pulls its tendon in stops: its limit over exp(nu)."""
     return limit / sheath_ratio(friction, 1.0) if half_width > 0.0 else limit
 
 
 @part(inline=True)
 def pull_end(tendon, motor, goal, tension, limit, friction, half_width):
-    """q where a pull from q to a goal ends while the tendon stays at p: there, or where T exp(phi u) is the limit.
+    """q where a pull from q to a goal ends while the tendon stays at p: there, or where T exp(nu zeta) is the limit.
 
     A motor that is at its limit already stays at q.
     """

@@ -108,7 +108,9 @@ def test_every_setting_is_taken_or_known_to_be_refused():
     refused |= {("sensing", name) for name in ("tension_at", "tension_gain_error", "tension_offset")}
     taken = {(section, name) for section, names in TAKEN.items() for name in names}
     every = {(section, name) for section, names in settings_by_section().items() for name in names}
-    assert taken == every - refused and refused <= every
+    assert taken == every - refused and refused <= every, (
+        "A setting is either in TAKEN and another value of it in a world of test_torch_env.py, or in `refused` here."
+    )
 
 
 def test_every_setting_that_is_taken_is_compared_with_the_native_environment_at_another_value():

@@ -138,7 +138,8 @@ def test_reward_table_is_complete(page, stem, options):
 def test_class_docstring_tables_every_kind_of_entry_with_its_bounds(page, stem, options):
     kind = getattr(rj_gym, f"{stem}Env")
     table = bounds(kind.__doc__)
-    env = kind(observe_load=True, **({"orientation": True} if stem == "FlexibleArm" else {}))
+    switches = dict.fromkeys(type(kind().config)._SWITCHES, True)
+    env = kind(**switches)
     for entry in env.task.entries():
         name = re.sub(r"(link) \d", r"\1 k", re.sub(r"(tendon) \d", r"\1 j", entry.name))
         assert table[name] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
