@@ -32,7 +32,7 @@ from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, target_shape
+from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, homed, target_shape
 from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
@@ -136,7 +136,8 @@ class TrackingTask(Task):
         """One episode per generator, with fixed values in place of drawn ones; each draws the same count of numbers."""
         uniforms = Uniforms(self._blocks, rngs)
         draws = self.draws(uniforms, fixed or NOTHING_FIXED)
-        return draws if fixed is None or fixed is NOTHING_FIXED else hold(draws, fixed)
+        draws = draws if fixed is None or fixed is NOTHING_FIXED else hold(draws, fixed)
+        return homed(self.config, draws) if self.config.start == "measured" else draws
 
     @abstractmethod
     def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> TrackingDraws:

@@ -31,7 +31,7 @@ from tests.agents.learners.checks import check_that_a_stopped_run_ends_with_the_
 torch.set_num_threads(1)
 
 STEPS, LANES = 12, 8
-SEEN = ("rj_gym/FlexibleArm-v0", "rj_gym/LatePose-v0", "rj_gym/RollingJoint-v0", "rj_gym/SlowCamera-v0")
+SEEN = ("FlexibleArm", "LatePose", "RollingJoint", "SlowCamera")
 TRAINING = {"config": {}, "steps": 0, "seed": 0, "versions": {}}
 PARAMETERS: dict[str, dict[str, Any]] = {
     "apg": {"learning_rate": 1.0e-2, "optimizer": "muon"},
@@ -70,7 +70,7 @@ def test_environments_say_where_the_error_is() -> None:
     for env_id in IDS:
         scalar = gymnasium.make(env_id).unwrapped
         vector = gymnasium.make_vec(env_id, 2, "vector_entry_point").unwrapped
-        if env_id not in SEEN:
+        if env_id.removeprefix("rj_gym/").rpartition("-")[0] not in SEEN:
             for env in (scalar, vector):
                 with pytest.raises(ConfigError, match="tip error") as refused:
                     _ = env.observed_error
