@@ -32,7 +32,8 @@ class SmootherSettings(Settings):
     Args:
         tension_sd: of a measured tension about the model's [N]. tension_share: the same in proportion to it.
         robust: standard deviations beyond which a residual counts linearly.
-        start_sd_mm: of the lengths of the tendons at the start, which the start tension fixes [mm].
+        start_sd_mm: of the lengths of the tendons at the start, which equal start tensions fix [mm].
+        shown_sd: of the tensions that load cells show when motors are set by them at the start [N].
         limit_sd: of the tension at which a motor gives way, where the task fixes it; 0: it is not used [N].
         every: steps after which the history is followed anew. searches: how often the fit starts anew from many places:
             after the probe, and then after twice as many steps.
@@ -45,6 +46,7 @@ class SmootherSettings(Settings):
     tension_share: float = 0.0
     robust: float = 3.0
     start_sd_mm: float = 0.005
+    shown_sd: float = 0.02
     limit_sd: float = 0.05
     every: int = 6
     searches: int = 2
@@ -52,7 +54,7 @@ class SmootherSettings(Settings):
     misfit: float = 1.5
 
     def __post_init__(self) -> None:
-        self._check(as_number, "tension_sd", "robust", "start_sd_mm", low=1e-4, high=1e4)
+        self._check(as_number, "tension_sd", "robust", "start_sd_mm", "shown_sd", low=1e-4, high=1e4)
         self._check(as_number, "tension_share", "limit_sd", low=0.0, high=1e3)
         self._check(as_number, "misfit", low=0.0)
         self._check(as_integer, "every", "starts", low=1, high=1000)
@@ -84,10 +86,12 @@ class SmootherFeedback(FilterFeedback):
         super().bind(task)
         config = check_served(self.task)
         self.smoother = smoother_of(self.task, self.settings)
-        self._gives_way = getattr(config.actuation, "limit_at", "tendon") == "tendon" and (
-            config.actuation.delay == 0 and config.actuation.rate_limit_mm is None
-        )
-        self._readable_mm = _READ_MM + 5.0 * config.sensing.encoder_noise_mm + config.sensing.encoder_resolution_mm
+        actuation, sensing = config.actuation, config.sensing
+        tells = actuation.delay == 0 and actuation.rate_limit_mm is None
+        limits_pulls = getattr(actuation, "limit_at", "tendon") == "motor"
+        self._ways = (-math.inf, (0.0 if limits_pulls else math.inf)) if tells else (0.0, 0.0)
+        self._readable_mm = _READ_MM + 5.0 * sensing.encoder_noise_mm + sensing.encoder_resolution_mm
+        self._readable_mm += 2.0 * getattr(actuation, "dead_band_mm", 0.0)
         self._observations: deque[Any] = deque(maxlen=config.episode_steps + 1)
 
     def reset(self, mask: Mask) -> None:
@@ -126,16 +130,17 @@ class SmootherFeedback(FilterFeedback):
     def failed(self, smoothed: Smoothed) -> Mask:
         """Where the fit has failed, (B,)."""
         finite = np.isfinite(smoothed.tip).all(axis=1) & np.isfinite(smoothed.tensions).all(axis=1)
-        searched = self.smoother.history.counts >= min(self.smoother.effort.searches, default=0)
+        searched = self.smoother.measured_steps >= min(self.smoother.effort.searches, default=0)
         return ~finite | (searched & ~(smoothed.misfit <= self.settings.smoother.misfit))
 
     def _shifts(self, reading: Reading, motors: Array) -> Array:
-        """How far motors have given way in this step at a limit of tension, taking tendons along, (B, m) [mm]."""
-        if not self._gives_way:
-            return np.zeros_like(motors)
+        """How far motors have given way in this step at a limit of tension, taking tendons along, (B, m) [mm].
+
+        A motor that stops at a limit of its own has gone less far than it was asked to, and taken along no tendon.
+        """
         actions = reading.last_actions
         asked = self._motors - self.task.config.action_scale_mm * (self._actions if actions is None else actions)
-        shifts = np.where(self.steps[:, None] > 0, motors - asked, 0.0)
+        shifts = np.where(self.steps[:, None] > 0, np.clip(motors - asked, *self._ways), 0.0)
         return np.where(np.abs(shifts) > self._readable_mm, shifts, 0.0)
 
     def _bank_estimate(self, episode: int) -> Estimate:
@@ -144,7 +149,7 @@ class SmootherFeedback(FilterFeedback):
         if episode not in self._banks:
             self._banks[episode] = Bank(self.task, self.settings.filter)
             self._banks[episode].reset(np.ones(1, bool))
-            known = int(self.smoother.history.counts[episode])
+            known = int(self.smoother.measured_steps[episode])
         for observation in list(self._observations)[-known:]:
             estimate = self._banks[episode].take_in(Reading(_row(observation, episode), self.task))
         return estimate
@@ -174,22 +179,27 @@ def check_served(task: TrackingTask) -> TaskConfig:
 def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoother:
     """A smoother for a task, which it knows by its settings and its nominal mechanism."""
     config, mechanism, own = task.config, task.mechanism, settings.smoother
-    random, actuation = config.randomization, config.actuation
+    random, actuation, sensing = config.randomization, config.actuation, config.sensing
+    gain_error, zero = getattr(sensing, "tension_gain_error", 0.0), getattr(sensing, "tension_offset", 0.0)
     ranges = HiddenRanges(
         force=config.load.magnitude,
         offset_mm=(-random.actuator_offset_mm, random.actuator_offset_mm),
         stiffness=(1.0 - random.stiffness_spread, 1.0 + random.stiffness_spread),
         play_mm=settings.filter.play_mm or actuation.play_mm,
         sheath_friction=settings.filter.sheath_friction or actuation.sheath_friction,
+        gain=(1.0 - gain_error, 1.0 + gain_error),
+        zero=(-zero, zero),
         surface_mm=random.link_tolerance_mm,
         surface_rad=random.link_tolerance_rad,
     )
     law = MeasurementLaw(
         start_tension=config.start_tension,
         start_sd=own.start_sd_mm if config.start == "equal" else math.inf,
+        shown_sd=own.shown_sd if config.start == "measured" else math.inf,
         low=config.tension_range[0],
-        high=config.tension_range[1],
+        high=_high_limit(config),
         limit_sd=own.limit_sd or math.inf,
+        cells_at_tendons=getattr(sensing, "tension_at", "motor") == "tendon",
         tension_sd=own.tension_sd,
         tension_share=own.tension_share,
         robust=own.robust,
@@ -199,3 +209,10 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     searches = [1 + (first - 1) * 2**number for number in range(own.searches)]
     effort = Effort(every=own.every, searches=searches, starts=own.starts)
     return Smoother(mechanism, HiddenPrior.of(mechanism, ranges), law, list(links), effort, config.episode_steps + 1)
+
+
+def _high_limit(config: TaskConfig) -> float:
+    """The tension at which motors give way and take tendons along; inf where it is not known [N]."""
+    actuation = config.actuation
+    low, high = getattr(actuation, "tension_limit", None) or [config.tension_range[1]] * 2
+    return high if low == high and getattr(actuation, "limit_at", "tendon") == "tendon" else math.inf

@@ -47,17 +47,22 @@ YIELD = 1e-6  # mm: a motor that is farther from where it was asked to go has gi
 class MeasurementLaw(NamedTuple):
     """What is known of the measurements, and how far they may be off; numbers.
 
-    start_tension: of all tendons before the load acts [N]. start_sd: of the lengths that follow from it; inf: unknown.
-    low, high: tensions at which motors hold or give way [N]. limit_sd: of that tension; inf: they are not known.
+    start_tension: of all tendons before the load acts [N]. start_sd: of the lengths that follow from it, where motors
+    were set without their offsets [mm]; inf: they were not. shown_sd: of that tension, where load cells showed it when
+    motors were set, which a first, unloaded step of the history stands for [N]; inf: there is none.
+    low, high: tensions at which motors take their tendons along; inf: not known [N]. limit_sd: of these tensions; inf:
+    they are not used. cells_at_tendons: whether load cells are behind the sheath.
     tension_sd: of a measured tension [N]. tension_share: the same in proportion to it. robust: standard deviations
     beyond which a residual counts linearly.
     """
 
     start_tension: float
     start_sd: float
+    shown_sd: float
     low: float
     high: float
     limit_sd: float
+    cells_at_tendons: bool
     tension_sd: float
     tension_share: float
     robust: float
@@ -203,9 +208,16 @@ def _prepare(model, history, track, batch, row):
         batch.laws.command[row, j] = played + numbers[at.offsets + j]
         batch.laws.stiffness[row, j] = model.stiffnesses[j] * numbers[at.stiffnesses + j]
     batch.loads[row, 0, LINK] = track.links[row]
-    batch.loads[row, 0, FX], batch.loads[row, 0, FX + 1] = numbers[0], numbers[1]
+    acts = _load_acts(model, step)
+    batch.loads[row, 0, FX], batch.loads[row, 0, FX + 1] = acts * numbers[0], acts * numbers[1]
     for i in range(track.angles.shape[1]):
         batch.starts[row, i] = track.angles[row, i]
+
+
+@part(inline=True)
+def _load_acts(model, step):
+    """1 where the load acts in a step, else 0."""
+    return 0.0 if step == 0 and model.law.shown_sd < math.inf else 1.0
 
 
 @part(inline=True)
@@ -231,9 +243,9 @@ def _fill_causes(model, chain, track, batch, scratch, row):
     state, causes, results = scratch.state, scratch.causes, batch.results
     n_joints, m = state.angle.size, state.length.size
     link = track.links[row]
-    x, y = state.pose[link, 0], state.pose[link, 1]
+    x, y, acts = state.pose[link, 0], state.pose[link, 1], _load_acts(model, track.steps[row])
     for i in range(n_joints):
-        carries = 1.0 if i < link else 0.0
+        carries = acts if i < link else 0.0
         causes[i, 0] = carries * (state.contact[i, 1] - y)
         causes[i, 1] = carries * (x - state.contact[i, 0])
         for j in range(m):
@@ -431,7 +443,8 @@ def _take_tensions(model, history, track, scratch, row):
     law, at, numbers, column = model.law, model.at, track.numbers[row], scratch.column
     episode, step = track.episodes[row], track.steps[row]
     for j in range(track.played.shape[1]):
-        half, friction, gain = numbers[at.half_widths + j], numbers[at.frictions + j], numbers[at.gains + j]
+        half, gain = numbers[at.half_widths + j], numbers[at.gains + j]
+        friction = 0.0 if law.cells_at_tendons else numbers[at.frictions + j]
         shift = history.shifts[episode, step, j]
         width = half if half > NARROW else 0.0
         place = min(max(play_place(track.played[row, j], history.motors[episode, step, j], width), -1.0), 1.0)
@@ -443,15 +456,18 @@ def _take_tensions(model, history, track, scratch, row):
             pull = ratio * tension * friction / half
             column[at.half_widths + j] += pull * (track.by_width[row, j] - place)
             column[at.places + j] += pull * track.by_place[row, j]
-        column[at.frictions + j] += ratio * tension * place
+        if not law.cells_at_tendons:
+            column[at.frictions + j] += ratio * tension * place
         column[at.gains + j] += ratio * tension / gain
         column[at.zeros + j] += 1.0
         off = history.tensions[episode, step, j] - expected
         if math.isfinite(off):
             spread = math.hypot(law.tension_sd, law.tension_share * expected)
+            if _load_acts(model, step) == 0.0:
+                spread = law.shown_sd
             _add(model, track, column, off, spread, row)
-        if abs(shift) > YIELD and law.limit_sd < math.inf:
-            limit = law.high if shift > 0.0 else law.low
+        limit = law.high if shift > 0.0 else law.low
+        if abs(shift) > YIELD and law.limit_sd < math.inf and limit < math.inf:
             for k in range(column.size):
                 column[k] = track.tensions_by[row, j, k]
             _add(model, track, column, limit - tension, law.limit_sd, row)

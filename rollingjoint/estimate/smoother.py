@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -96,7 +97,8 @@ class Smoother:
         if chain.springs or chain.has_friction:
             raise InvalidInput("mechanism", chain, "a chain without springs and friction", "The smoother knows none.")
         self.chain, self.prior, self.effort, self._links = chain, prior, effort or Effort(), list(links)
-        self._steps, self._n_tendons = steps, chain.n_tendons
+        self._before = 1 if math.isfinite(law.shown_sd) else 0  # steps of a history before those that are measured
+        self._steps, self._n_tendons = self._before + steps, chain.n_tendons
         tables = surface_tables(chain, prior.layout, law.start_tension)
         self._fine = _Followed(chain, prior, law, tables)
         coarse = law._replace(tension_sd=max(law.tension_sd, self.effort.coarse_sd))
@@ -124,6 +126,11 @@ class Smoother:
         """The links that are taken to be loaded, (N,)."""
         return self._track.links
 
+    @property
+    def measured_steps(self) -> Integers:
+        """How many steps of the episodes have been measured, (N,)."""
+        return np.maximum(self.history.counts - self._before, 0)
+
     def _begun(self, episodes: Integers, links: Integers) -> Track:
         return self._fine.begun(episodes, links, np.tile(self.prior.means, (len(episodes), 1)))
 
@@ -136,6 +143,10 @@ class Smoother:
             tensions: measured, (N, m) [N]; NaN where there is none.
         """
         history = self.history
+        if self._before:
+            rows = np.flatnonzero(history.counts == 0)
+            history.motors[rows, 0], history.tensions[rows, 0] = motors[rows], self._fine.model.law.start_tension
+            history.counts[rows] = 1
         rows = np.flatnonzero(history.counts < self._steps)
         for values, measured in zip(history[1:], (motors, shifts, tensions), strict=True):
             values[rows, history.counts[rows]] = measured[rows]
@@ -143,7 +154,7 @@ class Smoother:
         self._since[rows] += 1
         self._fine.follow(self._track, history)
         searched = np.zeros(self._count, bool)
-        searched[rows] = np.isin(history.counts[rows], list(self.effort.searches))
+        searched[rows] = np.isin(self.measured_steps[rows], list(self.effort.searches))
         if searched.any():
             self._search(np.flatnonzero(searched))
         self._renew(searched)
@@ -194,9 +205,9 @@ class Smoother:
         self._damping[rows[better]] = _LEAST
 
     def _place_at_start(self, numbers: Array, episodes: Integers) -> None:
-        """Let motors begin where the start tension has them, in hidden numbers (R, K)."""
+        """Let motors begin where the start tension has them but for offsets and sheaths, in hidden numbers (R, K)."""
         law, at, m = self._fine.model.law, self._coarse.prior.layout, self._n_tendons
-        if not np.isfinite(law.start_sd):
+        if not (math.isfinite(law.start_sd) or math.isfinite(law.shown_sd)):
             return
         tables, stiffnesses = self._fine.model.tables, self._fine.model.stiffnesses
         ahead = self.history.motors[episodes, 0] - (tables.start_lengths - law.start_tension / stiffnesses)

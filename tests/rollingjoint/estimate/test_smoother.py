@@ -28,9 +28,17 @@ RANGES = {
 SURFACES = {"surface_mm": 0.1, "surface_rad": 0.01}
 START = 3.0  # N
 LAW = MeasurementLaw(
-    start_tension=START, start_sd=5e-3, low=0.5, high=15.0, limit_sd=math.inf, tension_sd=0.1, tension_share=0.0,
+    start_tension=START,
+    start_sd=5e-3,
+    shown_sd=math.inf,
+    low=0.5,
+    high=15.0,
+    limit_sd=math.inf,
+    cells_at_tendons=False,
+    tension_sd=0.1,
+    tension_share=0.0,
     robust=1e6,
-)  # fmt: skip
+)
 STEPS = 30
 
 
@@ -45,8 +53,11 @@ def moves(rng, steps, m):
     return np.where(np.arange(steps)[:, None] % 12 < 8, -1.0, 1.0) * rng.uniform(0.3, 1.0, (steps, m))
 
 
-def measured(chain, numbers, at, way, tip_link=4):
-    """Motors, tensions and tips of one chain with these hidden numbers, whose motors move `way`: plain NumPy."""
+def measured(chain, numbers, at, way, tip_link=4, shown=False, at_tendons=False):
+    """Motors, tensions and tips of one chain with these hidden numbers, and motors that move `way`: plain NumPy.
+
+    shown: whether motors start where load cells show START, with their offsets; at_tendons: place of the cells.
+    """
     m = chain.n_tendons
 
     def part(first):
@@ -59,8 +70,12 @@ def measured(chain, numbers, at, way, tip_link=4):
         displaced[:-1, 1], displaced[1:, 0] = values[:, 0], values[:, 1]
         chain = varied_chain(chain, displaced, np.ones(m))
     chain = varied_chain(chain, np.zeros((chain.n_links, 2, 3)), part(at.stiffnesses))
-    start = solve_tensions_batch(chain, np.full((1, m), START))
-    played = start.lengths[0] - START / chain.stiffnesses
+    friction = np.zeros(m) if at_tendons else friction
+    begin = (
+        (START - part(at.zeros)) / (part(at.gains) * np.exp(-2.0 * places * friction)) if shown else np.full(m, START)
+    )
+    start = solve_tensions_batch(chain, begin[None])
+    played = start.lengths[0] - begin / chain.stiffnesses - (offsets if shown else 0.0)
     motor, angles = played + 2.0 * places * half, start.joint_angles
     loads = load_table([WorldForce(tip_link, tuple(numbers[:2]))], chain.n_links)[None]
     rows = []
@@ -137,6 +152,21 @@ def test_it_finds_the_hidden_numbers_of_exact_measurements():
     np.testing.assert_allclose(estimate.numbers[:, known], numbers[:, known], atol=0.03)
     np.testing.assert_allclose(estimate.tip, tips[:, -1], atol=0.01)
     assert np.all(estimate.misfit < 1e-2)
+
+
+@pytest.mark.parametrize("at_tendons", [False, True])
+def test_it_finds_the_tip_where_motors_start_by_load_cells_that_err(at_tendons):
+    rng, errors = np.random.default_rng(8), {"gain": (0.98, 1.02), "zero": (-0.1, 0.1)}
+    prior = HiddenPrior.of(CHAIN, HiddenRanges(**RANGES, **errors))
+    numbers, way = drawn(prior, rng, 6), moves(rng, STEPS, 2)
+    cases = [measured(CHAIN, row, prior.layout, way, 4, True, at_tendons) for row in numbers]
+    motors, tensions, tips = map(np.stack, zip(*cases, strict=True))
+    law = LAW._replace(tension_sd=0.01, start_sd=math.inf, shown_sd=0.01, cells_at_tendons=at_tendons)
+    smoother = Smoother(CHAIN, prior, law, [4], Effort(coarse_sd=0.1), STEPS)
+    estimate = smoothed(smoother, motors, tensions)
+    assert smoother.measured_steps.tolist() == [STEPS] * 6
+    np.testing.assert_allclose(estimate.tip, tips[:, -1], atol=0.1)
+    assert np.all(estimate.misfit < 0.05)
 
 
 def test_the_loaded_link_is_found_where_any_may_be_loaded():
