@@ -37,8 +37,10 @@ from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
 from rollingjoint.chain.rolling import Link, RollingChain
+from rollingjoint.chain.spatial import RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.chain.status import Status
-from rollingjoint.chain.tendon import BeadTendon, OnSurface, Tendon
+from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
@@ -72,8 +74,13 @@ __all__ = [
     "Problem",
     "Profile",
     "RollingChain",
+    "RollingContact",
     "RollingJointError",
     "SolverError",
+    "SpaceTendon",
+    "SpatialChain",
+    "SpatialEquilibrium",
+    "SpatialLink",
     "Spring",
     "Status",
     "Surface",

@@ -247,15 +247,7 @@ class HingeChain(Chain[HingeEquilibrium]):
 
     def load_table(self, loads: Sequence[Load]) -> Array:
         """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns)."""
-        table = spatial_load_table(loads, self.n_links)
-        for row in table[table[:, _TORSION] != 0.0] if np.count_nonzero(table[:, _TORSION]) else ():
-            low, high = sorted((int(row[0]), int(row[_OTHER])))
-            axes = np.array([bead.axis for bead in self.beads[low:high]])
-            if not np.allclose(axes, axes[0], rtol=0.0, atol=_UNIT):
-                raise InvalidInput(
-                    "links of a TorsionSpring", (low, high), "neighbours, or parallel hinges between them"
-                )
-        return table
+        return checked_load_table(loads, [bead.axis for bead in self.beads])
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses in the base frame, (..., n, 4, 4) [mm]: products of exponentials, one per hinge."""
@@ -331,6 +323,21 @@ class HingeChain(Chain[HingeEquilibrium]):
         below, above = self._holes[j][i : i + 2]
         half = 0.5 * self.beads[i].gap
         return np.array(self.beads[i].axis), np.array([*below, -half]), np.array([*above, half])
+
+
+def checked_load_table(loads: Sequence[Load], axes: Sequence[Any]) -> Array:
+    """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns); axes: of all joints, in the links below them.
+
+    Raises:
+        InvalidInput: a torsion spring over joints that are not parallel, and as `spatial_load_table`.
+    """
+    table = spatial_load_table(loads, len(axes) + 1)
+    for row in table[table[:, _TORSION] != 0.0] if np.count_nonzero(table[:, _TORSION]) else ():
+        low, high = sorted((int(row[0]), int(row[_OTHER])))
+        spanned = np.array(axes[low:high])
+        if not np.allclose(spanned, spanned[0], rtol=0.0, atol=_UNIT):
+            raise InvalidInput("links of a TorsionSpring", (low, high), "neighbours, or parallel joints between them")
+    return table
 
 
 def _with(part: _P, **values: object) -> _P:

@@ -1,0 +1,241 @@
+"""Chains in space: reference equilibria, the plane, stiffness, balance of links, sensitivities, wrong input."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from rollingjoint import (
+    InvalidInput,
+    MechanismError,
+    RollingContact,
+    SpaceTendon,
+    SpatialChain,
+    SpatialLink,
+    Status,
+    Tendon,
+    TorsionSpring,
+    WorldForce,
+    five_link,
+    prepare,
+    sensitivity,
+    solve_lengths,
+    solve_lengths_batch,
+    solve_tensions,
+    solve_tensions_batch,
+    trace,
+    two_segment,
+    uniform,
+)
+from tests.rollingjoint.chain.spatial_chains import (
+    alternating,
+    arc,
+    random_chain,
+    random_loads,
+    unbalanced,
+)
+from tests.second_opinions import spatial_reference as reference
+
+CASES = [case for case in reference.cases() if all(joint["kind"] == "rolling" for joint in case["joints"])]
+FIELDS = ("joint_angles", "poses", "tensions", "lengths", "contact_points", "reactions", "tendon_rates", "residual")
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"][:30])
+def test_reference_equilibria_are_met(case):
+    equilibrium = reference.solved(case)
+    assert equilibrium.status is Status.CONVERGED
+    assert equilibrium.iterations <= 6
+    for name, difference in reference.differences(case, equilibrium).items():
+        assert difference < 2e-10, name
+
+
+def in_space(planar, azimuth, rng):
+    """The same planar chain in a plane of space; holes are moved along the axis, each tendon by another distance."""
+    joints = [
+        RollingContact(azimuth, above.parent, below.child, 3.0)
+        for below, above in zip(planar.links, planar.links[1:], strict=False)
+    ]
+    lateral, axis = np.array([np.cos(azimuth), np.sin(azimuth), 0]), np.array([np.sin(azimuth), -np.cos(azimuth), 0])
+    tendons = []
+    for points, tendon in zip(planar.hole_points, planar.tendons, strict=True):
+        holes = points[..., :1] * lateral + points[..., 1:] * [0, 0, 1] + rng.uniform(-3, 3) * axis
+        tendons.append(SpaceTendon(holes, tendon.end, tendon.stiffness))
+    return SpatialChain(joints, tendons), lateral
+
+
+@pytest.mark.parametrize("planar", [five_link(), uniform(7), two_segment()], ids=lambda chain: chain.name)
+def test_joints_of_one_plane_are_a_planar_chain(planar):
+    rng = np.random.default_rng(3)
+    for azimuth in rng.uniform(-np.pi, np.pi, 4):
+        chain, lateral = in_space(planar, azimuth, rng)
+        assert chain.neutral_lengths == pytest.approx(planar.neutral_lengths, abs=1e-11)
+        f, m = 0.1 * rng.normal(size=2), 2.0 * rng.normal()
+        flat = [WorldForce(-1, tuple(f), m, (1.0, 2.0))]
+        axis = np.cross(lateral, [0, 0, 1])
+        space = [
+            WorldForce(-1, tuple(f[0] * lateral + f[1] * np.array([0, 0, 1])), tuple(m * axis), (*lateral[:2], 2.0))
+        ]
+        pulls = rng.uniform(2, 6, planar.n_tendons)
+        commands = planar.neutral_lengths - rng.uniform(0, 0.5, planar.n_tendons)
+        for there, here in (
+            (solve_tensions(planar, pulls, flat), solve_tensions(chain, pulls, space)),
+            (solve_lengths(planar, commands, flat), solve_lengths(chain, commands, space)),
+        ):
+            assert here.status is there.status
+            assert here.positions @ lateral == pytest.approx(there.positions[:, 0], abs=5e-9)
+            assert here.positions[:, 2] == pytest.approx(there.positions[:, 1], abs=5e-9)
+            assert here.positions @ axis == pytest.approx(0.0, abs=1e-11)
+            assert here.reactions[:, :2] == pytest.approx(there.contact_forces, abs=1e-7)
+            assert here.arc_lengths == pytest.approx(there.arc_lengths, abs=1e-8)
+            assert here.smallest_eigenvalue == pytest.approx(there.smallest_eigenvalue, rel=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_every_link_is_in_balance(seed):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng, n=int(rng.integers(1, 12)))
+    loads = random_loads(rng, chain, potential=bool(seed % 2))
+    equilibrium = solve_tensions(chain, rng.uniform(1, 4, chain.n_tendons), loads)
+    assert equilibrium.ok
+    assert unbalanced(chain, equilibrium) == pytest.approx((0.0, 0.0), abs=1e-9)
+    free, springs = equilibrium.free_joints, [joint.stiffness for joint in chain.joints]
+    rests = np.array([joint.rest_angle for joint in chain.joints])
+    moment = -np.array(springs) * (equilibrium.joint_angles - rests)
+    assert equilibrium.reactions[free, 5] == pytest.approx(moment[free], abs=1e-8)
+
+
+@pytest.mark.parametrize("potential", [True, False])
+def test_stiffness_predicts_the_answer_to_tensions(potential):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        chain = random_chain(rng, n=6)
+        loads = random_loads(rng, chain, potential)
+        equilibrium = solve_tensions(chain, rng.uniform(1, 4, 4), loads)
+        free = np.flatnonzero(equilibrium.free_joints)
+        response = np.linalg.inv(equilibrium.stiffness[np.ix_(free, free)])
+        for j in range(4):
+            step = np.zeros(4)
+            step[j] = 1e-5
+            ends = [solve_tensions(chain, equilibrium.tensions + sign * step, loads, equilibrium) for sign in (1, -1)]
+            slope = (ends[0].joint_angles - ends[1].joint_angles) / 2e-5
+            assert slope[free] == pytest.approx(-response @ equilibrium.tendon_rates[free, j], abs=1e-6)
+        if potential:
+            assert equilibrium.stiffness == pytest.approx(equilibrium.stiffness.T, abs=1e-12)
+
+
+def test_sensitivities_turn_about_contacts():
+    rng = np.random.default_rng(5)
+    chain, pulls = random_chain(rng, n=4), np.array([3.0, 2.0, 2.5, 3.0])
+    loads = random_loads(rng, chain)
+    at = solve_tensions(chain, pulls, loads)
+    rates = sensitivity.dposes_dload(at, 3, (0.5, -1.0, 2.0))
+    for k in range(3):
+        force = np.zeros(3)
+        force[k] = 1e-5
+        push = [[*loads, WorldForce(3, tuple(s * force), point=(0.5, -1.0, 2.0))] for s in (1, -1)]
+        ends = [solve_tensions(chain, pulls, load, at) for load in push]
+        assert rates[:, :3, k] == pytest.approx((ends[0].positions - ends[1].positions) / 2e-5, abs=1e-6)
+    lengths = sensitivity.dlengths_dtensions(at)
+    ends = [solve_tensions(chain, pulls + s * 1e-5 * np.eye(4)[0], loads, at) for s in (1, -1)]
+    assert lengths[:, 0] == pytest.approx((ends[0].lengths - ends[1].lengths) / 2e-5, abs=1e-6)
+
+
+def test_poses_and_lengths_of_angles_are_those_of_equilibria():
+    chain = random_chain(np.random.default_rng(2))
+    at = solve_tensions(chain, [3.0, 2.0, 3.0, 2.0])
+    assert np.array_equal(chain.poses(at.joint_angles), at.poses)
+    assert chain.tendon_lengths([at.joint_angles] * 2)[1] == pytest.approx(at.lengths, abs=1e-12)
+    walked = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in chain.tendon_polyline(at.poses)]
+    assert walked == pytest.approx(at.lengths, abs=1e-11)
+
+
+def test_batches_prepared_problems_and_traces_are_single_solves():
+    chain = alternating(8)
+    loads = [chain.gravity((1.0, 0.0, 0.0)), WorldForce(-1, (0.02, 0.03, 0.0))]
+    commands = chain.neutral_lengths - np.random.default_rng(1).uniform(0, 1, (5, 4))
+    batch = solve_lengths_batch(chain, commands, loads)
+    problem, path = prepare(chain, loads), trace(chain, commands, loads)
+    for row, command in enumerate(commands):
+        single = solve_lengths(chain, command, loads)
+        for name in FIELDS:
+            assert np.array_equal(getattr(batch.row(row), name), getattr(single, name)), name
+            assert np.array_equal(getattr(problem.solve(command), name), getattr(single, name)), name
+        assert path.row(row).tip == pytest.approx(single.tip, abs=1e-7)
+    assert np.array_equal(pickle.loads(pickle.dumps(batch)).reactions, batch.reactions)
+
+
+def test_chains_of_one_topology_stack():
+    rng = np.random.default_rng(8)
+    chains = [random_chain(np.random.default_rng(seed), m=2, n=1) for seed in range(3)]
+    pulls = rng.uniform(1, 3, (3, 2))
+    batch = solve_tensions_batch(chains, pulls)
+    for row, chain in enumerate(chains):
+        assert np.array_equal(batch.row(row).poses, solve_tensions(chain, pulls[row]).poses)
+
+
+def test_long_chains_take_the_same_poses_as_short_steps():
+    chain = alternating(40, joint_stiffness=3.0)
+    at = solve_lengths(chain, chain.neutral_lengths - [0.5, 0.0, 1.0, 0.2], [WorldForce(-1, (0.01, 0.0, -0.02))])
+    assert at.status is Status.CONVERGED
+    assert unbalanced(chain, at) == pytest.approx((0.0, 0.0), abs=1e-8)
+
+
+def test_springs_of_the_mechanism_and_rest_angles_beyond_the_range_act():
+    joints = [RollingContact(0.0, arc(0.2, (0, -3)), arc(-0.2, (0, 3)), 2.5, 0.0, 5.0, 3.0)]
+    tendon = SpaceTendon([((1.0, 0.0, -2.0), (1.0, 0.0, 2.0))])
+    pushed = solve_tensions(SpatialChain(joints, [tendon]), [0.1])
+    assert pushed.status is Status.AT_LIMIT
+    assert pushed.joint_angles[0] == pushed.mechanism.joint_limits[0, 1]
+    chain = alternating(4).replace(springs=[TorsionSpring(1, 20.0)])
+    assert solve_tensions(chain, [3.0, 2.0, 1.0, 2.0]).stiffness[0, 0] > 20.0
+
+
+BODY = {"azimuth": 0.0, "parent": arc(0.2, (0, -3)), "child": arc(-0.2, (0, 3)), "half_width": 2.0}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"half_width": 0.0},
+        {"half_width": np.nan},
+        {"azimuth": np.inf},
+        {"middle": "left"},
+        {"stiffness": -1.0},
+        {"rest_angle": np.nan},
+        {"child": 3},
+    ],
+)
+def test_impossible_contacts_are_refused(wrong):
+    with pytest.raises(MechanismError):
+        RollingContact(**BODY | wrong)
+
+
+def test_impossible_chains_are_refused():
+    joint, tendon = RollingContact(**BODY), SpaceTendon([((1.0, 0.0, -2.0), (1.0, 0.0, 2.0))])
+    crossing = SpaceTendon([((1.0, 0.0, -3.5), (1.0, 0.0, 3.5))])
+    with pytest.raises(MechanismError, match="the holes cross"):
+        SpatialChain([joint], [crossing])
+    with pytest.raises(MechanismError, match="relative curvature of joint 1"):
+        SpatialChain([joint, RollingContact(**BODY | {"child": arc(0.3, (0, 3))})], [tendon])
+    with pytest.raises(MechanismError, match="number of links"):
+        SpatialChain([joint], [tendon], [SpatialLink()])
+    for holes in ([((1.0, 0.0), (1.0, 0.0))], [((1.0, 0.0, np.nan), (1.0, 0.0, 2.0))], []):
+        with pytest.raises(MechanismError):
+            SpaceTendon(holes)
+    with pytest.raises(MechanismError):
+        SpatialChain([], [tendon])
+    with pytest.raises(MechanismError):
+        SpatialChain([joint], [Tendon.on_surfaces(1.0)])
+    with pytest.raises(InvalidInput):
+        solve_tensions(SpatialChain([joint], [tendon]), [1.0], [WorldForce(5, (0.0, 0.0, 0.0))])
+    with pytest.raises(MechanismError):
+        SpatialLink(-1.0)
+    with pytest.raises(InvalidInput, match="parallel"):
+        solve_tensions(alternating(4), [1.0] * 4, [TorsionSpring(3, 1.0)])
+
+
+def test_holes_beside_each_other_may_pass():
+    """A gap that stays open aside is no crossing: the tendon winds round the chain."""
+    joint = RollingContact(**BODY)
+    winding = SpaceTendon([((1.0, -1.0, -3.2), (1.0, 1.0, 3.2))])
+    assert SpatialChain([joint], [winding]).n_links == 2
