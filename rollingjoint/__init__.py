@@ -37,7 +37,7 @@ from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.spatial import RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain, SpatialLink
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.chain.status import Status
 from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
@@ -71,6 +71,7 @@ __all__ = [
     "Loop",
     "MechanismError",
     "OnSurface",
+    "PointHinge",
     "Problem",
     "Profile",
     "RollingChain",

@@ -35,7 +35,7 @@ _P = TypeVar("_P")
 TENDON_MODELS = ("exact", "linear", "end_couple")
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _TORSION, _OTHER = map(SPATIAL_LOAD_COLUMNS.index, ("torsion", "other"))
-_CLOSED = 1e-3  # of the gap between two beads: its share that remains where a hinge ends
+CLOSED = 1e-3  # of the gap between two beads: its share that remains where a hinge ends
 _UNIT = 1e-14  # rounding error of the length of a unit vector
 
 
@@ -186,7 +186,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         limits = np.array([bead.limits for bead in self.beads], float)
         if self.model == "exact":
             for i, j in np.argwhere(self._crosses):
-                low, high = _open_range(self._gaps[i, j, :3], _CLOSED * self.beads[i].gap)
+                low, high = open_range(self._gaps[i, j, :3], CLOSED * self.beads[i].gap)
                 limits[i] = max(limits[i, 0], low), min(limits[i, 1], high)
         return read_only(limits)
 
@@ -353,7 +353,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
+def open_range(gap: Array, smallest: float) -> tuple[float, float]:
     """Angles around 0 between which the gap is above the smallest [rad]."""
     square, b, c = gap
     size, closest = float(np.hypot(b, c)), float(np.arctan2(c, b))

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rollingjoint.chain import joint_table
+from rollingjoint.chain import joint_table, se3
 from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
-from rollingjoint.chain.hinge import checked_load_table
+from rollingjoint.chain.hinge import CLOSED, checked_load_table, open_range
 from rollingjoint.chain.joint_table import JointTable
 from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.chain.tendon import SpaceTendon
@@ -30,12 +30,15 @@ from rollingjoint.kernels.contacts import (
     new_contact_results,
     spatial_poses_of,
 )
-from rollingjoint.kernels.joints import BUCKET_ENDS, N_COEFFICIENTS, aligned
+from rollingjoint.kernels.joints import BUCKET_ENDS, CLOSED_GAP, N_COEFFICIENTS, aligned
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load
 from rollingjoint.profile import Surface
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
+
+_ALONG_Z = 1e-9  # of an axis: its part across z, below which the lateral direction is x
+_LARGEST_CELL = 0.2  # rad; sine and cosine are polynomials of degree 9 there, to rounding
 
 
 class SpatialJoint(ABC):
@@ -46,12 +49,10 @@ class SpatialJoint(ABC):
 
     Attributes:
         stiffness: of its torsion spring [N·mm/rad]. rest_angle: where that carries no moment [rad].
-        half_width: of its contact line [mm]; inf where it carries any moment.
     """
 
     stiffness: float
     rest_angle: float
-    half_width: float
 
     def _check_spring(self, name: str) -> None:
         """Raise MechanismError for a wrong spring; hold plain numbers."""
@@ -203,6 +204,111 @@ class RollingContact(SpatialJoint):
 
     def _angle(self, s: float) -> float:
         return float(self.child.tangent_angle(s) - self.parent.tangent_angle(s))
+
+
+@dataclass(frozen=True)
+class PointHinge(SpatialJoint):
+    """A hinge of any axis, among rolling contacts or alone: the limit of surfaces without size.
+
+    Args:
+        axis: a direction, in the link below; the same in the link above. Held as a unit vector.
+        below, above: the hinge in the frames of the links below and above it, (x, y, z) [mm].
+        stiffness: of a torsion spring [N·mm/rad].
+        rest_angle: where the spring carries no moment [rad]. The hinge is there at rest, or at the limit nearest to it.
+        limits: smallest and largest angle [rad]. It ends earlier where two holes meet.
+    Raises:
+        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order.
+    """
+
+    axis: Sequence[float]
+    below: Sequence[float]
+    above: Sequence[float]
+    stiffness: float = 0.0
+    rest_angle: float = 0.0
+    limits: tuple[float, float] = (-np.pi, np.pi)
+
+    def __post_init__(self) -> None:
+        for name, count in (("axis", 3), ("below", 3), ("above", 3), ("limits", 2)):
+            values = as_floats(f"hinge {name}", getattr(self, name), f"{count} numbers", MechanismError)
+            if values.shape != (count,) or not np.isfinite(values).all():
+                raise MechanismError(f"hinge {name}", getattr(self, name), f"{count} numbers")
+            object.__setattr__(self, name, tuple(values.tolist()))
+        length = float(np.linalg.norm(self.axis))
+        if not 0 < length < np.inf:
+            raise MechanismError("hinge axis", self.axis, "a direction other than (0, 0, 0)")
+        object.__setattr__(self, "axis", tuple((np.array(self.axis) / length).tolist()))
+        low, high = self.limits
+        if not -2 * np.pi <= low < high <= 2 * np.pi:
+            raise MechanismError("hinge limits", self.limits, "two angles in order, from -2π to 2π [rad]")
+        self._check_spring("hinge")
+
+    @property
+    def frame(self) -> Array:
+        """Lateral and axial direction of its plane, and its axis; the lateral direction lies across z, too."""
+        axis = np.array(self.axis)
+        lateral = np.cross([0.0, 0.0, 1.0], axis)
+        if np.linalg.norm(lateral) <= _ALONG_Z:
+            lateral = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
+        lateral /= np.linalg.norm(lateral)
+        return np.stack([lateral, np.cross(axis, lateral), axis])
+
+    @property
+    def neutral(self) -> float:
+        """Its rest angle, or the limit nearest to it [rad]."""
+        return float(np.clip(self.rest_angle, *self.limits))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Its limits [rad]."""
+        return self.limits
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        """Along the axis: the hinge, and the origin of the link above."""
+        below, above = (float(np.dot(self.axis, point)) for point in (self.below, self.above))
+        return below, below - above
+
+    def table(self) -> JointTable:
+        """Its map, in the lateral and axial directions: sine and cosine as polynomials, exact to rounding."""
+        low, high = self.limits
+        edges = np.linspace(low, high, 1 + int(np.ceil((high - low) / _LARGEST_CELL)))
+        middle, half = 0.5 * (edges[:-1] + edges[1:]), 0.5 * np.diff(edges)
+        power = np.arange(N_COEFFICIENTS)
+        factorials = np.cumprod(np.maximum(power, 1))
+        terms = (half[:, None] ** power / factorials)[..., None]  # of a Taylor series about the middle of each cell
+        turns = middle[:, None] + 0.5 * np.pi * power
+        cos, sin = (terms[..., 0] * np.cos(turns))[..., None], (terms[..., 0] * np.sin(turns))[..., None]
+        (bx, by), (ax, ay) = (self.frame[:2] @ point for point in (self.below, self.above))
+        fixed = (power == 0)[:, None] * np.array([bx, by])
+        origin = fixed - np.concatenate([cos * ax - sin * ay, sin * ax + cos * ay], axis=-1)
+        still = np.zeros((len(middle), N_COEFFICIENTS, 2))
+        coefficients = np.concatenate([cos, sin, still + fixed, origin, still], axis=-1)
+        cells = np.stack([edges[:-1], edges[1:], middle, 1.0 / half], axis=1)
+        return JointTable(cells, coefficients, np.zeros((len(middle), N_COEFFICIENTS)))
+
+    def spacing(self) -> float:
+        """Distance between the origins of its links at rest [mm]."""
+        turned = se3.rotation(self.neutral * np.array(self.axis)) @ self.above
+        return float(np.linalg.norm(np.subtract(self.below, turned)))
+
+    def open_range(self, number: int, tendons: Sequence[int], below: Array, above: Array) -> tuple[float, float]:
+        """Its limits, or nearer angles where holes meet [rad]; MechanismError where they meet at rest."""
+        low, high = self.limits
+        turn = self.neutral
+        cos, sin = np.cos(turn), np.sin(turn)
+        below = below - [*(self.frame[:2] @ self.below), 0.0]
+        above = above - [*(self.frame[:2] @ self.above), 0.0]
+        above = above @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        for tendon, w, u in zip(tendons, below, above, strict=True):
+            length = float(np.linalg.norm(u - w))
+            if length <= CLOSED_GAP:
+                allowed = "a positive length [mm]: the holes meet"
+                raise MechanismError(f"gap of tendon {tendon} across joint {number} at rest", length, allowed)
+            closest = u[:2] @ w[:2], w[1] * u[0] - w[0] * u[1]
+            square = u[:2] @ u[:2] + w[:2] @ w[:2] + (u[2] - w[2]) ** 2
+            first, last = open_range(np.array([square, *closest]), CLOSED * length)
+            low, high = max(low, turn + first), min(high, turn + last)
+        return low, high
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from rollingjoint import (
     BodyWrench,
+    PointHinge,
     Profile,
     RollingContact,
     SpaceTendon,
@@ -41,6 +42,9 @@ def surface(values):
 def joint(values):
     """A joint of any kind."""
     spring = {"stiffness": values["stiffness"], "rest_angle": values["rest_angle"]}
+    if values["kind"] == "hinge":
+        limits = {"limits": tuple(values["limits"])} if "limits" in values else {}
+        return PointHinge(values["axis"], values["below"], values["above"], **spring, **limits)
     sides = surface(values["parent"]), surface(values["child"])
     return RollingContact(values["phi"], *sides, values["half_width"], values["middle"], **spring)
 

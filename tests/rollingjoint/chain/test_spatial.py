@@ -6,19 +6,27 @@ import numpy as np
 import pytest
 
 from rollingjoint import (
+    Bead,
+    BeadTendon,
+    BodyWrench,
+    HingeChain,
     InvalidInput,
     MechanismError,
+    PointHinge,
     RollingContact,
     SpaceTendon,
     SpatialChain,
     SpatialLink,
+    Spring,
     Status,
     Tendon,
     TorsionSpring,
     WorldForce,
     five_link,
+    flexible_arm,
     prepare,
     sensitivity,
+    small_arm,
     solve_lengths,
     solve_lengths_batch,
     solve_tensions,
@@ -32,11 +40,12 @@ from tests.rollingjoint.chain.spatial_chains import (
     arc,
     random_chain,
     random_loads,
+    rolling_contact,
     unbalanced,
 )
 from tests.second_opinions import spatial_reference as reference
 
-CASES = [case for case in reference.cases() if all(joint["kind"] == "rolling" for joint in case["joints"])]
+CASES = reference.cases()
 FIELDS = ("joint_angles", "poses", "tensions", "lengths", "contact_points", "reactions", "tendon_rates", "residual")
 
 
@@ -102,6 +111,97 @@ def test_every_link_is_in_balance(seed):
     rests = np.array([joint.rest_angle for joint in chain.joints])
     moment = -np.array(springs) * (equilibrium.joint_angles - rests)
     assert equilibrium.reactions[free, 5] == pytest.approx(moment[free], abs=1e-8)
+
+
+def hinged(rng):
+    """A rolling contact, or a tilted hinge between two links."""
+    if rng.random() < 0.5:
+        return rolling_contact(rng)
+    axis = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    spring = rng.uniform(5, 30), 0.1 * rng.normal()
+    return PointHinge(axis, (0.2, -0.1, 3.5), (0.1, 0.0, -3.5), *spring, (-0.5, 0.5))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_link_of_a_mixed_chain_is_in_balance(seed):
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng, n=6, joint=hinged)
+    assert {type(joint) for joint in chain.joints} == {PointHinge, RollingContact}
+    at = solve_tensions(chain, rng.uniform(1, 4, chain.n_tendons), random_loads(rng, chain, bool(seed % 2)))
+    assert at.ok
+    assert unbalanced(chain, at) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert np.array_equal(np.isnan(at.arc_lengths), [isinstance(joint, PointHinge) for joint in chain.joints])
+
+
+def as_points(arm):
+    """The beads of an arm as links between point hinges: the origin of a link is at its hinge below the next bead."""
+    below = [(0.0, 0.0, 0.0)] * arm.n_joints
+    joints = [
+        PointHinge(bead.axis, place, (0.0, 0.0, -bead.spacing), bead.stiffness, bead.rest_angle, bead.limits)
+        for bead, place in zip(arm.beads, below, strict=True)
+    ]
+    tendons = []
+    for tendon in arm.tendons:
+        holes = []
+        for k, (x, y) in enumerate(tendon.link_holes(arm.n_links)):
+            entry = -arm.beads[k - 1].spacing + 0.5 * arm.beads[k - 1].gap if k else -0.5 * arm.beads[0].gap
+            leave = -0.5 * arm.beads[min(k, arm.n_joints - 1)].gap
+            holes.append([(x, y, entry), (x, y, leave)])
+        tendons.append(SpaceTendon(holes, tendon.end, tendon.stiffness))
+    return SpatialChain(joints, tendons)
+
+
+def tilted_arm():
+    axes = np.random.default_rng(4).normal(size=(4, 3))
+    beads = [Bead(20.0, axis, 500.0, gap=7.0, rest_angle=0.05) for axis in axes]
+    return HingeChain(beads, [BeadTendon([(12 * np.cos(t), 12 * np.sin(t))]) for t in (0.3, 2.0, 4.5)])
+
+
+@pytest.mark.parametrize("arm", [small_arm(5), tilted_arm(), flexible_arm()], ids=["small", "tilted", "flexible"])
+def test_chains_of_hinges_are_arms(arm):
+    rng, chain = np.random.default_rng(1), as_points(arm)
+    assert chain.joint_limits == pytest.approx(arm.joint_limits, abs=2e-3)
+    assert chain.neutral_lengths == pytest.approx(arm.neutral_lengths, abs=1e-10)
+    for potential in (True, False):
+        loads = [WorldForce(-1, (0.05, 0.02, -0.1), (0.0, 0.0, 0.0) if potential else (3.0, 1.0, 2.0), (1.0, 0.0, 2.0))]
+        loads += [Spring(2, 0.01, (20.0, 5.0, 50.0))] + ([] if potential else [BodyWrench(-1, (0.1, 0.0, 0.0))])
+        pulls, commands = rng.uniform(1, 3, arm.n_tendons), arm.neutral_lengths - rng.uniform(0, 0.2, arm.n_tendons)
+        for there, here in (
+            (solve_tensions(arm, pulls, loads), solve_tensions(chain, pulls, loads)),
+            (solve_lengths(arm, commands, loads), solve_lengths(chain, commands, loads)),
+        ):
+            assert here.status is there.status
+            assert here.poses == pytest.approx(there.poses, abs=2e-8)
+            assert here.tensions == pytest.approx(there.tensions, abs=1e-9)
+            assert here.stiffness == pytest.approx(there.stiffness, abs=1e-7)
+            assert here.pose_jacobian == pytest.approx(there.pose_jacobian, abs=1e-7)
+            assert here.contact_points == pytest.approx(there.positions[:-1], abs=2e-8)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"axis": (0.0, 0.0, 0.0)},
+        {"axis": (1.0, 0.0)},
+        {"below": (0.0, 0.0, np.nan)},
+        {"above": "there"},
+        {"limits": (0.5, -0.5)},
+        {"stiffness": -1.0},
+    ],
+)
+def test_impossible_hinges_are_refused(wrong):
+    with pytest.raises(MechanismError):
+        PointHinge(**{"axis": (1.0, 0.0, 0.0), "below": (0.0, 0.0, 3.0), "above": (0.0, 0.0, -3.0)} | wrong)
+
+
+def test_holes_that_meet_at_a_hinge_end_its_range_or_are_refused():
+    hinge = PointHinge((0.0, -1.0, 0.0), (0.0, 0.0, 3.0), (0.0, 0.0, -3.0))
+    meeting = SpaceTendon([((1.0, 0.0, -2.5), (1.0, 0.0, 2.5))])
+    low, high = SpatialChain([hinge], [meeting]).joint_limits[0]
+    assert low == pytest.approx(-2.0 * np.arctan2(0.5, 1.0), abs=2e-3)
+    assert high == pytest.approx(np.pi, abs=1e-12)
+    with pytest.raises(MechanismError, match="holes meet"):
+        SpatialChain([hinge], [SpaceTendon([((1.0, 0.0, -3.0), (1.0, 0.0, 3.0))])])
 
 
 @pytest.mark.parametrize("potential", [True, False])
