@@ -285,6 +285,18 @@ class HingeChain(Chain[HingeEquilibrium]):
         return lines
 
     @cached_property
+    def hole_radius(self) -> float:
+        """Largest distance of a hole from the z axis of its link [mm]."""
+        return float(max(np.hypot(*hole) for tendon in self.tendons for hole in tendon.holes))
+
+    @cached_property
+    def body_ends(self) -> Array:
+        """Lowest and highest z of the holes of every moving link, (n - 1, 2), for pictures [mm]."""
+        gaps = [bead.gap for bead in self.beads]
+        pairs = zip(self.beads, [*gaps[1:], 0.0], strict=True)
+        return read_only(np.array([(0.5 * bead.gap - bead.spacing, -0.5 * above) for bead, above in pairs]))
+
+    @cached_property
     def _holes(self) -> tuple[Array, ...]:
         """Holes of every link that a tendon passes, the base included, (links, 2) each [mm]."""
         return tuple(np.array(tendon.link_holes(self.n_links), float) for tendon in self.tendons)

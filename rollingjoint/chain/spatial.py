@@ -430,6 +430,20 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         return tuple(read_only(np.array(tendon.link_holes(self.n_links))) for tendon in self.tendons)
 
     @cached_property
+    def hole_radius(self) -> float:
+        """Largest distance of a hole from the z axis of its link [mm]."""
+        return float(max(np.hypot(points[..., 0], points[..., 1]).max() for points in self.hole_points))
+
+    @cached_property
+    def body_ends(self) -> Array:
+        """Lowest and highest z of the holes of every moving link, (n - 1, 2), for pictures [mm]."""
+        ends = np.zeros((self.n_joints, 2))
+        for k in range(1, self.n_links):
+            heights = [height for points in self.hole_points if len(points) > k for height in points[k, :, 2].tolist()]
+            ends[k - 1] = min(heights, default=0.0), max(heights, default=0.0)
+        return read_only(ends)
+
+    @cached_property
     def axes(self) -> Array:
         """Unit axes of the joints, (n - 1, 3), in the links below."""
         return read_only(np.array([joint.frame[2] for joint in self.joints]))

@@ -9,6 +9,7 @@ from rollingjoint import (
     Bead,
     BeadTendon,
     BodyWrench,
+    CapstanFriction,
     HingeChain,
     InvalidInput,
     MechanismError,
@@ -25,6 +26,7 @@ from rollingjoint import (
     five_link,
     flexible_arm,
     prepare,
+    preset,
     sensitivity,
     small_arm,
     solve_lengths,
@@ -35,6 +37,7 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
+from rollingjoint.plotting.spatial import plot_arm
 from tests.rollingjoint.chain.spatial_chains import (
     alternating,
     arc,
@@ -339,3 +342,26 @@ def test_holes_beside_each_other_may_pass():
     joint = RollingContact(**BODY)
     winding = SpaceTendon([((1.0, -1.0, -3.2), (1.0, 1.0, 3.2))])
     assert SpatialChain([joint], [winding]).n_links == 2
+
+
+def test_presets_bend_without_a_joint_at_its_limit():
+    for name, rank in (("pitch_yaw", 2), ("pitch_yaw_two_segment", 3)):
+        chain = preset(name)
+        at = solve_lengths(chain, chain.neutral_lengths - np.random.default_rng(2).uniform(0.3, 0.8, chain.n_tendons))
+        assert at.status is Status.CONVERGED and at.tensions.min() > 0.0
+        sizes = np.linalg.svd(sensitivity.tip_and_tensions_dlengths(at)[0], compute_uv=False)
+        assert np.sum(sizes > 1e-6) == rank
+
+
+def test_a_step_with_friction_is_drawn():
+    chain = preset("pitch_yaw").replace(friction=CapstanFriction(0.1))
+    first = solve_tensions(chain, [2.0, 3.0, 2.0, 2.0])
+    second = solve_tensions(chain, [3.0, 2.0, 2.0, 2.0], history=first)
+    assert len(plot_arm(second).lines) >= 1
+    assert second.gap_tensions.max() <= 3.0
+
+
+def test_the_benchmark_prints_the_worst_difference(run_python):
+    script = reference.REFERENCE.parents[2] / "benchmarks" / "spatial_reference.py"
+    output = run_python(str(script), str(reference.REFERENCE))
+    assert float(output.splitlines()[-1].split()[2]) < 1e-10
