@@ -81,6 +81,11 @@ class SpatialJoint(ABC):
     def offsets(self) -> tuple[float, float]:
         """Along the axis: the contact from the origin of the link below, the origin of the link above from there."""
 
+    @property
+    def line(self) -> float:
+        """Half width of its contact line [mm]; inf where it carries any reaction."""
+        return np.inf
+
     @abstractmethod
     def table(self) -> JointTable:
         """Its map, in the lateral and axial directions."""
@@ -172,6 +177,11 @@ class RollingContact(SpatialJoint):
     def offsets(self) -> tuple[float, float]:
         """Along the axis: the middle of the contact line; the links are not shifted against each other."""
         return self.middle, 0.0
+
+    @property
+    def line(self) -> float:
+        """Half width of its contact line [mm]."""
+        return self.half_width
 
     def table(self) -> JointTable:
         """Its map, in the lateral and axial directions."""

@@ -1,9 +1,12 @@
 """Chains in space: reference equilibria, the plane, stiffness, balance of links, sensitivities, wrong input."""
 
+import json
 import pickle
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import linprog
 
 from rollingjoint import (
     Bead,
@@ -37,6 +40,8 @@ from rollingjoint import (
     two_segment,
     uniform,
 )
+from rollingjoint.chain.spatial_equilibrium import least_friction
+from rollingjoint.io import report
 from rollingjoint.plotting.spatial import plot_arm
 from tests.rollingjoint.chain.spatial_chains import (
     alternating,
@@ -365,3 +370,100 @@ def test_the_benchmark_prints_the_worst_difference(run_python):
     script = reference.REFERENCE.parents[2] / "benchmarks" / "spatial_reference.py"
     output = run_python(str(script), str(reference.REFERENCE))
     assert float(output.splitlines()[-1].split()[2]) < 1e-10
+
+
+def test_margins_of_contact_lines_are_the_reference():
+    for case in CASES:
+        at = reference.solved(case)
+        for i, checks in enumerate(case["expected"]["contact_checks"]):
+            if checks is None:
+                assert at.friction_required[i] == 0.0 and at.tilting_margins[i] == np.inf
+                assert np.isnan(at.centres_of_pressure[i])
+                continue
+            assert at.pressing_margins[i] == pytest.approx(checks["pressing"], abs=1e-9)
+            assert at.tilting_margins[i] == pytest.approx(checks["tilting_margin"], abs=1e-9)
+            assert at.centres_of_pressure[i] == pytest.approx(checks["centre_of_pressure"], abs=1e-9)
+            required = np.inf if checks["friction_required"] is None else checks["friction_required"]
+            assert at.friction_required[i] == pytest.approx(required, abs=1e-8)
+
+
+def carried(reaction, half_width, mu, sides=64, points=9):
+    """Whether pressures and tractions at points along the line carry a reaction: a linear programme."""
+    z, around = np.linspace(-half_width, half_width, points), 2 * np.pi * np.arange(sides) / sides
+    # per point: a pressure, and weights of the corners of the friction cone, which circumscribes the circle
+    corners = np.stack([np.cos(around), np.sin(around)]) / np.cos(np.pi / sides)
+    balance, cone = [], []
+    for k, place in enumerate(z):
+        own = np.zeros((points, 1 + sides))
+        own[k, 0], own[k, 1:] = -mu, 1.0
+        cone.append(own[k : k + 1])
+        pressure = np.array([0.0, 1.0, 0.0, -place, 0.0])
+        traction = np.stack([corners[0], 0 * around, corners[1], 0 * around, place * corners[0]])
+        balance.append(np.column_stack([pressure, traction]))
+    inside = block_diag(*cone)
+    done = linprog(np.zeros(points * (1 + sides)), inside, np.zeros(points), np.hstack(balance), reaction[:5])
+    return done.status == 0
+
+
+def test_friction_required_is_that_of_the_best_pressure_along_the_line():
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        h = rng.uniform(1.0, 4.0)
+        reaction = rng.normal(size=5) * [2.0, 0.0, 2.0, 4.0, 6.0] + [0.0, rng.uniform(2, 8), 0.0, 0.0, 0.0]
+        tilt, twist = reaction[3] / h, reaction[4] / h
+        normal = 0.5 * np.array([reaction[1] - tilt, reaction[1] + tilt])
+        side = 0.5 * np.array([reaction[0] + twist, reaction[0] - twist])
+        required = least_friction(normal, side, reaction[2])
+        assert np.isinf(required) == (normal.min() <= 0.0)
+        if np.isinf(required):
+            assert not carried(reaction, h, 100.0)
+        else:
+            assert carried(reaction, h, 1.003 * required)
+            assert not carried(reaction, h, 0.995 * required)
+
+
+@pytest.mark.parametrize("rolling", [0.0, 0.3])
+def test_steps_with_friction_keep_every_link_in_balance_and_obey_the_capstan_law(rolling):
+    """All from the geometry: turns between channels and gaps in the world, tensions, slips, moments at the joints."""
+    rng, mu, presliding = np.random.default_rng(9), 0.2, 0.02
+    friction = CapstanFriction(mu, presliding, rolling=rolling)
+    chain = random_chain(rng, n=6, joint=hinged, friction=friction)
+    loads, before = random_loads(rng, chain), None
+    for pulls in ([2.0, 2.0, 2.0, 2.0], [3.0, 1.5, 2.5, 2.0], [1.5, 2.5, 2.5, 3.0]):
+        at = solve_tensions(chain, pulls, loads, before, history=before)
+        assert at.ok
+        assert unbalanced(chain, at) == pytest.approx((0.0, 0.0), abs=1e-8)
+        if before is None:
+            before = at
+            continue
+        state, past = at.friction_state, before.friction_state
+        for j, line in enumerate(chain.tendon_polyline(at.poses)):
+            tension, entry = at.tensions[j], 0.0
+            channels, gaps = line[1::2] - line[::2], line[2::2] - line[1:-1:2]
+            for i, gap in enumerate(gaps):
+                turn = entry + angle_between(channels[i], gap)
+                tension *= np.exp(-mu * turn * state.states[i, j])
+                assert at.gap_tensions[i, j] == pytest.approx(tension, abs=1e-9)
+                slid = np.clip(past.states[i, j] - at.slip[i, j] / presliding, -1.0, 1.0)
+                assert state.states[i, j] == pytest.approx(slid, abs=1e-7)
+                entry = angle_between(gap, channels[i + 1])
+        stiffnesses, rests = np.array([(joint.stiffness, joint.rest_angle) for joint in chain.joints]).T
+        springs = stiffnesses * (at.joint_angles - rests)
+        rolls = np.array([isinstance(joint, RollingContact) for joint in chain.joints])
+        resisted = rolling * np.where(rolls, np.maximum(at.reactions[:, 1], 0.0), 0.0) * state.rolling
+        free = at.free_joints
+        assert (at.reactions[:, 5] + springs + resisted)[free] == pytest.approx(0.0, abs=1e-7)
+        before = at
+
+
+def angle_between(u, v):
+    return np.arctan2(np.linalg.norm(np.cross(u, v)), u @ v)
+
+
+def test_reports_have_margins_and_null_where_there_is_none():
+    chain = random_chain(np.random.default_rng(1), n=6, joint=hinged)
+    at = solve_tensions(chain, [2.0] * 4)
+    joints = json.loads(report.as_json(at))["joints"]
+    for entry, joint in zip(joints, chain.joints, strict=True):
+        assert (entry["tilting_margin_N"] is None) == isinstance(joint, PointHinge)
+    assert "tilting margin" in report.as_table(at)
