@@ -13,6 +13,7 @@ Modules:
     errors: the exceptions.
     former_names: modules under earlier names, for pickles.
     friction: coefficients and state of friction.
+    estimate: hidden numbers of a mechanism in operation, from its motors' measurements.
     identify: parameters of a mechanism from measurements.
     interrupts: Ctrl-C in commands.
     io: mechanisms as files, equilibria as tables and JSON.

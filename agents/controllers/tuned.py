@@ -12,9 +12,11 @@ from agents.controllers.controller import Controller
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.open_loop import OpenLoop
-from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform
+from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform, with_settings
 from agents.controllers.smith_predictor import SmithPredictor
+from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import FeedbackSettings
+from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import ConfigError
@@ -54,6 +56,16 @@ def _filter(settings: Settings) -> Controller:
 
 def _predictive(settings: Settings) -> Controller:
     return FilterPredictive(FilterFeedbackSettings.from_dict(settings))
+
+
+def _smoother_in(env_id: str) -> Callable[[Settings], Controller]:
+    """Feedback on a smoother that falls back on the filters of the world's probing bank."""
+
+    def make(settings: Settings) -> Controller:
+        filters = {"filter": tuned_settings(env_id, "probing bank")["filter"]}
+        return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
+
+    return make
 
 
 _STEERING: Space = {
@@ -100,6 +112,23 @@ def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, pr
     return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
 
 
+_SMOOTHER: Space = {
+    "tension_sd": LogUniform(0.08, 0.3),
+    "tension_share": LogUniform(0.001, 0.05),
+    "robust": LogUniform(1.5, 6.0),
+    "start_sd_mm": LogUniform(0.001, 0.1),
+    "limit_sd": LogUniform(0.02, 0.5),
+    "every": Choice([3, 6, 12]),
+    "misfit": LogUniform(0.7, 5.0),
+}
+_SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_band_mm": LogUniform(0.005, 0.2)}
+
+
+def _smoother(env_id: str) -> Tunable:
+    space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
+    return Tunable(_smoother_in(env_id), space)
+
+
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
@@ -108,6 +137,7 @@ _BLIND = {
     "bank of filters": Tunable(_filter, _of_filters()),
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
+    "smoother": _smoother("rj_gym/Instrument-v0"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -134,7 +164,7 @@ def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]
 
 _MILD, _WORN = _assuming((0.5, 2.0), (0.0, 0.3)), _assuming((0.5, 3.0), (0.0, 0.6))
 
-WORLDS: Mapping[str, Mapping[str, Tunable]] = {
+_FIRST: Mapping[str, Mapping[str, Tunable]] = {
     "rj_gym/Instrument-v0": _BLIND,
     "rj_gym/InstrumentShift-v0": {
         "open loop": _OPEN_LOOP,
@@ -142,6 +172,7 @@ WORLDS: Mapping[str, Mapping[str, Tunable]] = {
         "probing bank": Tunable(_filter, _of_filters(probe=True), _MILD),
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
+        "smoother": _smoother("rj_gym/InstrumentShift-v0"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
@@ -159,11 +190,16 @@ WORLDS: Mapping[str, Mapping[str, Tunable]] = {
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }
+_LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
+
+WORLDS = {**_FIRST, **{env_id: _FIRST[first] for env_id, first in _LATER.items()}}
 """By the id of an environment: its controllers by name."""
 
 
 def tuned_controllers(env_id: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name, as in tuned.yaml.
+
+    A later version of a world has the settings that were tuned in its first until it has some there.
 
     Raises:
         ConfigError: a world without any.
@@ -187,7 +223,7 @@ def tunable_in(env_id: str) -> Mapping[str, Tunable]:
 @cache
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
-    return {env_id: content.get(env_id, {}) for env_id in WORLDS}
+    return {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
 
 
 opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

@@ -187,6 +187,6 @@ def _on_batch(kernel: Any, kind: Any, *kinds: Any) -> Callable[..., Any]:
 
 
 def _left(batch: Any, first: int, last: int, everything: bool) -> NDArray[np.int64]:
-    """The rows that are left to the solver for all cases."""
+    """The rows that are left to the general solver."""
     rows = np.arange(first, last)
     return rows if everything else rows[batch.results.status[first:last] == PENDING]

@@ -4,7 +4,7 @@ Importing the package registers the formulas of both classes of chains (formulas
 
 Modules:
     arrays: status codes, the tendon law, tolerances.
-    batch: the solver for all cases and the stiffness of its solutions, row by row.
+    batch: the general solver and the stiffness of its solutions, row by row.
     bounds: joint angles between the limits of their joints.
     chain: energy, stiffness and its generators of a chain at one configuration.
     contacts: chains in space with contacts: arrays, poses, gaps, tendon lengths.

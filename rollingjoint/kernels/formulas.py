@@ -1,7 +1,8 @@
 """The formulas that every class of chains has, chosen by the type of its arrays when a kernel is compiled.
 
 Newton's method and the driver of lanes call these names; each class of chains registers its own parts for them: for
-one configuration by its chain, for lanes by its block. numba cannot take functions as arguments without losing
+one configuration by its chain (rolling_solve.py, hinge_solve.py), for lanes by its block (rolling_lanes.py,
+hinge_lanes.py). numba cannot take functions as arguments without losing
 its disk cache.
 """
 

@@ -91,7 +91,7 @@ class RollingResults(NamedTuple):
     rates: Annotated[Floats, "B or 0", "J", "m"]  # d length / d joint angle
     elastic: Annotated[Floats, "B", "m"]  # d tension / d length
     contact_forces: Annotated[Floats, "B or 0", "J", 2]
-    responses: Annotated[Floats, "B or none", "J", "m"]  # d joint angle / d command; zero from the solver for all cases
+    responses: Annotated[Floats, "B or none", "J", "m"]  # d joint angle / d command; zero from the general solver
     residual: Annotated[Floats, "B"]
     iterations: Annotated[Integers, "B"]
     status: Annotated[Integers, "B"]

@@ -338,7 +338,7 @@ def fill_load_generators(chain, loads, state, prox, sweep):
 
 @part(inline=True)
 def fill_dead_loads(loads, table, lane):
-    """Copy the loads of one lane into the table of dead loads; False where they need the solver for all cases."""
+    """Copy the loads of one lane into the table of dead loads; False where they need the general solver."""
     supported = True
     for row in range(table.shape[0]):
         for column in range(N_DEAD):
