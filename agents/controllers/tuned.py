@@ -57,11 +57,11 @@ def _predictive(settings: Settings) -> Controller:
     return FilterPredictive(FilterFeedbackSettings.from_dict(settings))
 
 
-def _smoother_in(env_id: str) -> Callable[[Settings], Controller]:
-    """Feedback on a smoother that falls back on the filters of the world's probing bank."""
+def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
+    """Feedback on a smoother that falls back on the filters of this bank."""
 
     def make(settings: Settings) -> Controller:
-        filters = {"filter": tuned_settings(env_id, "probing bank")["filter"]}
+        filters = {"filter": tuned_settings(env_id, bank)["filter"]}
         return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
 
     return make
@@ -125,7 +125,7 @@ _SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_
 
 def _smoother(env_id: str) -> Tunable:
     space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
-    return Tunable(_smoother_in(env_id), space)
+    return Tunable(_smoother_in(env_id, "probing bank"), space)
 
 
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
