@@ -89,11 +89,12 @@ def _named(text: str, env_id: str | None) -> tuple[Controller, EnvConfig]:
     from agents.policies.loading import list_policies, load_policy
     from agents.policies.trained import load_driving
     from agents.runs.folder import RunFolder
+    from rj_gym.registry import version_of
     from rollingjoint.checks import suggestion
 
     env = EnvConfig(env_id or EnvConfig.id)
     if text in list_policies() or text.endswith(SUFFIX):
-        policy = load_policy(text)
+        policy = load_policy(text, version=version_of(env_id) if env_id and text in list_policies() else None)
         return policy, env if env_id else policy.environment
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))

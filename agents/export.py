@@ -16,7 +16,7 @@ from agents.policies.contract import contract, contract_text
 from agents.policies.errors import PolicyError
 from agents.policies.export import FIRST_SEED, export_run
 from agents.policies.file import SUFFIX
-from agents.policies.loading import list_policies, load_policy
+from agents.policies.loading import list_policies, load_policy, shipped_policies
 from agents.policies.recorded_score import RecordedScore
 from agents.policies.shipped import ShippedPolicy
 from agents.runs.checks import episode_count
@@ -75,7 +75,7 @@ def _chosen(arguments: argparse.Namespace) -> ShippedPolicy:
 
 
 def _list() -> int:
-    print(table([load_policy(name) for name in list_policies()]))
+    print(table(shipped_policies()))
     return 0
 
 

@@ -4,6 +4,9 @@
     policy = load_policy("fixed_target")
     action = policy(observation)
 
+load_policy("instrument") is the newest policy of that name, load_policy("instrument", version=0) the one for the
+environments with -v0.
+
 No torch, no Stable-Baselines3, and no code in the file is executed. docs/policies.md shows more.
 """
 

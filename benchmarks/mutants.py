@@ -41,6 +41,7 @@ SOURCES = {
     "environments": (
         "rj_gym/tracking/kernels.py",
         "rj_gym/tracking/measuring.py",
+        "rj_gym/tracking/motors.py",
         "rollingjoint/transmission/kernels.py",
     ),
 }

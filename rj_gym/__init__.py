@@ -3,8 +3,8 @@
 `import rj_gym` registers rj_gym/RollingJoint-v0 and rj_gym/RollingJointGoal-v0 (planar rolling-contact chains),
 rj_gym/Instrument-v0, rj_gym/InstrumentShift-v0, rj_gym/SlowCamera-v0 and rj_gym/LatePose-v0 (such chains with the
 tip not seen, or late), rj_gym/FlexibleArm-v0 and rj_gym/FlexibleArmGoal-v0 (spatial arms), rj_gym/ArmInstrument-v0 (an
-arm with the tip not seen), and rj_gym/CurvatureDesign-v0. The last one needs torch and is imported when it is first
-asked for.
+arm with the tip not seen), versions -v1 of these last five with the motors of a rig, and rj_gym/CurvatureDesign-v0,
+which needs torch and is imported when it is first asked for.
 
 Modules:
     core: shared by all tasks.
@@ -24,7 +24,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rj_gym import former_names as _former_names  # noqa: F401 (pickles name modules that are there)
-from rj_gym.core.task import Entry
+from rj_gym.core.task import Entry, ObservedError
 from rj_gym.registry import TABLE, late, register_envs, settings_of, task_of
 from rj_gym.tracking.config import (
     ArmRandomizationConfig,
@@ -43,36 +43,51 @@ from rj_gym.tracking.config import (
 )
 from rj_gym.tracking.env import (
     ArmInstrumentEnv,
+    ArmInstrumentV1Env,
     FlexibleArmEnv,
     FlexibleArmGoalEnv,
     InstrumentEnv,
     InstrumentShiftEnv,
+    InstrumentShiftV1Env,
+    InstrumentV1Env,
     LatePoseEnv,
+    LatePoseV1Env,
     RollingJointEnv,
     RollingJointGoalEnv,
     SlowCameraEnv,
+    SlowCameraV1Env,
 )
 from rj_gym.tracking.observation import observation_entries
 from rj_gym.tracking.observation import observation_entries as arm_observation_entries
 from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
 from rj_gym.tracking.terms import Drawn, Observed, Start, Step, Terms
 from rj_gym.tracking.vector import (
+    ArmInstrumentV1VectorEnv,
     ArmInstrumentVectorEnv,
     FlexibleArmGoalVectorEnv,
     FlexibleArmVectorEnv,
+    InstrumentShiftV1VectorEnv,
     InstrumentShiftVectorEnv,
+    InstrumentV1VectorEnv,
     InstrumentVectorEnv,
+    LatePoseV1VectorEnv,
     LatePoseVectorEnv,
     RollingJointGoalVectorEnv,
     RollingJointVectorEnv,
+    SlowCameraV1VectorEnv,
     SlowCameraVectorEnv,
 )
 from rj_gym.tracking.worlds import (
     ArmInstrumentConfig,
+    ArmInstrumentV1Config,
     InstrumentConfig,
     InstrumentShiftConfig,
+    InstrumentShiftV1Config,
+    InstrumentV1Config,
     LatePoseConfig,
+    LatePoseV1Config,
     SlowCameraConfig,
+    SlowCameraV1Config,
 )
 from rj_gym.vector_checker import check_vector_env
 
@@ -88,6 +103,9 @@ __all__ = [
     "ActuationConfig",
     "ArmInstrumentConfig",
     "ArmInstrumentEnv",
+    "ArmInstrumentV1Config",
+    "ArmInstrumentV1Env",
+    "ArmInstrumentV1VectorEnv",
     "ArmInstrumentVectorEnv",
     "ArmRandomizationConfig",
     "ArmRewardConfig",
@@ -109,13 +127,23 @@ __all__ = [
     "InstrumentEnv",
     "InstrumentShiftConfig",
     "InstrumentShiftEnv",
+    "InstrumentShiftV1Config",
+    "InstrumentShiftV1Env",
+    "InstrumentShiftV1VectorEnv",
     "InstrumentShiftVectorEnv",
+    "InstrumentV1Config",
+    "InstrumentV1Env",
+    "InstrumentV1VectorEnv",
     "InstrumentVectorEnv",
     "LatePoseConfig",
     "LatePoseEnv",
+    "LatePoseV1Config",
+    "LatePoseV1Env",
+    "LatePoseV1VectorEnv",
     "LatePoseVectorEnv",
     "LoadConfig",
     "Observed",
+    "ObservedError",
     "PayloadConfig",
     "RandomizationConfig",
     "RewardConfig",
@@ -126,6 +154,9 @@ __all__ = [
     "SensingConfig",
     "SlowCameraConfig",
     "SlowCameraEnv",
+    "SlowCameraV1Config",
+    "SlowCameraV1Env",
+    "SlowCameraV1VectorEnv",
     "SlowCameraVectorEnv",
     "Start",
     "Step",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import warnings
 from dataclasses import dataclass
 from typing import Any, overload
 
@@ -34,6 +35,16 @@ class Registration:
     settings_module: str = "config"
 
     @property
+    def version(self) -> int:
+        """Of the environment: 1 of rj_gym/Instrument-v1."""
+        return version_of(self.env_id)
+
+    @property
+    def world(self) -> str:
+        """The id without its version, which all versions share."""
+        return self.env_id.rpartition("-v")[0]
+
+    @property
     def tracks(self) -> bool:
         """Whether the task is to track a target with the tip."""
         return self.family != "design"
@@ -60,7 +71,7 @@ class Registration:
         return late(f"{self.folder}.env", f"{self.stem}Env")
 
 
-TABLE = tuple(
+_FIRST = tuple(
     Registration(f"rj_gym/{stem}-v0", stem, family, *settings)
     for stem, family, *settings in (
         ("RollingJoint", "planar", "TrackingConfig"),
@@ -76,9 +87,16 @@ TABLE = tuple(
     )
 )
 
+TABLE = _FIRST + tuple(
+    Registration(f"rj_gym/{row.stem}-v1", f"{row.stem}V1", row.family, f"{row.stem}V1Config", "worlds")
+    for row in _FIRST
+    if row.settings_module == "worlds"
+)
+
 
 def register_envs() -> None:
-    """Register every id that is not registered yet."""
+    """Register every id that is not registered yet; Gymnasium then does not call first versions out of date."""
+    warnings.filterwarnings("ignore", r".*rj_gym/\S+ is out of date", DeprecationWarning)
     for row in TABLE:
         if row.env_id not in gymnasium.registry:
             gymnasium.register(
@@ -97,6 +115,21 @@ def settings_of(env_id: str) -> type[Settings]:
             kind: type[Settings] = row.settings_class
             return kind
     raise ConfigError("environment", env_id, f"one of {', '.join(row.env_id for row in TABLE)}")
+
+
+def registration_of(config: Settings) -> Registration | None:
+    """The row of the class of these settings, or of the nearest base class that has one; None where there is none.
+
+    Environments with and without goals share settings; their row is the one without.
+    """
+    rows = {row.settings: row for row in reversed(TABLE)}
+    return next((rows[kind.__name__] for kind in type(config).__mro__ if kind.__name__ in rows), None)
+
+
+def version_of(env_id: str) -> int:
+    """The version of an environment, 1 of rj_gym/Instrument-v1; 0 for an id without one."""
+    number = env_id.rpartition("-v")[2]
+    return int(number) if number.isdecimal() else 0
 
 
 @overload

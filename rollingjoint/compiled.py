@@ -25,6 +25,8 @@ Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission
     play_step, play_contact, play_place, play_inverse: the play between a motor and its tendon.
     sheath_direction, sheath_ratio: the friction of a sheath.
     limited_tension, at_limit: the limits of tension of a motor.
+    pull_limit, pull_end: a motor with a limit of the tension before its sheath.
+    FREE: how near to its command a tendon is at no limit [mm].
     unstretched_length, motor_yield: positions of a tendon and its motor after a limit.
 Solvers:
     BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
@@ -66,6 +68,7 @@ from rollingjoint.kernels.lanes import PENDING
 from rollingjoint.kernels.rolling import BatchArrays, PinnedBatch
 from rollingjoint.threads import run_in_threads, runs_at_once
 from rollingjoint.transmission.kernels import (
+    FREE,
     at_limit,
     limited_tension,
     motor_yield,
@@ -73,6 +76,8 @@ from rollingjoint.transmission.kernels import (
     play_inverse,
     play_place,
     play_step,
+    pull_end,
+    pull_limit,
     sheath_direction,
     sheath_ratio,
     unstretched_length,
@@ -80,6 +85,7 @@ from rollingjoint.transmission.kernels import (
 
 __all__ = [
     "CONSTANT",
+    "FREE",
     "MU",
     "N_COEFFICIENTS",
     "PENDING",
@@ -115,6 +121,8 @@ __all__ = [
     "play_inverse",
     "play_place",
     "play_step",
+    "pull_end",
+    "pull_limit",
     "run_in_threads",
     "runs_at_once",
     "sheath_direction",

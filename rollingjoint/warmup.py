@@ -313,14 +313,14 @@ def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
 
 # The longest come first, so that processors are idle for as short a time as possible at the end.
 GROUPS = (
-    Group("the arm's solver with friction for special cases", arm_friction_special_cases, family="arm"),
+    Group("the arm's general solver with friction", arm_friction_special_cases, family="arm"),
     Group("the arm's solver with friction", arm_friction, family="arm"),
-    Group("the planar solver for special cases", planar_special_cases, family="planar"),
-    Group("the planar solver with friction for special cases", planar_friction_special_cases, family="planar"),
+    Group("the general planar solver", planar_special_cases, family="planar"),
+    Group("the general planar solver with friction", planar_friction_special_cases, family="planar"),
     Group("the planar solver with friction", planar_friction, family="planar"),
     Group("the planar solver", planar_solver, family="planar"),
     Group("the planar solver of batches", planar_batches, family="planar"),
-    Group("the arm's solver for special cases", arm_special_cases, family="arm"),
+    Group("the arm's general solver", arm_special_cases, family="arm"),
     Group("the arm's solver of single chains", arm_solver, family="arm"),
     Group("the arm's solver", arm_batches, family="arm"),
     Group("motors and sheaths", motors_and_sheaths),

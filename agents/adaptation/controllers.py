@@ -12,12 +12,13 @@ from agents.controllers.controller import Controller, load_controller
 from agents.controllers.privileged_feedback import PrivilegedFeedback
 from agents.controllers.tuned import tuned_controllers
 from agents.policies.file import SUFFIX
-from agents.policies.loading import list_policies, load_policy
+from agents.policies.loading import list_policies, load_policy, shipped_policies
 from agents.policies.shipped import ShippedPolicy, entry_names
 from agents.policies.trained import load_driving
 from agents.results.roster import is_privileged
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
+from rj_gym.registry import version_of
 from rj_gym.tracking.config import TaskConfig
 from rollingjoint.checks import suggestion
 from rollingjoint.errors import ConfigError
@@ -34,10 +35,9 @@ class InstrumentController:
 def instrument_controllers() -> dict[str, InstrumentController]:
     """All that ship for Instrument-v0, by name: tuned opponents, policies, and the privileged teacher, so marked."""
     controllers = {name: InstrumentController(controller) for name, controller in tuned_controllers(WORLD).items()}
-    for name in list_policies():
-        policy = load_policy(name)
+    for policy in shipped_policies():
         if policy.env_id == WORLD:
-            controllers[name] = _policy(name, policy)
+            controllers[policy.name] = _policy(policy.name, policy)
     return controllers | {"privileged teacher": InstrumentController(PrivilegedFeedback())}
 
 
@@ -52,7 +52,7 @@ def instrument_controller(text: str) -> InstrumentController:
     if text in controllers:
         return controllers[text]
     if text.endswith(SUFFIX) or text in list_policies():
-        return _policy(text, load_policy(text))
+        return _policy(text, load_policy(text, version=version_of(WORLD) if text in list_policies() else None))
     if Path(text).is_dir():
         run = RunFolder.open(Path(text))
         return InstrumentController(load_driving(run), _sight(text, run.config().env))

@@ -296,10 +296,10 @@ class Reading:
             tendons = range(mechanism.n_tendons)
             return config.tension_range[1] * self._entries(*(f"tendon {j} tension" for j in tendons))
         if self._task.dimension == 3:
-            hanging = [mechanism.gravity(HANGING)]
-            return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=config.tension_range).tensions
+            hanging, limits = [mechanism.gravity(HANGING)], config.possible_tensions
+            return solve_lengths_batch(mechanism, self.commands, hanging, tension_limits=limits).tensions
         lengths = mechanism.tendon_lengths(self.joint_angles)
-        return elastic_tension(lengths, self.commands, mechanism.stiffnesses, *config.tension_range)
+        return elastic_tension(lengths, self.commands, mechanism.stiffnesses, *config.possible_tensions)
 
     @property
     def last_actions(self) -> Array | None:

@@ -77,7 +77,7 @@ class FilterFeedback(Controller):
     def bind(self, task: TrackingTask | None) -> None:
         """Take over the task: filters of its mechanism."""
         super().bind(task)
-        self.limits = tensions_within_margin(self.task.config.tension_range)
+        self.limits = tensions_within_margin(self.task.config.held_tensions)
         self.bank = Bank(self.task, self.settings.filter)
 
     def reset(self, mask: Mask) -> None:

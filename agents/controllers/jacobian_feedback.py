@@ -77,7 +77,7 @@ class JacobianFeedback(Controller):
     def bind(self, task: TrackingTask | None) -> None:
         """Take over the task, and its model."""
         super().bind(task)
-        self.tension_range = tensions_within_margin(self.task.config.tension_range)
+        self.tension_range = tensions_within_margin(self.task.config.held_tensions)
         self.measured = measured_by(self.task)
 
     def reset(self, mask: Mask) -> None:
@@ -107,7 +107,10 @@ class JacobianFeedback(Controller):
         """Wanted tensions, (B, m) [N]: where that stiffens, all raised equally until the highest is at its limit."""
         if not self.measured.stiffens:
             return model.tensions
-        return model.tensions + self.tension_range[1] - model.tensions.max(axis=1, keepdims=True)
+        high = self.tension_range[1]
+        if np.ndim(high) > 0:  # tendons that differ
+            return model.tensions + np.min(high - model.tensions, axis=1, keepdims=True)
+        return model.tensions + high - model.tensions.max(axis=1, keepdims=True)
 
     def step(self, model: Solution, way: Array, goals: Array, done: Array) -> Array:
         """One Gauss-Newton step of the increments, beyond those done already, (B, m) [mm].

@@ -46,7 +46,7 @@ class OpenLoop(Controller):
         task, model = self.task, measured_by(self.task)
         self.loads = model.nominal_loads
         default = self.REST_TENSION if model.stiffens else task.config.start_tension
-        tension = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.tension_range)
+        tension = np.clip(default if self.rest_tension is None else self.rest_tension, *task.config.held_tensions)
         self.rest = np.full((len(mask), task.mechanism.n_tendons), tension)
         self.tensions = restarted(self.tensions, mask, self.rest)
         self.target = restarted(self.target, mask, np.full((len(mask), task.dimension), np.nan))
@@ -66,7 +66,7 @@ class OpenLoop(Controller):
 
     def plan(self, target: Array) -> None:
         """Set the commanded lengths for these targets: unstretched lengths at the tensions that the model proposes."""
-        mechanism, limits = self.task.mechanism, self.task.config.tension_range
+        mechanism, limits = self.task.mechanism, self.task.config.held_tensions
         self.target = target
         self.tensions = nearest_tensions(mechanism, target, limits, self.rest, self.tensions, self.loads)
         self.lengths = unstretched(solve_tensions_batch(mechanism, self.tensions, self.loads))
@@ -127,7 +127,7 @@ class FrictionOpenLoop(OpenLoop):
         return state
 
     def _moved(self, state: Solution, commands: Array) -> Solution:
-        limits = self.task.config.tension_range
+        limits = self.task.config.possible_tensions
         return solve_lengths_batch(self.mechanisms, commands, self.loads, state, limits, history=state)
 
     def _rubbing(self, task: TrackingTask, episodes: Array) -> list[Any]:

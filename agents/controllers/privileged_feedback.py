@@ -12,10 +12,11 @@ from agents.controllers.controller import Array, Reading
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.kernels import cross_play
 from agents.controllers.measured import hanging_loads, loads_along, measured_equilibrium
-from agents.controllers.steps import FeedbackSettings, pulling_in
+from agents.controllers.steps import FeedbackSettings, pulling_in, tensions_within_margin
 from rj_gym.tracking.observation import load_scale
 from rollingjoint import HingeChain, RollingChain, solve_lengths_batch
 from rollingjoint.chain.solution import Solution
+from rollingjoint.transmission import pull_limit
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Truth:
     Args:
         joint_angles: (B, n - 1) [rad]. tensions: (B, m) [N]. error: target minus tip, (B, d) [mm].
         behind: commands of tendons minus motors, (B, m) [mm]. half_widths: of the play, (B, m) [mm].
+        limits: tensions behind the sheath at which motors that pull give way or stop, (B, m) [N].
     """
 
     joint_angles: Array
@@ -32,6 +34,7 @@ class Truth:
     error: Array
     behind: Array
     half_widths: Array
+    limits: Array
 
     @classmethod
     def of(cls, reading: Reading) -> Truth:
@@ -44,7 +47,20 @@ class Truth:
             config.reward.error_scale_mm * privileged(reading, *(f"tip error {axis}" for axis in axes)),
             of_tendons(reading, "command minus motor"),
             of_tendons(reading, "half play"),
+            _limits(reading),
         )
+
+
+def _limits(reading: Reading) -> Array:
+    """Upper limits of tension behind the sheath, (B, m) [N]."""
+    assert reading.task is not None
+    config = reading.task.config
+    if not config.actuation.limits_vary:
+        return np.full((len(reading.privileged), reading.task.action_size), config.tension_range[1])
+    limits = of_tendons(reading, "tension limit")
+    if config.actuation.limit_at == "tendon":
+        return limits
+    return pull_limit(limits, of_tendons(reading, "sheath friction"), of_tendons(reading, "half play"))
 
 
 def _joint_angles(reading: Reading) -> Array:
@@ -116,6 +132,8 @@ class PrivilegedFeedback(JacobianFeedback):
         truth = Truth.of(reading)
         model = TRUE_MODELS[type(self.task.mechanism)](reading, truth)
         way = self.settings.gain * truth.error + self.motion.since_last(reading.target)
+        if self.task.config.actuation.limits_vary:
+            self.tension_range = tensions_within_margin((self.task.config.tension_range[0], truth.limits))
         tendons = self.step(model, way, self.wanted(model), np.zeros_like(model.tensions))
         moves, settings = np.empty_like(tendons), self.settings
         motors = np.zeros_like(tendons)

@@ -49,7 +49,7 @@ class SmithPredictor(JacobianFeedback):
 
     def error(self, reading: Reading) -> Array:
         """Target minus predicted tip, (B, 2) [mm]."""
-        limits = self.task.config.tension_range
+        limits = self.task.config.possible_tensions
         self.past = [(self.play.tendons, np.clip(reading.tensions, *limits)), *self.past][: self._remembered]
         picture = self._look(reading)
         past_model = measured_equilibrium(self.task.mechanism, picture)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from agents.controllers.controller import Array, Mask, restarted, saturated
-from rj_gym.core.settings import Range, Settings
+from rj_gym.core.settings import Settings
 from rollingjoint import solve_tensions_batch
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.solution import Solution
@@ -21,8 +21,8 @@ KEEP = 3.0  # mm/N: weight of a tension beyond the margin, above any error's
 _MARGIN = 0.05  # of the tension range, kept free at both ends: a slack or yielding tendon has no effect
 
 
-def tensions_within_margin(limits: Range) -> Range:
-    """The tensions that feedback uses, of those that the motors can hold [N]."""
+def tensions_within_margin(limits: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The tensions that feedback uses, of those that the motors can hold [N]; limits may be arrays (B, m)."""
     low, high = limits
     margin = _MARGIN * (high - low)
     return low + margin, high - margin

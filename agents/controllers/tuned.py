@@ -16,6 +16,7 @@ from agents.controllers.search_space import Choice, LogUniform, Settings, Space,
 from agents.controllers.smith_predictor import SmithPredictor
 from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import FeedbackSettings
+from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
 from rollingjoint.checks import as_choice
 from rollingjoint.errors import ConfigError
@@ -163,7 +164,7 @@ def _assuming(play_mm: tuple[float, float], sheath_friction: tuple[float, float]
 
 _MILD, _WORN = _assuming((0.5, 2.0), (0.0, 0.3)), _assuming((0.5, 3.0), (0.0, 0.6))
 
-WORLDS: Mapping[str, Mapping[str, Tunable]] = {
+_FIRST: Mapping[str, Mapping[str, Tunable]] = {
     "rj_gym/Instrument-v0": _BLIND,
     "rj_gym/InstrumentShift-v0": {
         "open loop": _OPEN_LOOP,
@@ -189,11 +190,16 @@ WORLDS: Mapping[str, Mapping[str, Tunable]] = {
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }
+_LATER = {row.env_id: f"{row.world}-v0" for row in TABLE if row.version}  # and their first versions
+
+WORLDS = {**_FIRST, **{env_id: _FIRST[first] for env_id, first in _LATER.items()}}
 """By the id of an environment: its controllers by name."""
 
 
 def tuned_controllers(env_id: str) -> dict[str, Controller]:
     """New controllers with their tuned settings, by name, as in tuned.yaml.
+
+    A later version of a world has the settings that were tuned in its first until it has some there.
 
     Raises:
         ConfigError: a world without any.
@@ -217,7 +223,7 @@ def tunable_in(env_id: str) -> Mapping[str, Tunable]:
 @cache
 def _tuned() -> Mapping[str, Any]:
     content: Any = read_yaml(TUNED)
-    return {env_id: content.get(env_id, {}) for env_id in WORLDS}
+    return {env_id: content.get(env_id, content.get(_LATER.get(env_id), {})) for env_id in WORLDS}
 
 
 opponents, opponents_of = tuned_controllers, tunable_in  # as they were called until 0.1.0

@@ -110,6 +110,8 @@ def episode_floor(
     chains = [episodes.mechanisms[design] for design in episodes.designs]
     tensions, base = episodes.target_tensions, task.base_load_tables(episodes)
     pulled = task.load_tables(episodes, config.episode_steps) if config.target.loaded else base
+    (low, high), limit = config.tension_range, config.actuation.tension_limit
+    usable = low, high if limit is None else limit[1]
     varies = max(tensions.shape[1], episodes.forces.shape[1]) > 1
 
     def at(step: int) -> Floor:
@@ -122,7 +124,7 @@ def episode_floor(
             else np.where(lost[:, None], solve_tensions_batch(chains, start_tensions, base).tip, equilibria.tip)
         )
         loads = task.load_tables(episodes, step)
-        return floor(chains, targets, loads, config.tension_range, base, starts, candidates)
+        return floor(chains, targets, loads, usable, base, starts, candidates)
 
     floors = [at(step) for step in (moments if varies else moments[:1])]
     if steps is None:

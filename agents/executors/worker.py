@@ -107,7 +107,7 @@ def _compile() -> None:
 
     for mechanism in (five_link(), small_arm()):
         assert solve_tensions(mechanism, np.ones(mechanism.n_tendons)).stiffness is not None
-        solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the solver for all cases
+        solve_lengths(mechanism, mechanism.neutral_lengths + 10.0)  # the general solver
     for name in ("RollingJoint-v0", "FlexibleArm-v0"):
         envs = gymnasium.make_vec(f"rj_gym/{name}", 2, "vector_entry_point")
         envs.reset(seed=0)

@@ -77,7 +77,8 @@ class DifferentiableEpisodes:
     ) -> None:
         self.env, self.normalise, self.lane_gradient, self.base = env, normalise, lane_gradient, base
         self.observing, config = Observing(env.task), env.task.config
-        self.motors = Motors(config.action_scale_mm, config.actuation.rate_limit_mm)
+        actuation = config.actuation
+        self.motors = Motors(config.action_scale_mm, actuation.rate_limit_mm, actuation.dead_band_mm)
 
     def play(self, act: Act, watch: Callable[[Any], bool] = lambda step: True) -> Played | None:
         """New episodes to their end; None if `watch`, called with (info, rewards, ended) of every step, says so."""

@@ -63,9 +63,7 @@ class TrueStateFeedback:
 
     def __init__(self, task: TrackingTask, weights: TrueStateWeights | None = None) -> None:
         self._check_motors(task)
-        low, high = task.config.tension_range
-        margin = MARGIN * (high - low)
-        self.low, self.high = low + margin, high - margin
+        self.lowest = task.config.tension_range[0]
         self.weights, self.scale = weights or TrueStateWeights(), task.config.action_scale_mm
         self.stiffens = task.dimension == 2
         self._before: Array = np.empty((0, 1))  # targets of the last step
@@ -99,11 +97,12 @@ class TrueStateFeedback:
         Tensions that would leave their range get the weight KEEP and the end of the range as their goal.
         """
         tips, tensions, settings = tangent.tip_rates, tangent.tension_rates, self.weights
+        low, high = self._range(tangent)
         damping = settings.damping**2 + settings.far**2 * np.sum(way**2, axis=1)
         free = np.swapaxes(tips, 1, 2) @ tips + damping[:, None, None] * np.eye(tips.shape[2])
         changes = np.zeros_like(tangent.tensions)
         if self.stiffens:
-            changes += self.high - tangent.tensions.max(axis=1, keepdims=True)
+            changes += np.min(high - tangent.tensions, axis=1, keepdims=True)
         weights = np.full_like(changes, settings.stiffen**2)
         for _ in range(3):
             weighted = weights[:, :, None] * tensions
@@ -111,12 +110,17 @@ class TrueStateFeedback:
             step = np.linalg.solve(free + np.swapaxes(tensions, 1, 2) @ weighted, pull[..., None])
             step *= np.minimum(1.0, self.scale / (np.abs(step).max(axis=1, keepdims=True) + 1e-12))
             after = tangent.tensions + (tensions @ step)[..., 0]
-            clipped = np.clip(after, self.low, self.high)
+            clipped = np.clip(after, low, high)
             weights = np.where(after == clipped, weights, KEEP**2)
             changes = np.where(after == clipped, changes, clipped - tangent.tensions)
         return step[..., 0]
 
     def _released(self, step: Array, tangent: Tangent) -> Array:
         """The step where tendons at a tension limit, which have no effect, move away from it."""
-        release = np.where(tangent.tensions > self.high, RELEASE, -RELEASE)
+        release = np.where(tangent.tensions > self._range(tangent)[1], RELEASE, -RELEASE)
         return np.where(tangent.held, release, step)
+
+    def _range(self, tangent: Tangent) -> tuple[Array, Array]:
+        """The tensions that it uses, (B, m) each [N]: a margin within those at which tendons are at a limit."""
+        margin = MARGIN * (tangent.limits - self.lowest)
+        return self.lowest + margin, tangent.limits - margin

@@ -16,22 +16,25 @@ IN_A_RUN = PolicyFiles.within(Path()).network.name
 PICKLE = "An SB3 zip holds pickles, and loading one can run any code that its author put there"
 
 
-def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> ShippedPolicy:
+def load_policy(name_or_path: str | Path, trust_pickle: bool = False, version: int | None = None) -> ShippedPolicy:
     """The shipped policy of that name, or the policy in the file at that path.
 
     Args:
         name_or_path: one of list_policies(), a policy file that rj export-policy wrote, or policy.safetensors or
             policy.zip in a run folder.
+        version: of the environment of a shipped policy, 1 of rj_gym/Instrument-v1; None: the newest that ships.
         trust_pickle: whether an SB3 zip may be loaded. That runs any code that its author put there, and needs torch.
     Raises:
         PolicyError: no such policy, a file that is damaged, edited or none of ours, or a zip without `trust_pickle`.
         RunFolderError: a run folder that cannot be read.
     """
-    path = Path(name_or_path)
+    path, ships = Path(name_or_path), str(name_or_path) in list_policies()
+    if version is not None and not ships and path.is_file():
+        raise PolicyError("version", version, "None for a file, which has one policy")
     if path.suffix == ".zip":
         return _load_pickle(path, trust_pickle)
-    if str(name_or_path) in list_policies():
-        path = FOLDER / f"{name_or_path}{SUFFIX}"
+    if ships:
+        path = _file_of(str(name_or_path), version)
     elif not path.is_file():
         hint = suggestion(str(name_or_path), list_policies())
         allowed = f"a policy file or one of {', '.join(list_policies())}"
@@ -45,7 +48,27 @@ def load_policy(name_or_path: str | Path, trust_pickle: bool = False) -> Shipped
 
 def list_policies() -> list[str]:
     """Names of the shipped policies, for load_policy."""
-    return sorted(path.stem for path in FOLDER.glob(f"*{SUFFIX}"))
+    return sorted({name for name, _ in _shipped()})
+
+
+def shipped_policies() -> list[ShippedPolicy]:
+    """All shipped policies, of every version of their environments."""
+    return [load_policy(name, version=version) for name, version in sorted(_shipped())]
+
+
+def _shipped() -> dict[tuple[str, int], Path]:
+    """Files of the shipped policies by name and version: NAME.safetensors for version 0, NAME-v1.safetensors for 1."""
+    parts = {path: path.stem.rpartition("-v") for path in FOLDER.glob(f"*{SUFFIX}")}
+    return {(name, int(number)) if name else (path.stem, 0): path for path, (name, _, number) in parts.items()}
+
+
+def _file_of(name: str, version: int | None) -> Path:
+    """The file of a shipped policy; raises PolicyError for a version that does not ship."""
+    versions = {number: path for (each, number), path in _shipped().items() if each == name}
+    number = max(versions) if version is None else version
+    if number not in versions:
+        raise PolicyError(f"version of the policy {name!r}", version, f"one of {', '.join(map(str, sorted(versions)))}")
+    return versions[number]
 
 
 def _load_pickle(path: Path, trusted: bool) -> ShippedPolicy:

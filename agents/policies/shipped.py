@@ -22,7 +22,7 @@ from agents.policies.recorded_score import RecordedScore
 from agents.runs.checks import integer, prefixed
 from agents.runs.environment import EnvConfig, plain_settings
 from rj_gym import IDS, settings_of
-from rj_gym.registry import task_of
+from rj_gym.registry import registration_of, task_of, version_of
 from rj_gym.tracking.config import TaskConfig
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.chain import AnyChain
@@ -146,6 +146,7 @@ class ShippedPolicy(Controller):
         if _numbers_of(task.mechanism) != _numbers_of(self.mechanism):
             allowed = f"the mechanism that {self.name!r} was trained on, {self.mechanism.name!r}, in every number"
             raise PolicyError("mechanism", task.mechanism.name, allowed, hint)
+        self._check_version(task.config)
         scale = task.config.action_scale_mm
         if scale != self.settings.action_scale_mm:
             raise PolicyError("action_scale_mm", scale, f"{self.settings.action_scale_mm:g}, as in training", hint)
@@ -164,6 +165,13 @@ class ShippedPolicy(Controller):
         if self.score is None:
             raise PolicyError("score", None, "a policy that was scored when it was exported")
         return self.score_on(self.score.seeds)
+
+    def _check_version(self, settings: TaskConfig) -> None:
+        """Raise PolicyError for settings of another version of environments, with other motors and sensors."""
+        row, version = registration_of(settings), version_of(self.env_id)
+        if row is not None and row.version != version:
+            hint = f"load_policy(name, version={row.version}) is for that one, where it ships."
+            raise PolicyError("environment", row.env_id, f"{self.env_id}, as {self.name!r} was trained", hint)
 
     def _check_entries(self, settings: TaskConfig, hint: str = "") -> None:
         names = entry_names(settings, self.goal)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from agents.controllers.controller import Controller
 from agents.evaluation.rollout import run_episodes
-from agents.policies.loading import list_policies, load_policy
+from agents.policies.loading import shipped_policies
 from agents.results.description import description
 from agents.results.environment import environment_of, episodes_key, plain
 from agents.results.merging import merged
@@ -56,9 +56,8 @@ def enter(
 def shipped(env: EnvConfig, title: str, world: World) -> Results:
     """Shipped policies that were trained for this task, and opponents, in the same episodes."""
     key = episodes_key(env)
-    policies = [load_policy(name) for name in list_policies()]
     ours: dict[str, Controller] = {
-        policy.name: policy for policy in policies if episodes_key(policy.environment) == key
+        policy.name: policy for policy in shipped_policies() if episodes_key(policy.environment) == key
     }
     able, _ = opponents(env)
     return merged([enter(env, ours, title, world, POLICY), enter(env, able, title, world, BASELINE)])

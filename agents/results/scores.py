@@ -18,7 +18,7 @@ from agents.executors.driver import values_of
 from agents.executors.options import LOCAL, executor_of
 from agents.executors.policies import PolicyUnit
 from agents.executors.progress import Progress
-from agents.policies.loading import list_policies, load_policy
+from agents.policies.loading import list_policies, load_policy, shipped_policies
 from agents.policies.shipped import ShippedPolicy
 from agents.policies.trained import load_driving
 from agents.results.description import description
@@ -41,6 +41,7 @@ from agents.results.worlds import ScoringPlan, worlds_of
 from agents.runs.command_line import signals_seen
 from agents.runs.environment import EnvConfig
 from agents.runs.folder import RunFolder
+from rj_gym.registry import version_of
 
 Drive = Callable[[Sequence["_WorldUnit"]], Iterator[Any]]
 
@@ -72,7 +73,9 @@ class _WorldUnit:
 def _controller(env_id: str, driver: RunFolder | str) -> Controller:
     if isinstance(driver, RunFolder):
         return load_driving(driver, CHECKPOINT)
-    return load_policy(driver) if driver in list_policies() else candidates(env_id)[driver]
+    if driver in list_policies():
+        return load_policy(driver, version=version_of(env_id))
+    return candidates(env_id)[driver]
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def shipped_for_others(benchmarks: Sequence[Benchmark]) -> dict[str, ShippedPoli
         {benchmark.title for benchmark in benchmarks},
     )
     policies = {}
-    for policy in map(load_policy, list_policies()):
+    for policy in shipped_policies():
         if episodes_key(policy.environment) not in keys:
             title = policy.name.replace("_", " ")
             policies[f"{title} (shipped)" if title in titles else title] = policy

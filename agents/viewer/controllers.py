@@ -9,13 +9,14 @@ from functools import cache, partial
 from agents.controllers import NEED_POSES
 from agents.controllers.controller import Array, Controller
 from agents.evaluation.rollout import run_episodes
-from agents.policies.loading import list_policies, load_policy
+from agents.policies.loading import load_policy, shipped_policies
 from agents.policies.shipped import ShippedPolicy
 from agents.results.environment import episodes_key
 from agents.results.roster import candidates
 from agents.runs.environment import EnvConfig
 from agents.viewer.drive import Drive, Film, filmed
 from rj_gym import IDS
+from rj_gym.registry import version_of
 
 POLICY = "policy "  # before the names of shipped policies
 
@@ -53,8 +54,8 @@ def worlds() -> Mapping[str, EnvConfig]:
     """The tracking environments by a title: the environments of rj_gym, and the ones of shipped policies."""
     environments = {name.removeprefix("rj_gym/"): EnvConfig(name) for name in IDS if not name.endswith("Goal-v0")}
     keys = {episodes_key(env) for env in environments.values()}
-    for policy in map(_policy, list_policies()):
-        if _key(policy.name) not in keys:
+    for policy, key in _policies():
+        if key not in keys:
             title = f"{policy.env_id.removeprefix('rj_gym/')}: {policy.name.replace('_', ' ')}"
             environments[title] = policy.environment
     return environments
@@ -63,22 +64,23 @@ def worlds() -> Mapping[str, EnvConfig]:
 def offered_controllers(env: EnvConfig) -> dict[str, OfferedController]:
     """The controllers that can drive in an environment, by name: shipped policies, then those without learning."""
     key = episodes_key(env)
-    policies = [_policy(name) for name in list_policies() if _key(name) == key]
+    policies = [policy for policy, other in _policies() if other == key]
     left_out = () if env.arguments()["config"].sees_all else NEED_POSES
     others = [name for name in candidates(env.id) if name not in left_out]
-    learned = [OfferedController(f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name)) for p in policies]
+    learned = [
+        OfferedController(
+            f"{POLICY}{p.name}", p.environment, partial(load_policy, p.name, version=version_of(p.env_id))
+        )
+        for p in policies
+    ]
     offered = [*learned, *(OfferedController(name, env, partial(_candidate, env.id, name)) for name in others)]
     return {controller.name: controller for controller in offered}
 
 
 @cache
-def _policy(name: str) -> ShippedPolicy:
-    return load_policy(name)
-
-
-@cache
-def _key(name: str) -> str:
-    return episodes_key(_policy(name).environment)
+def _policies() -> list[tuple[ShippedPolicy, str]]:
+    """The shipped policies, and the keys of their episodes."""
+    return [(policy, episodes_key(policy.environment)) for policy in shipped_policies()]
 
 
 def _candidate(env_id: str, name: str) -> Controller:

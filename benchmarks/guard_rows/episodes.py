@@ -14,7 +14,7 @@ from guard_rows.drawing import Sizes, actions
 from guard_rows.record import Record
 from rollingjoint import uniform
 
-ARMS = ("rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0", "rj_gym/ArmInstrument-v0")
+ARMS = ("rj_gym/FlexibleArm-v0", "rj_gym/FlexibleArmGoal-v0", "rj_gym/ArmInstrument-v0", "rj_gym/ArmInstrument-v1")
 _MM_AND_N = ("error_mm", "tip", "target", "load.force", "tensions", "command", "gap_tensions")
 ARM_RULE = {
     **{f"info.{name}": (1e-7, 0.0) for name in _MM_AND_N},

@@ -24,7 +24,7 @@ number of iterations.
 *Links*, *tendons* and *loads*: `solve_tensions_batch` on uniform chains of five links with two tendons and a force at
 the tip, of which one changes at a time, in as many lanes as the table has at most; tensions of 2 to 8 N change at
 random by at most 0.2 N, and every lane starts at the equilibrium before. Chains of more than 16 links are solved one
-by one, by the solver for all cases."""
+by one, by the general solver."""
 
 LANES = (1, 8, 64, 1024, 8192)
 LINKS, TENDONS = 5, 2

@@ -30,6 +30,7 @@ TASKS = {  # of the results page, by the stem of the classes
     "ArmInstrument": ("arm_instrument",),
     "CurvatureDesign": (),
 }
+TASKS |= {row.stem: () for row in TABLE if row.version}
 GUIDES = {"planar": "environment.md", "arm": "arm_environment.md", "design": "design_environment.md"}
 PAGES = {f"{row.stem}Env": f"{row.env_id.split('/')[1]}.md" for row in TABLE}
 TITLE = "# {name}\n\n`{env_id}`"
@@ -119,12 +120,15 @@ def linked(text: str) -> str:
 
 
 def moving(row: Registration) -> str:
-    """The picture that stands for an environment."""
-    return f"results_{TASKS[row.stem][0]}.gif" if TASKS[row.stem] else "design_environment.png"
+    """The picture that stands for an environment; of all versions that of the first."""
+    tasks = TASKS[row.stem.removesuffix(f"V{row.version}")]
+    return f"results_{tasks[0]}.gif" if tasks else "design_environment.png"
 
 
 def caption(row: Registration) -> str:
     """What the picture shows."""
+    if row.version:
+        return "Best, median and worst test episode of a policy in version 0."
     return f"{'Best, median and worst test episode' if TASKS[row.stem] else 'First and last design'} of a policy."
 
 

@@ -1,10 +1,10 @@
-"""Columns of readings, the numbers that infos and rewards are made of, (B, columns)."""
+"""Columns of readings, the true numbers that infos and rewards are made of, (B, columns)."""
 
 from __future__ import annotations
 
 # The first four of every task, the others of every tracking task. Vectors have room for three coordinates. From
-# TENSIONS on: tensions [N] and commands [mm] of the tendons, m each; the task's own columns; the privileged state;
-# friction.
+# TENSIONS on: tensions [N], TENSIONS + j, and commands [mm], TENSIONS + m + j, of the m tendons; the task's own
+# columns; the privileged state; friction.
 STEP, STATUS, ERROR, REWARD, TRACKING, EFFORT, SMOOTHNESS, FAILURE, TIP, TARGET, LINK, FORCE, TENSIONS = (
     0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 14, 15, 18,
 )  # fmt: skip

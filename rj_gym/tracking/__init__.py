@@ -13,6 +13,7 @@ Modules:
     hardware: random numbers and arrays of motors and sensors.
     kernels: a step, compiled: step, finish, observe.
     measuring: measurements and observations, compiled.
+    motors: motors in a step and their limits, compiled.
     observation: entries of observations and of the privileged state.
     options: options of reset.
     planar: the task of chains in the plane.

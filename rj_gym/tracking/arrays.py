@@ -9,6 +9,11 @@ from rollingjoint.compiled import Floats, Integers, Singles
 # Rows of Hardware.motors [mm]: where motors are, where they are going; both after a step that stands; the position that
 # the step asks of the tendon.
 MOTOR, GOAL, NEXT_MOTOR, NEXT_GOAL, ASKED, MOTOR_ROWS = range(6)
+# Rows of Hardware.limits: the drawn limit; the upper limit of the tension behind the sheath in the last solve, infinite
+# where a motor was at rest or paid out [N]; and whether a limit stopped a motor at its place, or in its play.
+LIMIT, BOUND, STOP, LIMIT_ROWS = range(4)
+MOVES, STAYS, IN_PLAY = range(3)  # values of STOP
+GAIN, OFFSET, CELL_ROWS = range(3)  # rows of Hardware.cells [1, N]
 POSITION, TENSION, SENSED = range(3)  # rows of Hardware.measured [mm, N]
 TAKEN, NEW = range(2)  # columns of Hardware.picture: the step it is from, and whether it came in this step
 
@@ -22,6 +27,9 @@ class HardwareRules(NamedTuple):
     active: bool
     rate_limit: float  # mm
     action_delay: int  # steps
+    dead_band: float  # mm
+    limits_pulls: bool  # whether limits act at motors
+    cells_at_tendons: bool
     encoder_resolution: float  # mm
     tension_resolution: float  # N
     late: bool
@@ -29,6 +37,7 @@ class HardwareRules(NamedTuple):
     picture_delay: int  # steps
     lags: Annotated[Integers, "lags"]  # steps
     stiffnesses: Annotated[Floats, "m"]  # of the nominal tendons, N/mm
+    tells_limits: bool  # in the privileged state
     friction: bool  # whether tendons can rub in their holes
     steps: int  # of an episode
     privileged_at: int  # first column of readings
@@ -37,7 +46,7 @@ class HardwareRules(NamedTuple):
 
 
 class Hardware(NamedTuple):
-    """Motors and sensors of lanes; none where they are not active. Up to `phase`: constant in an episode."""
+    """Motors and sensors of lanes; none where they are not active. Up to `cells`: constant in an episode."""
 
     half_play: Annotated[Floats, "lanes", "m"]  # mm
     sheath: Annotated[Floats, "lanes", "m"]
@@ -46,6 +55,8 @@ class Hardware(NamedTuple):
     encoder_noise: Annotated[Floats, "lanes", "0 or T + 1 positions", "m"]  # mm
     tension_noise: Annotated[Floats, "lanes", "0 or T + 1 tensions", "m"]  # N
     phase: Annotated[Integers, "lanes"]  # of the pictures, steps
+    cells: Annotated[Floats, "0 or lanes with errors of load cells", 2, "m"]  # CELL_ROWS
+    limits: Annotated[Floats, "0 or lanes with separate limits", 3, "m"]  # LIMIT_ROWS
     motors: Annotated[Floats, "lanes", 5, "m"]  # MOTOR_ROWS
     measured: Annotated[Floats, "lanes", 2, "m"]  # SENSED
     pictures: Annotated[Floats, "lanes", "depth", "pose"]  # true poses: a ring over steps, and the one that is seen
@@ -55,7 +66,7 @@ class Hardware(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers that all lanes share; scales as in the settings."""
+    """Numbers that all lanes share, filled in TrackingTask.rules; scales as in the settings."""
 
     dimension: int  # coordinates of a position, 2 or 3
     action_scale: float  # mm
@@ -108,6 +119,7 @@ class StepInputs(NamedTuple):
     actions: Annotated[Floats, "B", "m"]  # not yet clipped
     starts: Annotated[Floats, "B", "J"]  # joint angles from which the solver starts, rad
     commands: Annotated[Floats, "B", "m"]  # tendon lengths, mm
+    highest: Annotated[Floats, "B", "m"]  # tensions, N
     loads: Annotated[Floats, "B", "rows", "load columns"]  # the force that changes in the last row
 
 
@@ -124,7 +136,7 @@ class StepResults(NamedTuple):
 
 
 class TaskArrays(NamedTuple):
-    """Everything that the kernels below work on."""
+    """Everything that the kernels of kernels.py work on."""
 
     rules: Rules
     course: Course

@@ -21,6 +21,9 @@ from rollingjoint.friction import LARGEST_MU, SMALLEST_PRESLIDING
 
 _PLAIN_SENSING, _PLAIN_ACTUATION = SensingConfig(), ActuationConfig()
 
+STARTS = ("equal", "random", "measured")
+"""How the tensions of the start are chosen."""
+
 PROCESSES = ("constant", "step", "ou")
 """How a load changes from step to step."""
 
@@ -147,8 +150,10 @@ class TaskConfig(Settings):
         mechanism: preset name, mechanism file, or a mechanism.
         episode_steps: steps until the episode is truncated.
         action_scale_mm: tendon length pulled in by an action of 1 [mm per step].
-        tension_range: minimum and maximum tendon tension [N].
-        start: "equal" tensions `start_tension`, or "random" ones from `start_tension_range`.
+        tension_range: minimum and maximum tendon tension [N]. With `actuation.tension_limit` the maximum is only the
+            unit of tensions in observations and rewards.
+        start: "equal" tensions `start_tension`, "random" ones from `start_tension_range`, or "measured": motors are
+            where their load cells show `start_tension`, whatever their offsets, sheaths and cells are.
         start_tension: tension of every tendon at the start, before the load acts [N].
         start_tension_range: range of the log-uniform start tensions [N].
         command_scale_mm: commanded lengths are observed in units of this [mm].
@@ -198,7 +203,7 @@ class TaskConfig(Settings):
         low, high = self.tension_range
         if low == high:
             raise ConfigError("tension_range", self.tension_range, "two different tensions (low, high) [N]")
-        self._check(as_choice, "start", choices=("equal", "random"))
+        self._check(as_choice, "start", choices=STARTS)
         self._check(as_number, "start_tension", low=max(low, 1e-3), high=high)
         self._check(as_range, "start_tension_range", low=max(low, 1e-3), high=high, unit="N")
         self._check(as_boolean, *self._SWITCHES)
@@ -206,6 +211,39 @@ class TaskConfig(Settings):
         self._set("observe_history", checked_lags(self.observe_history))
         nested = self._NESTED | {"sensing": SensingConfig, "actuation": ActuationConfig, "terms": Terms}
         self._check_nested(nested | ({} if self.friction is None else {"friction": FrictionConfig}))
+        self._check_limit()
+
+    def _check_limit(self) -> None:
+        """Raise ConfigError for a limit at which motors could not hold the lowest tensions, or those of the start."""
+        limit, (low, _) = self.actuation.tension_limit, self.tension_range
+        if limit is None:
+            return
+        start = self.start_tension_range[1] if self.start == "random" else self.start_tension
+        rubs = math.exp(self.actuation.sheath_friction[1]) if self.actuation.limit_at == "motor" else 1.0
+        lowest = max(low * rubs, start)
+        if not limit[0] > lowest:
+            allowed = f"above {lowest:g} N, the tension of the start and what motors need for tension_range[0]"
+            raise ConfigError("actuation.tension_limit", limit, allowed)
+
+    @property
+    def held_tensions(self) -> Range:
+        """The tensions behind the sheath that controllers plan with where they do not know the limits [N].
+
+        Up to the lowest limit that can be drawn. Where limits act before the sheath, also no higher than the middle
+        limit behind the sheath with the most friction, and than `tension_range`.
+        """
+        (low, high), actuation = self.tension_range, self.actuation
+        limit = actuation.tension_limit or (high, high)
+        if actuation.limit_at == "tendon":
+            return low, limit[0]
+        return low, min(high, limit[0], 0.5 * sum(limit) / math.exp(actuation.sheath_friction[1]))
+
+    @property
+    def possible_tensions(self) -> Range:
+        """All tensions behind the sheath that motors may have to hold: any where their limit acts before it [N]."""
+        limit = self.actuation.tension_limit
+        high = math.inf if self.actuation.limit_at == "motor" else self.tension_range[1] if limit is None else limit[1]
+        return self.tension_range[0], high
 
     @cached_property
     def lags(self) -> tuple[int, ...]:
@@ -430,7 +468,7 @@ class FlexibleArmConfig(TaskConfig):
     DIMENSION: ClassVar[int] = 3
     MECHANISM: ClassVar[type] = HingeChain
     MECHANISMS: ClassVar[str] = "a preset name or a mechanism file of an arm, or a HingeChain"
-    _SWITCHES: ClassVar[tuple[str, ...]] = ("observe_tensions", "observe_load", "orientation")
+    _SWITCHES: ClassVar[tuple[str, ...]] = (*TaskConfig._SWITCHES, "orientation")
     _NESTED: ClassVar[dict[str, type[Settings]]] = {
         "load": PayloadConfig,
         "target": ArmTargetConfig,

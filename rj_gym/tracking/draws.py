@@ -178,10 +178,19 @@ def hold(drawn: D, fixed: TrackingOptions) -> D:
         for name, value in vars(fixed).items()
         if value is not None and name != "mechanism"
     }
-    motors = {name: held.pop(name) for name in ("play", "sheath_friction") if name in held}
+    motors = {name: held.pop(name) for name in ("play", "sheath_friction", "tension_limits") if name in held}
     if motors and drawn.hardware is not None:
         held["hardware"] = drawn.hardware.held(**motors)
     return replace(drawn, **held) if held else drawn
+
+
+def homed(config: TaskConfig, drawn: D) -> D:
+    """The draws with the true tensions of the start, of which load cells show the drawn ones."""
+    low, at_tendons = max(config.tension_range[0], 1e-3), config.sensing.tension_at == "tendon"
+    if drawn.hardware is None:
+        return drawn
+    tensions = drawn.hardware.true_tensions(drawn.start_tensions, at_tendons)
+    return replace(drawn, start_tensions=np.maximum(tensions, low))
 
 
 def target_tensions(config: TaskConfig, uniforms: Array) -> Array:

@@ -15,10 +15,15 @@ from rj_gym.tracking.episodes import TrackingEpisodeBuffer
 from rj_gym.tracking.planar import PlanarTask
 from rj_gym.tracking.worlds import (
     ArmInstrumentConfig,
+    ArmInstrumentV1Config,
     InstrumentConfig,
     InstrumentShiftConfig,
+    InstrumentShiftV1Config,
+    InstrumentV1Config,
     LatePoseConfig,
+    LatePoseV1Config,
     SlowCameraConfig,
+    SlowCameraV1Config,
 )
 
 
@@ -60,7 +65,8 @@ class RollingJointEnv(TaskEnv):
     | failure | - `failure_penalty` (100) if the solver gave no usable equilibrium, else 0 |
 
     ## Start
-    Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied.
+    Tensions of 3 N (`start_tension`) set the unloaded mechanism; the tendons are locked there and the load applied,
+    in a step with the action 0.
     Drawn per episode: a target that the unloaded mechanism reaches (`target`), and the load: a dead force at the
     origin of a random moving link, uniform in direction and in magnitude from 0 to 1 N (`load`).
     `reset(options=...)` fixes any of "target", "load", "mechanism", "start" and "friction"; the random draws are in
@@ -69,8 +75,8 @@ class RollingJointEnv(TaskEnv):
     ## Episode end
     Truncated by the environment itself after `episode_steps` (50); no TimeLimit is registered, because a native
     vector environment has no such wrapper and both must end alike. Reaching the target does not end the episode.
-    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty applies, and
-    the observation shows the last good pose.
+    Terminated only when the solver finds no usable equilibrium: `info["status"]` says why, the penalty is added, and
+    pose, tensions and commands are the last good ones.
 
     ## Info
     `error_mm`, `status` (name of a rollingjoint Status), `tip` and `target` (2,) [mm], `load` {"link", "force"},
@@ -135,7 +141,7 @@ class InstrumentEnv(RollingJointEnv):
     | Entries | Meaning | Unit | Low | High |
     |---|---|---|---|---|
     | tendon j command | measured motor position minus neutral length | `command_scale_mm` (20 mm) | -2 | 2 |
-    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | tendon j tension | measured by the motor: T exp(nu zeta), zeta = (p - q) / h | largest tension (15 N) | 0 | 3 |
     | target x, target y | where the tip should be now | L | -2 | 2 |
     | past readings (`observe_history`, 1) | for every lag, see below | | | |
 
@@ -155,7 +161,7 @@ class InstrumentEnv(RollingJointEnv):
     ## Start
     As RollingJointEnv. Drawn per episode and hidden: a constant force at the tip, 0 to 1 N; stiffness of every tendon
     (20 %), motor offsets (0.5 mm) and contact surfaces (0.1 mm, 0.01 rad) unlike the model; the width of every
-    tendon's play, 0.5 to 3 mm, and where in it the tendon begins; every tendon's phi, 0 to 0.6.
+    tendon's play, 0.5 to 3 mm, and where in it the tendon begins; every sheath's nu, 0 to 0.6.
 
     ## Episode end
     As RollingJointEnv. Controllers are compared by the mean tip error over the last 10 steps.
@@ -170,7 +176,7 @@ class InstrumentEnv(RollingJointEnv):
     ActuationConfig. Moving targets: `target={"process": "path"}`.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension, behind the sheath; InstrumentV1Env has that of a motor.
     """
 
     settings: ClassVar[type[Settings]] = InstrumentConfig
@@ -180,7 +186,7 @@ class InstrumentShiftEnv(InstrumentEnv):
     """The instrument as it is before it wears, to train for later wear: as InstrumentEnv, with these differences.
 
     ## Start
-    Surfaces are exact; play is 0.5 to 2 mm and phi 0 to 0.3. That is the world to train in. Controllers are tested in
+    Surfaces are exact; play is 0.5 to 2 mm and nu 0 to 0.3. That is the world to train in. Controllers are tested in
     two others, absent from training: `actuation={"play_mm": (2, 3)}` and
     `actuation={"sheath_friction": (0, 0.6)}`.
 
@@ -188,7 +194,7 @@ class InstrumentShiftEnv(InstrumentEnv):
     As InstrumentEnv, with InstrumentShiftConfig.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see InstrumentShiftV1Env.
     """
 
     settings: ClassVar[type[Settings]] = InstrumentShiftConfig
@@ -220,7 +226,7 @@ class SlowCameraEnv(RollingJointEnv):
     As RollingJointEnv, with SlowCameraConfig; info as InstrumentEnv.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see SlowCameraV1Env.
     """
 
     settings: ClassVar[type[Settings]] = SlowCameraConfig
@@ -233,14 +239,14 @@ class LatePoseEnv(RollingJointEnv):
     As SlowCameraEnv, but every step brings a picture of two steps ago, with noise of 0.3 mm and 0.005 rad.
 
     ## Start
-    Mechanism and motors are as in the model; play is 0.5 to 3 mm and phi 0 to 0.3. The force at the tip wanders as
+    Mechanism and motors are as in the model; play is 0.5 to 3 mm and nu 0 to 0.3. The force at the tip wanders as
     in SlowCameraEnv.
 
     ## Arguments
     As RollingJointEnv, with LatePoseConfig; info as InstrumentEnv.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see LatePoseV1Env.
     """
 
     settings: ClassVar[type[Settings]] = LatePoseConfig
@@ -363,7 +369,7 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     | Entries | Meaning | Unit | Low | High |
     |---|---|---|---|---|
     | tendon j command | measured motor position minus length when straight | `command_scale_mm` (30 mm) | -2 | 2 |
-    | tendon j tension | measured by the motor: T exp(phi u), u = (p - q) / h | largest tension (15 N) | 0 | 3 |
+    | tendon j tension | measured by the motor: T exp(nu zeta), zeta = (p - q) / h | largest tension (15 N) | 0 | 3 |
     | target x, target y, target z | where the tip should be now | L | -2 | 2 |
 
     With `orientation` the axes of the target frame follow; past readings (`observe_history`, 1) as in InstrumentEnv.
@@ -374,7 +380,7 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     ## Start
     As FlexibleArmEnv. Drawn per episode and hidden besides gravity and payload: the stiffness of every tendon (20 %)
     and hinge (10 %), the weight of every bead (10 %), motor offsets (0.5 mm); the width of every tendon's play, 0.2 to
-    1 mm, and where in it the tendon begins; every tendon's phi in the sheath, 0 to 0.3; mu in the holes, 0 to 0.1, the
+    1 mm, and where in it the tendon begins; every sheath's nu, 0 to 0.3; mu in the holes, 0 to 0.1, the
     same for all tendons. Targets are tips of equilibria without friction under gravity and payload of the episode.
 
     ## Episode end
@@ -388,7 +394,94 @@ class ArmInstrumentEnv(FlexibleArmEnv):
     `target={"process": "path"}`.
 
     ## Version history
-    * v0: first version.
+    * v0: first version, with an ideal limit of tension: see ArmInstrumentV1Env.
     """
 
     settings: ClassVar[type[Settings]] = ArmInstrumentConfig
+
+
+class InstrumentV1Env(InstrumentEnv):
+    """The instrument with the motors and sensors of a rig: as InstrumentEnv, with these differences.
+
+    ## Action space
+    A motor moves by an action once it is more than 0.02 mm from where it is commanded (`actuation.dead_band_mm`). No
+    tension has an ideal limit. A motor that pulls in stops where the tension before the sheath, T exp(nu zeta), is its
+    limit (`actuation.limit_at`: motor); at rest it holds any tension, and paying out is free.
+
+    ## Observation space
+    As InstrumentEnv, with tensions in units of 15 N. Motor positions are multiples of 0.015 mm. Load cells, at the
+    motors, have a gain within 2 % of 1 and an offset within 0.1 N, constant in an episode and hidden.
+
+    ## Start
+    As InstrumentEnv, but motors begin where their load cells show 3 N, and then the load acts (`start`: measured).
+    Every motor has a hidden limit, 10 to 30 N in steps of 0.5 N (`actuation.tension_limit`).
+
+    ## Info
+    As InstrumentEnv; `sampled` has `tension_limits`, `tension_gains` and `tension_offsets`, too.
+
+    ## Arguments
+    As InstrumentEnv, with InstrumentV1Config. `actuation={"tension_limit": [20, 20]}` has the same limit at every
+    motor; the observation keeps its units.
+
+    ## Version history
+    * v1: limits at the motors, measured starts, errors of load cells, dead bands and counts of motors and encoders.
+    * v0: InstrumentEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentV1Config
+
+
+class InstrumentShiftV1Env(InstrumentShiftEnv):
+    """The instrument before it wears, with the motors and sensors of a rig: as InstrumentShiftEnv and InstrumentV1Env.
+
+    ## Arguments
+    As InstrumentShiftEnv, with InstrumentShiftV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: InstrumentShiftEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = InstrumentShiftV1Config
+
+
+class SlowCameraV1Env(SlowCameraEnv):
+    """A slow camera with the motors and sensors of a rig: as SlowCameraEnv, with the differences of InstrumentV1Env.
+
+    ## Arguments
+    As SlowCameraEnv, with SlowCameraV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: SlowCameraEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = SlowCameraV1Config
+
+
+class LatePoseV1Env(LatePoseEnv):
+    """Late poses with the motors and sensors of a rig: as LatePoseEnv, with the differences of InstrumentV1Env.
+
+    ## Arguments
+    As LatePoseEnv, with LatePoseV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: LatePoseEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = LatePoseV1Config
+
+
+class ArmInstrumentV1Env(ArmInstrumentEnv):
+    """An arm's instrument with the motors and sensors of a rig: as ArmInstrumentEnv and InstrumentV1Env.
+
+    ## Arguments
+    As ArmInstrumentEnv, with ArmInstrumentV1Config.
+
+    ## Version history
+    * v1: motors and sensors as InstrumentV1Env.
+    * v0: ArmInstrumentEnv, with an ideal limit.
+    """
+
+    settings: ClassVar[type[Settings]] = ArmInstrumentV1Config

@@ -113,8 +113,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         return observations
 
     def _complete(self, address: int, first: int, last: int) -> None:
-        """A step after lanes were left to the solver for all cases, or to steps with friction."""
-        self.solver.solve_the_rest(first, last)
+        """A step after lanes were left to the general solver, or to steps with friction."""
+        self.solver.solve_the_rest(first, last, self._kernels.revise if self._rules.hardware.limits_pulls else None)
         self._kernels.finish(address, first, last)
 
     def restart(self, rows: Rows, rngs: Random, fixed: Any = None) -> tuple[dict[str, Any], Observation]:
@@ -131,7 +131,8 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
     def begin(self, rngs: Random, fixed: Any = None) -> tuple[Any, Observation]:
         """New episodes in the first lanes, one per generator, with their observations, (len(rngs), entries).
 
-        Tendons are locked at the unloaded start tensions, then the load is applied.
+        Tendons are locked at the unloaded start tensions, then the load is applied in a step with the action 0, which
+        is step 0. Offsets of motors come in when they are locked, or, where the start is measured, before.
         """
         count, m = len(rngs), self.task.action_size
         draws = self.task.sample(rngs, fixed)
@@ -145,8 +146,10 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
         readings[:, STEP] = -1.0
         readings[:, TENSIONS : TENSIONS + m] = draws.start_tensions
         commands[:] = lengths - draws.start_tensions / draws.stiffnesses
+        if self.task.config.start == "measured":
+            commands -= draws.actuator_offsets
         if draws.hardware is not None:
-            enter_hardware(self.hardware, draws.hardware, commands)
+            enter_hardware(self.hardware, draws.hardware, commands, self._rules.hardware.limits_pulls)
         if self.solver.friction is not None:
             self.solver.begin_histories(draws, angles)
             if draws.hardware is not None:
@@ -410,7 +413,7 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             results.status,
         )
         flat = state._replace(poses=state.poses.reshape(self.capacity, n_links, -1))  # a view
-        inputs = StepInputs(self._actions, solver.starts, solver.laws.command, solver.loads)
+        inputs = StepInputs(self._actions, solver.starts, solver.laws.command, solver.laws.high, solver.loads)
         self._kernels = StepKernels(TaskArrays(self._rules, course, flat, self.hardware, inputs, solved, *solver.entry))
         self._seen = self._room(1)[0]
         self._at: int = self._seen.ctypes.data

@@ -11,8 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.generators import Uniforms
-from rj_gym.tracking.arrays import MOTOR_ROWS, SENSED, Hardware, HardwareRules
+from rj_gym.tracking.arrays import (
+    BOUND,
+    CELL_ROWS,
+    GAIN,
+    LIMIT,
+    LIMIT_ROWS,
+    MOTOR_ROWS,
+    MOVES,
+    OFFSET,
+    SENSED,
+    STOP,
+    Hardware,
+    HardwareRules,
+)
 from rj_gym.tracking.config import TaskConfig
+from rollingjoint.transmission import sheath_direction, sheath_ratio
 
 Array = NDArray[np.float64]
 
@@ -25,6 +39,8 @@ class HardwareDraws:
         play: widths, (B, m) [mm]. motor_starts: motor minus tendon at the start, (B, m) [mm].
         sheath_friction: (B, m). phase: of the pictures, (B,) [steps].
         encoder_noise: (B, T + 1, m) [mm]. tension_noise: (B, T + 1, m) [N].
+        tension_gains: of load cells, (B, m). tension_offsets: (B, m) [N].
+        tension_limits: of motors, (B, m) [N].
     """
 
     play: Array | None = None
@@ -33,14 +49,29 @@ class HardwareDraws:
     phase: NDArray[np.int64] | None = None
     encoder_noise: Array | None = None
     tension_noise: Array | None = None
+    tension_gains: Array | None = None
+    tension_offsets: Array | None = None
+    tension_limits: Array | None = None
 
-    def held(self, play: Array | None = None, sheath_friction: Array | None = None) -> HardwareDraws:
+    def held(self, play: Array | None = None, **others: Any) -> HardwareDraws:
         """The draws with these in place of drawn ones, (B, m); motors start at the same share of another play."""
-        sheath = self.sheath_friction if sheath_friction is None else sheath_friction
         if play is None or self.play is None or self.motor_starts is None:
-            return replace(self, sheath_friction=sheath)
+            return replace(self, **others)
         shares = np.divide(self.motor_starts, self.play, out=np.zeros_like(play), where=self.play > 0)
-        return replace(self, play=play, motor_starts=shares * play, sheath_friction=sheath)
+        return replace(self, play=play, motor_starts=shares * play, **others)
+
+    def true_tensions(self, shown: Array, at_tendons: bool) -> Array:
+        """Tensions behind the sheath at the start, (B, m) [N], where load cells show these.
+
+        at_tendons: whether the cells are behind the sheath.
+        """
+        tensions = shown if self.tension_offsets is None else shown - self.tension_offsets
+        if self.tension_gains is not None:
+            tensions = tensions / self.tension_gains
+        if at_tendons or self.sheath_friction is None or self.play is None or self.motor_starts is None:
+            return tensions
+        place = sheath_direction(np.zeros_like(self.play), self.motor_starts, 0.5 * self.play)
+        return np.asarray(tensions / sheath_ratio(self.sheath_friction, place))
 
     def sampled_info(self) -> dict[str, Any]:
         """Entries of info["sampled"], (B, ...) each."""
@@ -49,6 +80,9 @@ class HardwareDraws:
             "motor_starts": self.motor_starts,
             "sheath_friction": self.sheath_friction,
             "picture_phase": self.phase,
+            "tension_gains": self.tension_gains,
+            "tension_offsets": self.tension_offsets,
+            "tension_limits": self.tension_limits,
         }
         return {name: values for name, values in named.items() if values is not None}
 
@@ -65,6 +99,8 @@ def hardware_shapes(config: TaskConfig, n_tendons: int, pose_numbers: int) -> di
         "bias": ((pose_numbers,), sensing.biased),
         "encoder": (series, sensing.encoder_noise_mm > 0),
         "tension": (series, sensing.tension_noise > 0),
+        "cells": ((2, m), sensing.cells_err),
+        "limits": ((m,), actuation.tension_limit is not None),
     }
     return {name: shape for name, (shape, needed) in shapes.items() if needed}
 
@@ -89,6 +125,7 @@ def draw_hardware(config: TaskConfig, uniforms: Uniforms, normal: Callable[[Arra
         encoder = sensing.encoder_noise_mm * normal(uniforms["encoder"])
     if sensing.tension_noise > 0:
         tension = sensing.tension_noise * normal(uniforms["tension"])
+    gains, offsets = _cells(config, uniforms)
     return HardwareDraws(
         play=play,
         motor_starts=motor_starts,
@@ -96,7 +133,32 @@ def draw_hardware(config: TaskConfig, uniforms: Uniforms, normal: Callable[[Arra
         phase=phase,
         encoder_noise=encoder,
         tension_noise=tension,
+        tension_gains=gains,
+        tension_offsets=offsets,
+        tension_limits=_limits(config, uniforms),
     )
+
+
+def _cells(config: TaskConfig, uniforms: Uniforms) -> tuple[Array | None, Array | None]:
+    """Gains of load cells, and their offsets [N], (B, m)."""
+    sensing = config.sensing
+    if not sensing.cells_err:
+        return None, None
+    shares = 2.0 * uniforms["cells"] - 1.0
+    return 1.0 + sensing.tension_gain_error * shares[:, 0], sensing.tension_offset * shares[:, 1]
+
+
+def _limits(config: TaskConfig, uniforms: Uniforms) -> Array | None:
+    """Upper limits of tension, (B, m) [N]."""
+    actuation = config.actuation
+    if not actuation.limits_vary:
+        return None
+    if actuation.tension_limit is None:
+        limits = np.full(uniforms["start"].shape, config.tension_range[1])
+    else:
+        limits = _between(actuation.tension_limit, uniforms["limits"])
+    unit = actuation.current_resolution
+    return unit * np.maximum(np.round(limits / unit), 1.0) if unit > 0 else limits
 
 
 def _between(limits: tuple[float, float], uniforms: Array) -> Array:
@@ -122,6 +184,8 @@ def new_hardware(config: TaskConfig, capacity: int, n_tendons: int, pose_numbers
         encoder_noise=np.zeros((lanes, times if sensing.encoder_noise_mm > 0 else 0, m)),
         tension_noise=np.zeros((lanes, times if sensing.tension_noise > 0 else 0, m)),
         phase=np.zeros(lanes, np.int64),
+        cells=np.zeros((lanes if sensing.cells_err else 0, CELL_ROWS, m)),
+        limits=np.zeros((lanes if config.actuation.limits_vary else 0, LIMIT_ROWS, m)),
         motors=np.zeros((lanes, MOTOR_ROWS, m)),
         measured=np.zeros((lanes, SENSED, m)),
         pictures=np.zeros((lanes, depth, pose_numbers)),
@@ -131,8 +195,11 @@ def new_hardware(config: TaskConfig, capacity: int, n_tendons: int, pose_numbers
     )
 
 
-def enter_hardware(hardware: Hardware, draws: HardwareDraws, commands: Array) -> None:
-    """Put random numbers into the first lanes, where tendons have these commands, (B, m) [mm]."""
+def enter_hardware(hardware: Hardware, draws: HardwareDraws, commands: Array, at_motors: bool) -> None:
+    """Put random numbers into the first lanes, where tendons have these commands, (B, m) [mm].
+
+    at_motors: whether limits of tension act there.
+    """
     count = len(commands)
     hardware.half_play[:count] = 0.0 if draws.play is None else 0.5 * draws.play
     hardware.sheath[:count] = 0.0 if draws.sheath_friction is None else draws.sheath_friction
@@ -143,6 +210,12 @@ def enter_hardware(hardware: Hardware, draws: HardwareDraws, commands: Array) ->
     if draws.tension_noise is not None:
         hardware.tension_noise[:count] = draws.tension_noise
     hardware.motors[:count] = (commands + hardware.starts[:count])[:, None]
+    if draws.tension_gains is not None and draws.tension_offsets is not None:
+        hardware.cells[:count, GAIN], hardware.cells[:count, OFFSET] = draws.tension_gains, draws.tension_offsets
+    if draws.tension_limits is not None:
+        hardware.limits[:count, LIMIT] = draws.tension_limits
+        hardware.limits[:count, BOUND] = np.inf if at_motors else draws.tension_limits
+        hardware.limits[:count, STOP] = MOVES
 
 
 def hardware_rules(config: TaskConfig, mechanism: Any, bounds: tuple[Array, Array], at: int) -> HardwareRules:
@@ -159,6 +232,9 @@ def hardware_rules(config: TaskConfig, mechanism: Any, bounds: tuple[Array, Arra
         active=config.is_instrumented,
         rate_limit=math.inf if actuation.rate_limit_mm is None else actuation.rate_limit_mm,
         action_delay=actuation.delay,
+        dead_band=actuation.dead_band_mm,
+        limits_pulls=actuation.limit_at == "motor",
+        cells_at_tendons=sensing.tension_at == "tendon",
         encoder_resolution=sensing.encoder_resolution_mm,
         tension_resolution=sensing.tension_resolution,
         late=sensing.late,
@@ -166,6 +242,7 @@ def hardware_rules(config: TaskConfig, mechanism: Any, bounds: tuple[Array, Arra
         picture_delay=sensing.delay,
         lags=np.array(config.lags, np.int64),
         stiffnesses=np.array(mechanism.stiffnesses, float),
+        tells_limits=actuation.limits_vary,
         friction=bool(config.has_friction(mechanism)),
         steps=config.episode_steps,
         privileged_at=at,

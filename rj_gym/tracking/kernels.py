@@ -1,10 +1,10 @@
 """A step of the tracking tasks, compiled: motors, loads, predicted starts and ends of steps of a range of lanes.
 
-A step is `step`, and where it leaves lanes to the solver for all cases, that and `finish`; each works on lanes first to
+A step is `step`, and where it leaves lanes to the general solver, that and `finish`; each works on lanes first to
 last - 1, and lanes do not see each other. Chains in the plane and arms in space differ in the shapes of arrays
 (arrays.py), in `Rules.dimension`, and in their measurements (measuring.py). A motor's position q and the tendon's
 command p (readings, after TENSIONS) are different things: the agent moves and reads q. The formulas of play and
-friction between them are in rollingjoint/transmission.
+friction between them are in rollingjoint/transmission; motors.py moves motors.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from rj_gym.core.columns import (
     WORK,
 )
 from rj_gym.core.episodes import Observation
-from rj_gym.tracking.arrays import ASKED, GOAL, MOTOR, NEXT_GOAL, NEXT_MOTOR, TaskArrays
+from rj_gym.tracking.arrays import TaskArrays
 from rj_gym.tracking.measuring import measure, observe_lanes, rotation_vector
-from rollingjoint.chain.status import Status
+from rj_gym.tracking.motors import AT_LIMIT, move_motors, revise_pulls, settle_motors
 from rollingjoint.compiled import (
     PENDING,
     Pinned,
@@ -46,17 +46,14 @@ from rollingjoint.compiled import (
     call_range,
     kernel,
     machine_code,
-    motor_yield,
     part,
-    play_step,
     singles_at,
     unpin,
     unstretched_length,
 )
 
-AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
-
 REFUSED = -1  # returned by a step instead of a number of lanes
+REVISIONS = 8  # of a lane's pulls in a step, at most: one or two in almost all
 PREDICTABLE = 0.2  # rad: how far a joint may turn in a predicted start
 
 
@@ -72,16 +69,22 @@ class StepKernels:
         self._pins = self._pinned.address_for(TaskArrays)
         self._step = machine_code(step, int, int, int, int)
         self._finish = machine_code(finish, int, int, int, int)
+        self._revise = machine_code(revise, int, int, int)
         self._observe = machine_code(observe, int, int)
 
     def step(self, address: int, first: int, last: int) -> int:
-        """One step of lanes; how many of them are left to the solver for all cases, or REFUSED: see `step`."""
+        """One step of lanes; how many of them are left to the general solver, or REFUSED: see `step`."""
         remaining: int = self._step(self._pins, address, first, last)
         return remaining
 
     def finish(self, address: int, first: int, last: int) -> None:
-        """End the step of lanes of which some were left to the solver for all cases."""
+        """End the step of lanes of which some were left to the general solver."""
         self._finish(self._pins, address, first, last)
+
+    def revise(self, first: int, last: int) -> int:
+        """How many lanes have to be solved anew, PENDING, since pulls end in another way: see motors.py."""
+        wrong: int = self._revise(self._pins, first, last)
+        return wrong
 
     def observe(self, observations: Observation) -> None:
         """Fill the observations of all lanes, (B, entries), anew."""
@@ -92,7 +95,7 @@ class StepKernels:
 def step(pins, observation, first, last):
     """One step of lanes, into the observations (B, entries) at an address, float32.
 
-    Returns how many lanes the solver has left to PinnedRange.solve_the_rest; if any, `finish` remains to be done after
+    Returns how many lanes the solver has left to LaneSolver.solve_the_rest; if any, `finish` remains to be done after
     that. REFUSED, and no change, where an action is not finite.
     """
     rules, course, state, hardware, inputs, solved, solver, problem = unpin(pins, TaskArrays)
@@ -100,10 +103,13 @@ def step(pins, observation, first, last):
         return REFUSED
     _prepare(rules, course, state, hardware, inputs, first, last)
     remaining = _solve(rules, solver, problem, first, last)
-    if remaining < 0:  # no memory: the solver for all cases has enough, or raises
+    if remaining < 0:  # no memory: the general solver has enough, or raises
         remaining = last - first
         for lane in range(first, last):
             solved.status[lane] = PENDING
+    if remaining == 0 and rules.hardware.limits_pulls:
+        for lane in range(first, last):
+            remaining += _solve_pulls(rules, course, state, hardware, inputs, solved, solver, problem, lane)
     if remaining == 0:
         _finish(rules, course, state, hardware, solved, observation, first, last)
     return remaining
@@ -158,31 +164,11 @@ def _pull_tendons(rules, course, state, hardware, inputs, lane):
         taken[lane, 1, j] = taken[lane, 0, j]
         taken[lane, 0, j] = min(max(actions[lane, j], -1.0), 1.0)
     if rules.hardware.active:
-        _move_motors(rules, hardware, state, offsets, commands, lane)
+        move_motors(rules, hardware, state, offsets, inputs, lane)
         return
     for j in range(m):
         believed = readings[lane, TENSIONS + m + j] - rules.action_scale * taken[lane, 0, j]
         commands[lane, j] = believed + offsets[lane, j]
-
-
-@part(inline=True)
-def _move_motors(rules, hardware, state, offsets, commands, lane):
-    """Move motors by the actions that are due, and tendons with them: fill commands [mm]."""
-    readings, motors, half, past = state.readings, hardware.motors, hardware.half_play, hardware.past
-    m, times, now = commands.shape[1], hardware.past.shape[1], int(state.readings[lane, STEP])
-    limit = rules.hardware.rate_limit
-    for j in range(m):
-        p = readings[lane, TENSIONS + m + j]
-        if now > 0:
-            past[lane, (now - 1) % times, j] = state.actions[lane, 0, j]
-            due = past[lane, (now - 1 - rules.hardware.action_delay + times) % times, j]
-            goal = motors[lane, GOAL, j] - rules.action_scale * due
-            q = motors[lane, MOTOR, j]
-            q += min(max(goal - q, -limit), limit)
-            motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j] = q, goal
-            p = play_step(p, q, half[lane, j])
-        motors[lane, ASKED, j] = p
-        commands[lane, j] = p + offsets[lane, j]
 
 
 @part(inline=True)
@@ -217,6 +203,30 @@ def _solve(rules, solver, problem, first, last):
     if rules.dimension == 2:
         return call_range(solver, problem, PinnedBatch, first, last)
     return call_range(solver, problem, PinnedHinges, first, last)
+
+
+@part(inline=True)
+def _solve_pulls(rules, course, state, hardware, inputs, solved, solver, problem, lane):
+    """Solve a lane anew while its pulls end in another way; 1 where it is left, PENDING, else 0."""
+    for _ in range(REVISIONS):
+        if not revise_pulls(course, hardware, state.readings, inputs, solved, lane):
+            return 0
+        if _solve(rules, solver, problem, lane, lane + 1) != 0:
+            solved.status[lane] = PENDING
+            return 1
+    return 0
+
+
+@kernel(nogil=True, short_loops=True, title="the environments")
+def revise(pins, first, last):
+    """Change the inputs of lanes with pulls that end in another way, which are PENDING then; returns their number."""
+    _, course, state, hardware, inputs, solved, _, _ = unpin(pins, TaskArrays)
+    wrong = 0
+    for lane in range(first, last):
+        if revise_pulls(course, hardware, state.readings, inputs, solved, lane):
+            solved.status[lane] = PENDING
+            wrong += 1
+    return wrong
 
 
 @part(inline=True)
@@ -272,21 +282,8 @@ def _settle_tendons(rules, course, state, hardware, solved, lane):
             readings[lane, TENSIONS + j] = tensions[lane, j]
             readings[lane, TENSIONS + m + j] = unstretched - offsets[lane, j]
         if rules.hardware.active:
-            _settle_motors(hardware, readings, lane)
+            settle_motors(rules, hardware, readings, lane)
     return valid
-
-
-@part(inline=True)
-def _settle_motors(hardware, readings, lane):
-    """End the motors' step. At a tension limit, where the command follows the tendon, its motor moves along."""
-    motors, m, begins = hardware.motors, hardware.motors.shape[2], readings[lane, STEP] == 0.0
-    for j in range(m):
-        p = readings[lane, TENSIONS + m + j]
-        shift = p - motors[lane, ASKED, j]
-        q, goal = motor_yield(motors[lane, NEXT_MOTOR, j], motors[lane, NEXT_GOAL, j], shift)
-        if begins:
-            q = goal = p + hardware.starts[lane, j]
-        motors[lane, MOTOR, j], motors[lane, GOAL, j] = q, goal
 
 
 @part(inline=True)

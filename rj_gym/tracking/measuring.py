@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from rj_gym.core.columns import FORCE, GRAVITY, LINK, STEP, TARGET, TARGET_FRAME, TENSIONS, TIP
-from rj_gym.tracking.arrays import AGE, LAG_TENSION, MOTOR, NEW, POSITION, TAKEN, TENSION
+from rj_gym.tracking.arrays import AGE, GAIN, LAG_TENSION, LIMIT, MOTOR, NEW, OFFSET, POSITION, TAKEN, TENSION
 from rollingjoint.compiled import part, sheath_direction, sheath_ratio
 
 BLOCK = 16  # lanes with angles turned together
@@ -20,7 +20,7 @@ ROUND = 1.5 * 2.0**52  # added and taken away again, it rounds to a whole number
 
 @part(inline=True)
 def measure(rules, course, state, hardware, first, last):
-    """Fill the measurements at the end of a step, and the privileged state."""
+    """Where a world has sensors: fill the measurements at the end of a step, and the privileged state."""
     readings = state.readings
     for lane in range(first, last):
         _measure_tendons(rules, hardware, readings, lane)
@@ -48,13 +48,17 @@ def _measure_tendons(rules, hardware, readings, lane):
     m, positions, tensions = motors.shape[2], hardware.encoder_noise, hardware.tension_noise
     for j in range(m):
         p, q, tension = readings[lane, TENSIONS + m + j], motors[lane, MOTOR, j], readings[lane, TENSIONS + j]
-        if hardware.sheath[lane, j] > 0.0:
+        if hardware.sheath[lane, j] > 0.0 and not rules.hardware.cells_at_tendons:
             direction = sheath_direction(p, q, hardware.half_play[lane, j])
             tension *= sheath_ratio(hardware.sheath[lane, j], direction)
+        if hardware.cells.shape[0] > 0:
+            tension = hardware.cells[lane, GAIN, j] * tension + hardware.cells[lane, OFFSET, j]
         if positions.shape[1] > 0:
             q += positions[lane, min(now, positions.shape[1] - 1), j]
         if tensions.shape[1] > 0:
-            tension = max(tension + tensions[lane, min(now, tensions.shape[1] - 1), j], 0.0)
+            tension += tensions[lane, min(now, tensions.shape[1] - 1), j]
+        if tensions.shape[1] > 0 or hardware.cells.shape[0] > 0:
+            tension = max(tension, 0.0)
         measured[lane, POSITION, j] = _rounded(q, rules.hardware.encoder_resolution)
         measured[lane, TENSION, j] = _rounded(tension, rules.hardware.tension_resolution)
 
@@ -234,7 +238,9 @@ def _tendon_truth(rules, hardware, course, readings, lane, at):
         readings[lane, at + 5 * m + j] = course.stiffnesses[lane, j] / h.stiffnesses[j]
         if h.friction:
             readings[lane, at + 6 * m + j] = hardware.friction[lane, j]
-    at += 7 * m if h.friction else 6 * m
+        if h.tells_limits:
+            readings[lane, at + (7 * m if h.friction else 6 * m) + j] = hardware.limits[lane, LIMIT, j]
+    at += (6 + (1 if h.friction else 0) + (1 if h.tells_limits else 0)) * m
     readings[lane, at] = readings[lane, STEP] / h.steps
     return at + 1
 

@@ -1,20 +1,26 @@
-"""Entries of the observations of tracking tasks: names, units and bounds; measuring.py fills them."""
+"""Entries of the observations of tracking tasks: names, units and bounds.
+
+An entry is what a sensor gives; true values that none gives are shown by `observe_load` and the privileged state alone.
+measuring.py fills them (`tendon_entries`: `_observe_tendons`, and so on), in torch rj_gym/torch_env/observing.py.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from rj_gym.core.task import POSITION_BOUND, Entry
+from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError
 from rj_gym.tracking.arrays import AGE, LAG_TENSION
 from rj_gym.tracking.config import FlexibleArmConfig, TaskConfig
-from rj_gym.tracking.sensing import LARGEST_PLAY, LARGEST_SHEATH
+from rj_gym.tracking.sensing import LARGEST_LIMIT, LARGEST_PLAY, LARGEST_SHEATH
+from rollingjoint.errors import ConfigError
 from rollingjoint.friction import LARGEST_MU
 
 COMMAND_BOUND = 2.0
 ERROR_BOUND = 10.0
 RATE_BOUND = 100.0  # mm/mm
 ANGLE_BOUND = 2 * math.pi
+TRUE_TENSION_BOUND = 20.0  # motors at rest hold any tension
 SENSED_TENSION_BOUND = 3.0  # sheath friction makes measured tensions larger than any tension
 AGE_BOUND = 100.0
 LAG_BOUND = 50.0
@@ -106,9 +112,14 @@ def tendon_entries(config: TaskConfig, n_tendons: int) -> list[Entry]:
     if config.observe_tensions:
         unit = f"{config.tension_range[1]:g} N"
         rubs = config.actuation.sheath_friction[1] > 0 or config.sensing.tension_noise > 0
-        high = SENSED_TENSION_BOUND if rubs else 1.0
+        high = SENSED_TENSION_BOUND if rubs or _exceeds_scale(config) else 1.0
         entries += [Entry(f"tendon {j} tension", unit, 0.0, high) for j in range(n_tendons)]
     return entries
+
+
+def _exceeds_scale(config: TaskConfig) -> bool:
+    """Whether tensions can be above the upper end of `tension_range`, or measured so without friction and noise."""
+    return config.actuation.limits_vary or config.sensing.cells_err
 
 
 def instrument_entries(config: TaskConfig, n_tendons: int) -> list[Entry]:
@@ -142,12 +153,14 @@ def tendon_truth_entries(config: TaskConfig, mechanism: Any) -> list[Entry]:
         ("tendon {} command minus motor", "mm", -LARGEST_PLAY / 2, LARGEST_PLAY / 2),
         ("tendon {} half play", "mm", 0.0, LARGEST_PLAY / 2),
         ("tendon {} sheath friction", "1", 0.0, LARGEST_SHEATH),
-        ("tendon {} tension", newtons, 0.0, 1.0),
+        ("tendon {} tension", newtons, 0.0, TRUE_TENSION_BOUND if config.actuation.limits_vary else 1.0),
         ("tendon {} motor offset", "mm", -far, far),
         ("tendon {} stiffness factor", "1", 0.0, 10.0),
     ]
     if config.has_friction(mechanism):
         kinds.append(("tendon {} friction", "1", 0.0, LARGEST_MU))
+    if config.actuation.limits_vary:
+        kinds.append(("tendon {} tension limit", "N", 0.0, LARGEST_LIMIT))
     tendons = range(mechanism.n_tendons)
     entries = [Entry(name.format(j), unit, low, high) for name, unit, low, high in kinds for j in tendons]
     return [*entries, Entry("time", "episode_steps", 0.0, 1.0)]
@@ -166,6 +179,16 @@ def position_error_entries(config: TaskConfig) -> list[Entry]:
     """The tip error."""
     unit = f"{config.reward.error_scale_mm:g} mm"
     return [Entry(f"tip error {axis}", unit, -ERROR_BOUND, ERROR_BOUND) for axis in axes(config)]
+
+
+def observed_error(config: TaskConfig, entries: list[Entry]) -> ObservedError:
+    """The observed tip error among these entries; raises ConfigError where none of them has it."""
+    names = [entry.name for entry in entries]
+    errors = [entry.name for entry in position_error_entries(config)]
+    if not set(errors) <= set(names):
+        allowed = "an environment whose observation vector has its entries"
+        raise ConfigError("tip error", "not observed", allowed, "The tip is not seen, or goals are apart.")
+    return ObservedError(tuple(map(names.index, errors)), float(config.reward.error_scale_mm))
 
 
 def load_scale(config: TaskConfig) -> float:

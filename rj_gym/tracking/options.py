@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rj_gym.core.arguments import checked_keys, finite_floats
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.sensing import LARGEST_PLAY, LARGEST_SHEATH
+from rj_gym.tracking.sensing import LARGEST_LIMIT, LARGEST_PLAY, LARGEST_SHEATH
 from rollingjoint.checks import as_integer
 from rollingjoint.errors import InvalidInput
 from rollingjoint.friction import LARGEST_MU
@@ -20,10 +20,22 @@ from rollingjoint.load import link_index
 
 Array = NDArray[np.float64]
 
-OPTIONS = ("target", "load", "mechanism", "start", "friction", "actuator_offsets", "play_mm", "sheath_friction")
+OPTIONS = (
+    "target",
+    "load",
+    "mechanism",
+    "start",
+    "friction",
+    "actuator_offsets",
+    "play_mm",
+    "sheath_friction",
+    "tension_limit",
+)
 ARM_OPTIONS = ("target", "load", "gravity", *OPTIONS[2:])
 
 LARGEST_OFFSET = 20.0  # mm, of a motor
+
+LOWEST_LIMIT = 0.1  # N, of a motor
 
 _RANGES = (  # option, field, largest value
     ("play_mm", "play", LARGEST_PLAY),
@@ -47,6 +59,7 @@ class TrackingOptions:
     actuator_offsets: Array | None = None
     play: Array | None = None
     sheath_friction: Array | None = None
+    tension_limits: Array | None = None
     links: int | None = None
     forces: Array | None = None
     gravity: Array | None = None
@@ -64,7 +77,7 @@ def checked_options(options: Mapping[str, Any] | None, config: TaskConfig, nomin
             {"link": link, "force": (2,) or (T + 1, 2) [N]}, of arms the payload, a number or (T + 1,) [N]; "gravity",
             of arms: its direction (3,); "mechanism": preset name, file or mechanism with the links and tendons of
             the nominal one; "start": tensions (m,) [N] within the tension range; "friction": coefficients, a number or
-            (m,); "actuator_offsets" [mm], "play_mm" and "sheath_friction" likewise.
+            (m,); "actuator_offsets" [mm], "play_mm", "sheath_friction" and "tension_limit" [N] likewise.
         config: the settings.
         nominal: the mechanism before randomisation.
     Raises:
@@ -147,6 +160,12 @@ def _friction_mu(value: object, config: TaskConfig, nominal: Any) -> Array:
 def _motors(options: Mapping[str, Any], config: TaskConfig, n_tendons: int) -> dict[str, Any]:
     """Values of motors that options fix, fields of TrackingOptions; InvalidInput where the settings leave them out."""
     fixed: dict[str, Any] = {}
+    if "tension_limit" in options:
+        what, limits = "options['tension_limit']", options["tension_limit"]
+        if not config.actuation.limits_vary:
+            hint = "Make one with actuation={'tension_limit': [10, 30]}."
+            raise InvalidInput(what, limits, "only in an environment with actuation.tension_limit", hint)
+        fixed["tension_limits"] = _per_tendon(what, limits, n_tendons, LOWEST_LIMIT, LARGEST_LIMIT)
     for key, name, largest in _RANGES:
         if key in options:
             what = f"options['{key}']"

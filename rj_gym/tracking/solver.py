@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rj_gym.tracking.config import FrictionConfig
 from rj_gym.tracking.draws import of_lanes
-from rj_gym.tracking.kernels import keep_history
+from rj_gym.tracking.kernels import REVISIONS, keep_history
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.stacks import Variations, stack
 from rollingjoint.compiled import (
@@ -89,9 +89,22 @@ class LaneSolver:
         self.designs[: len(designs)] = designs
         self._bind()
 
-    def solve_the_rest(self, first: int, last: int) -> None:
-        """Solve the lanes that kernels have left; with friction their steps, which become the history of the next."""
-        (self._steps or self.alone).solve_the_rest(first, last)
+    def solve_the_rest(self, first: int, last: int, revise: Callable[[int, int], int] | None = None) -> None:
+        """Solve the lanes that kernels have left; with friction their steps, which become the history of the next.
+
+        revise: called after each solve of these lanes; the number of those that it has left again.
+        """
+        if revise is None:
+            (self._steps or self.alone).solve_the_rest(first, last)
+            return
+        solve = self._steps or self.alone.solve_the_rest
+        solve(first, last)
+        for _ in range(REVISIONS):
+            if not revise(first, last):
+                break
+            solve(first, last)
+        if self._steps is not None:
+            self._steps.keep(first, last)
 
     def solve_at(self, tensions: Array, forces: Array | float = 0.0) -> None:
         """Solve the first lanes under tensions (count, m) and forces (count, d), from their neutral poses."""
@@ -184,7 +197,7 @@ class FrictionSteps:
     """In place of PinnedRange where steps have friction: a step that stands becomes the history of the next one."""
 
     def __init__(self, step: Range, keep: Range, begin: Range) -> None:
-        self._step, self._keep, self.begin = step, keep, begin
+        self._step, self.keep, self.begin = step, keep, begin
 
     def __call__(self, first: int, last: int) -> None:
         """The steps of lanes first to last - 1, without an effect on their histories."""
@@ -193,7 +206,7 @@ class FrictionSteps:
     def solve_the_rest(self, first: int, last: int) -> None:
         """The steps of lanes first to last - 1."""
         self._step(first, last)
-        self._keep(first, last)
+        self.keep(first, last)
 
 
 class LaneByLane:

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rj_gym.core.columns import TENSIONS, TIP
-from rj_gym.tracking.arrays import MOTOR, Hardware
-from rj_gym.tracking.kernels import AT_LIMIT
+from rj_gym.tracking.arrays import BOUND, GAIN, IN_PLAY, LIMIT, MOTOR, STAYS, STOP, Hardware
+from rj_gym.tracking.motors import AT_LIMIT
 from rj_gym.tracking.solver import LaneSolver
 from rj_gym.tracking.task import TrackingTask
 from rollingjoint.chain.batch import free_joints, stiffnesses
-from rollingjoint.transmission import at_limit
+from rollingjoint.transmission import at_limit, pull_limit
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,8 @@ class Tangent(NamedTuple):
 
     A tendon's command p follows the position q of its motor through play: |p - q| <= half_play. The motor measures
     T exp(sheath u), u = (p - q) / half_play. `held` tendons are at a tension limit and stay there: motors and
-    commands move with their lengths, and have no effect.
+    commands move with their lengths, and have no effect. A limit at the motor can also end a pull while the tendon
+    stays: in the play, where T exp(sheath u) is the limit, or at once, so that the motor stays.
     """
 
     motors: Array  # q, (B, m) mm
@@ -37,6 +38,11 @@ class Tangent(NamedTuple):
     half_play: Array  # (B, m) mm
     sheath: Array  # (B, m)
     held: NDArray[np.bool_]  # (B, m)
+    stays: NDArray[np.bool_]  # (B, m): motors that stay, at their limit
+    in_play: NDArray[np.bool_]  # (B, m): motors that their limit stopped in the play
+    limits: Array  # (B, m) N: tensions at which motors that pull give way or stop
+    cell_gains: Array  # (B, m): d measured tension / d tension where the load cell is
+    cell_sheath: Array  # (B, m): `sheath` between tendon and load cell
     tip_rates: Array  # d tip / d command, (B, d, m) mm/mm
     pose_rates: Array  # d pose / d command, (B, k, m) mm/mm, 1/mm
     tension_rates: Array  # d tension / d command, (B, m, m) N/mm
@@ -54,14 +60,17 @@ def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Har
         offsets: added by motors to commands, (B, m) [mm].
     """
     m, d, readings = task.action_size, task.dimension, state.readings.copy()
-    low, high = task.config.tension_range
+    (low, highest), has_limits = task.config.tension_range, len(hardware.limits) > 0
+    high = hardware.limits[:, BOUND] if has_limits else np.full((len(readings), m), highest)
     tensions, commands = readings[:, TENSIONS : TENSIONS + m], readings[:, TENSIONS + m : TENSIONS + 2 * m]
     limited = at_limit(tensions, low, high)
     solver.laws.low[:] = np.where(limited, tensions, 0.0)  # tendons at a limit are held at it
-    solver.laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)
+    solver.laws.high[:] = np.where(limited, tensions, FREE_OF_LIMITS * high)  # infinite where there is no limit
     rates = _rates(task, solver, state.angles, commands + offsets)
     solver.laws.low[:], solver.laws.high[:] = low, high
     active, zeros = len(hardware.motors) > 0, np.zeros_like(tensions)
+    sheath = hardware.sheath.copy() if active else zeros
+    stops = hardware.limits[:, STOP] if has_limits else zeros
     return Tangent(
         motors=hardware.motors[:, MOTOR].copy() if active else commands,
         commands=commands,
@@ -69,13 +78,25 @@ def tangent_of(task: TrackingTask, solver: LaneSolver, state: Any, hardware: Har
         tips=readings[:, TIP : TIP + d],
         poses=task.pictured_values(state.poses),
         half_play=hardware.half_play.copy() if active else zeros,
-        sheath=hardware.sheath.copy() if active else zeros,
+        sheath=sheath,
         held=limited,
+        stays=stops == STAYS,
+        in_play=stops == IN_PLAY,
+        limits=_pull_limits(task, hardware, high),
+        cell_gains=hardware.cells[:, GAIN].copy() if len(hardware.cells) > 0 else np.ones_like(tensions),
+        cell_sheath=zeros if task.config.sensing.tension_at == "tendon" else sheath,
         tip_rates=rates[:, :d],
         pose_rates=rates[:, d + 2 * m :],
         tension_rates=rates[:, d : d + m],
         length_rates=rates[:, d + m : d + 2 * m],
     )
+
+
+def _pull_limits(task: TrackingTask, hardware: Hardware, high: Array) -> Array:
+    """Tensions behind the sheath at which motors give way, or stop as they pull in, (B, m) [N]."""
+    if task.config.actuation.limit_at == "motor":
+        return np.asarray(pull_limit(hardware.limits[:, LIMIT], hardware.sheath, hardware.half_play))
+    return high.copy()
 
 
 def _rates(task: TrackingTask, solver: LaneSolver, angles: Array, held: Array) -> Array:

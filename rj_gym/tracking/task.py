@@ -28,11 +28,11 @@ from rj_gym.core.columns import (
 )
 from rj_gym.core.generators import Random, Shapes, UniformBlock, Uniforms, blocks_of
 from rj_gym.core.info import STATUS_NAMES, only_lane
-from rj_gym.core.task import POSITION_BOUND, Entry, Task
+from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
-from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, target_shape
+from rj_gym.tracking.draws import TrackingDraws, friction_shapes, hold, homed, target_shape
 from rj_gym.tracking.hardware import hardware_rules, hardware_shapes
 from rj_gym.tracking.kernels import friction_columns
 from rj_gym.tracking.options import NOTHING_FIXED, TrackingOptions, checked_options
@@ -93,6 +93,10 @@ class TrackingTask(Task):
         """The entries of the task itself, without the settings' terms."""
         return observation.observation_entries(self.config, self.mechanism, goal)
 
+    def observed_error(self, goal: bool = False) -> ObservedError:
+        """Where the observation vector has the tip error; raises ConfigError where it does not have it."""
+        return observation.observed_error(self.config, self.entries(goal))
+
     def applied_terms(self) -> AppliedTerms | None:
         """The settings' terms at work, None where there are none that take part in a step."""
         terms = self.config.terms
@@ -132,7 +136,8 @@ class TrackingTask(Task):
         """One episode per generator, with fixed values in place of drawn ones; each draws the same count of numbers."""
         uniforms = Uniforms(self._blocks, rngs)
         draws = self.draws(uniforms, fixed or NOTHING_FIXED)
-        return draws if fixed is None or fixed is NOTHING_FIXED else hold(draws, fixed)
+        draws = draws if fixed is None or fixed is NOTHING_FIXED else hold(draws, fixed)
+        return homed(self.config, draws) if self.config.start == "measured" else draws
 
     @abstractmethod
     def draws(self, uniforms: Uniforms, fixed: TrackingOptions) -> TrackingDraws:

@@ -8,14 +8,19 @@ from rj_gym.core.env import TaskEnv
 from rj_gym.core.vector import GoalTaskVectorEnv, TaskVectorEnv
 from rj_gym.tracking.env import (
     ArmInstrumentEnv,
+    ArmInstrumentV1Env,
     FlexibleArmEnv,
     FlexibleArmGoalEnv,
     InstrumentEnv,
     InstrumentShiftEnv,
+    InstrumentShiftV1Env,
+    InstrumentV1Env,
     LatePoseEnv,
+    LatePoseV1Env,
     RollingJointEnv,
     RollingJointGoalEnv,
     SlowCameraEnv,
+    SlowCameraV1Env,
 )
 
 
@@ -81,3 +86,33 @@ class ArmInstrumentVectorEnv(FlexibleArmVectorEnv):
     """`num_envs` independent ArmInstrumentEnv in one batch; everything else as FlexibleArmVectorEnv."""
 
     scalar: ClassVar[type[TaskEnv]] = ArmInstrumentEnv
+
+
+class InstrumentV1VectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent InstrumentV1Env in one batch; everything else as RollingJointVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = InstrumentV1Env
+
+
+class InstrumentShiftV1VectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent InstrumentShiftV1Env in one batch; everything else as RollingJointVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = InstrumentShiftV1Env
+
+
+class SlowCameraV1VectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent SlowCameraV1Env in one batch; everything else as RollingJointVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = SlowCameraV1Env
+
+
+class LatePoseV1VectorEnv(RollingJointVectorEnv):
+    """`num_envs` independent LatePoseV1Env in one batch; everything else as RollingJointVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = LatePoseV1Env
+
+
+class ArmInstrumentV1VectorEnv(FlexibleArmVectorEnv):
+    """`num_envs` independent ArmInstrumentV1Env in one batch; everything else as FlexibleArmVectorEnv."""
+
+    scalar: ClassVar[type[TaskEnv]] = ArmInstrumentV1Env

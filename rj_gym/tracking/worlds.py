@@ -26,6 +26,9 @@ _MOTORS = RandomizationConfig(stiffness_spread=0.2, actuator_offset_mm=0.5)
 _MISMATCH = _MOTORS.updated({"link_tolerance_mm": 0.1, "link_tolerance_rad": 0.01})
 _WANDERING = LoadConfig(process="ou")
 _NOT_SEEN = SensingConfig(pose="none", tension_noise=0.1)
+# Motors and sensors of a rig, assumed; docs/environment.md says why.
+_LIMITS = {"tension_limit": (10.0, 30.0), "limit_at": "motor", "dead_band_mm": 0.02, "current_resolution": 0.5}
+_ERRORS = {"encoder_resolution_mm": 0.015, "tension_gain_error": 0.02, "tension_offset": 0.1}
 _LAST_STEP = 1  # past readings: the last action, and the changes of motors and tensions in it
 
 
@@ -88,3 +91,48 @@ class ArmInstrumentConfig(FlexibleArmConfig):
     sensing: SensingConfig = _NOT_SEEN
     actuation: ActuationConfig = ActuationConfig(play_mm=(0.2, 1.0), sheath_friction=(0.0, 0.3))
     observe_history: int | Sequence[int] = _LAST_STEP
+
+
+@dataclass(frozen=True)
+class InstrumentV1Config(InstrumentConfig):
+    """As InstrumentConfig, with the motors and sensors of a rig: see InstrumentV1Env."""
+
+    start: str = "measured"
+    sensing: SensingConfig = InstrumentConfig.sensing.updated(_ERRORS)
+    actuation: ActuationConfig = InstrumentConfig.actuation.updated(_LIMITS)
+
+
+@dataclass(frozen=True)
+class InstrumentShiftV1Config(InstrumentShiftConfig):
+    """As InstrumentShiftConfig, with the motors and sensors of a rig: see InstrumentV1Env."""
+
+    start: str = "measured"
+    sensing: SensingConfig = InstrumentShiftConfig.sensing.updated(_ERRORS)
+    actuation: ActuationConfig = InstrumentShiftConfig.actuation.updated(_LIMITS)
+
+
+@dataclass(frozen=True)
+class SlowCameraV1Config(SlowCameraConfig):
+    """As SlowCameraConfig, with the motors and sensors of a rig: see InstrumentV1Env."""
+
+    start: str = "measured"
+    sensing: SensingConfig = SlowCameraConfig.sensing.updated(_ERRORS)
+    actuation: ActuationConfig = ActuationConfig().updated(_LIMITS)
+
+
+@dataclass(frozen=True)
+class LatePoseV1Config(LatePoseConfig):
+    """As LatePoseConfig, with the motors and sensors of a rig: see InstrumentV1Env."""
+
+    start: str = "measured"
+    sensing: SensingConfig = LatePoseConfig.sensing.updated(_ERRORS)
+    actuation: ActuationConfig = LatePoseConfig.actuation.updated(_LIMITS)
+
+
+@dataclass(frozen=True)
+class ArmInstrumentV1Config(ArmInstrumentConfig):
+    """As ArmInstrumentConfig, with the motors and sensors of a rig: see InstrumentV1Env."""
+
+    start: str = "measured"
+    sensing: SensingConfig = ArmInstrumentConfig.sensing.updated(_ERRORS)
+    actuation: ActuationConfig = ArmInstrumentConfig.actuation.updated(_LIMITS)

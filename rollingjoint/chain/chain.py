@@ -34,7 +34,7 @@ class Spares(dict[int, list[Any]]):
 class Kernels:
     """The compiled code of a class of chains, which solves its batches in SIMD lanes.
 
-    Rows that the lanes leave go to the solver for all cases (kernels.batch), which knows the class by its arrays.
+    Rows that the lanes leave go to the general solver (kernels.batch), which knows the class by its arrays.
 
     Attributes:
         batch_arrays: NamedTuple of problems, and of arrays for their results: chain, from `stack`; designs: index of
@@ -46,19 +46,19 @@ class Kernels:
         solve, solve_alone: of (address, first, last), eight rows side by side or one by one; number of rows left.
         memory: of a batch, the memory in which a batch of one row is solved.
         step: of the fields of a batch, FrictionArrays, first and last; number of rows left.
-        most_joints, most_with_friction: longer chains are left to the solver for all cases.
+        most_joints, most_with_friction: longer chains are left to the general solver; 0: there are no lanes.
     """
 
     batch_arrays: type[Any]
     new_results: Callable[..., Any]
     torques: str
     pinned_batch: type[Any]
-    solve: Any
-    solve_alone: Any
-    memory: Callable[[Any], Array]
-    step: Any
-    most_joints: int
-    most_with_friction: int
+    solve: Any = None
+    solve_alone: Any = None
+    memory: Callable[[Any], Array] | None = None
+    step: Any = None
+    most_joints: int = 0
+    most_with_friction: int = 0
 
 
 class Chain(ABC, Generic[S]):

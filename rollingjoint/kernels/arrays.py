@@ -14,7 +14,7 @@ from rollingjoint._numba.layout import Floats
 
 _MANY_LANES = 1024
 
-# Status codes, the values of solution.Status
+# Status codes, the values of chain.status.Status
 CONVERGED, AT_LIMIT, INDETERMINATE, UNSTABLE, NOT_CONVERGED, INVALID_INPUT = range(6)
 
 

@@ -1,4 +1,4 @@
-"""The solver for all cases and the stiffness of its solutions, row by row, of every class of chains."""
+"""The general solver and the stiffness of its solutions, row by row, of every class of chains."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def solve_invalid(chain, start, state):
     return INVALID_INPUT, 0, np.inf, 0
 
 
-@kernel(nogil=True, lapack=True, title="the solver for special cases")
+@kernel(nogil=True, lapack=True, title="the general solver")
 def solve_lanes(chain, designs, laws, loads, starts, results, lanes):
     """Solve the given lanes; all inputs and the arrays of laws carry a leading lane axis."""
     state = formulas.new_state(chain, starts.shape[1], laws.command.shape[1])

@@ -1,7 +1,8 @@
 """The formulas that every class of chains has, chosen by the type of its arrays when a kernel is compiled.
 
 Newton's method and the driver of lanes call these names; each class of chains registers its own parts for them: for
-one configuration by its chain, for lanes by its block. numba cannot take functions as arguments without losing
+one configuration by its chain (rolling_solve.py, hinge_solve.py), for lanes by its block (rolling_lanes.py,
+hinge_lanes.py). numba cannot take functions as arguments without losing
 its disk cache.
 """
 
@@ -82,6 +83,21 @@ def evaluate_residual(chain: Any, state: Any) -> Any:
     raise TypeError("evaluate_residual is compiled into kernels")
 
 
+def pivot(state: Any, i: Any) -> Any:
+    """Point about which joint i turns, in the base frame: its hinge or its contact; chains in space."""
+    raise TypeError("pivot is compiled into kernels")
+
+
+def has_end_couples(chain: Any) -> Any:
+    """Whether tendons act as couples on their last links, without a potential; chains in space."""
+    raise TypeError("has_end_couples is compiled into kernels")
+
+
+def add_end_couples(chain: Any, state: Any) -> None:
+    """Fill torques and sums of tendons that act as a couple on their last link alone; chains in space."""
+    raise TypeError("add_end_couples is compiled into kernels")
+
+
 def torque(state: Any, i: Any, j: Any) -> Any:
     """Moment of a tendon about joint i per tension [mm]."""
     raise TypeError("torque is compiled into kernels")
@@ -147,13 +163,13 @@ def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
     raise TypeError("reconsider is compiled into kernels")
 
 
-def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: the function is the part for a generic formula where the chain is of this NamedTuple class."""
+def formula(generic: Callable[..., Any], *kinds: type) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator: the function is the part for a generic formula where the chain is of one of these NamedTuples."""
 
     def register(function: Callable[..., Any]) -> Any:
         @overload(generic, jit_options=PART_OPTIONS, strict=False)
         def choose(chain: Any, *others: Any) -> Callable[..., Any] | None:
-            return function if getattr(chain, "instance_class", None) is kind else None
+            return function if getattr(chain, "instance_class", None) in kinds else None
 
         return part(function)
 

@@ -49,7 +49,7 @@ from rollingjoint.kernels.tendons import evaluate_tendons, fill_residual
 from rollingjoint.kernels.turns import evaluate_hinge_turns
 from rollingjoint.kernels.vectors import dot, in_space
 
-MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step of the solver for all cases
+MOST_HINGES = 32  # of a batch; beyond 28 a lone lane is faster by the O(n) step of the general solver
 
 
 class HingeBlock(NamedTuple):
@@ -125,7 +125,7 @@ formula(formulas.search_of, HingeBlock)(own_search)
 
 @formula(formulas.fill_row, HingeBlock)
 def fill_row(block, batch, friction, lane, row, design):
-    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    """Copy the inputs of a row into a lane; False where they need the general solver."""
     if design >= 0:
         fill_design(batch.chain, block, lane, design)
     return fill_inputs(batch, block, lane, row)
@@ -133,7 +133,7 @@ def fill_row(block, batch, friction, lane, row, design):
 
 @part(inline=True)
 def fill_inputs(batch, block, lane, row):
-    """Copy one row's inputs into a lane; False where they need the solver for all cases."""
+    """Copy one row's inputs into a lane; False where they need the general solver."""
     chain, design = batch.chain, batch.designs[row]
     supported = chain.model[design] == EXACT and not any_spring(chain.standing[design])
     supported = supported and fill_law(batch.laws, block, lane, row)
@@ -243,7 +243,7 @@ def turns_of(rubbed, tendon_joints):
 
 @formula(formulas.fill_row, RubbedHingeBlock)
 def fill_row_with_friction(rubbed, batch, friction, lane, row, design):
-    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    """Copy the inputs of a row into a lane; False where they need the general solver."""
     if design >= 0:
         fill_design(batch.chain, rubbed.block, lane, design)
         _fill_turns(batch.chain, rubbed, lane, design)

@@ -2,7 +2,7 @@
 
 Energy descends with full steps or halved ones, the stiffness of the free joints stays positive definite, loads are dead
 forces; a joint that is pressed against its limit is held there. A lane that leaves this path is marked PENDING, and the
-solver for all cases takes it from its start. A lane that arrives makes room for the next; its numbers do not depend on
+general solver takes it from its start. A lane that arrives makes room for the next; its numbers do not depend on
 the other lanes.
 
 A class of chains brings its block of lanes, with the fields `state`, `law`, `limits`, `L`, `vectors` and `search` of
@@ -33,8 +33,8 @@ from rollingjoint.kernels.arrays import (
     resolvable,
 )
 
-MOST_JOINTS = 15  # beyond it a lone lane is faster by the O(n) step of the solver for all cases
-PENDING = -1  # status of a lane that is left to the solver for all cases
+MOST_JOINTS = 15  # beyond it a lone lane is faster by the O(n) step of the general solver
+PENDING = -1  # status of a lane that is left to the general solver
 MAX_PASSES = 40.0
 SHORTEST = 1.0 / 64.0  # of a Newton step
 
@@ -47,7 +47,7 @@ IDLE, RUNNING, ARRIVED, LEFT = 0.0, 1.0, 2.0, 3.0
 
 @part(inline=True)
 def fill_law(laws, block, lane, source):
-    """Copy one lane's tendon law into the block; False where it needs the solver for all cases."""
+    """Copy one lane's tendon law into the block; False where it needs the general solver."""
     law = block.law
     commands, stiffnesses, lows, highs = (
         numbers(law.command),
@@ -70,7 +70,7 @@ def fill_law(laws, block, lane, source):
 
 @part(inline=True)
 def fill_start(starts, block, lane, source):
-    """Copy one lane's start into the block, clipped to the limits; False where it needs the solver for all cases."""
+    """Copy one lane's start into the block, clipped to the limits; False where it needs the general solver."""
     limits, angle = numbers(block.limits), numbers(block.state.angle)
     supported = True
     for i in range(limits.shape[0]):

@@ -207,7 +207,7 @@ def dead_lever(sums, contact, i):
 
 @part(inline=True)
 def fill_dead_loads(standing, loads, table, lane):
-    """Copy the loads of one lane into the table of dead loads; False where they need the solver for all cases."""
+    """Copy the loads of one lane into the table of dead loads; False where they need the general solver."""
     supported, last = True, table.shape[0] - 1
     table[last, 0, lane] = 0.0
     for place in range(last):

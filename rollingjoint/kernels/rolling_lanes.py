@@ -18,6 +18,21 @@ from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import AT_LIMIT, CONVERGED, TendonLaw
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
+from rollingjoint.kernels.joints import (
+    BUCKET_ENDS,
+    COS,
+    CX,
+    CY,
+    GX,
+    GY,
+    N_COEFFICIENTS,
+    PX,
+    PY,
+    SIN,
+    aligned,
+    locate,
+    table_row,
+)
 from rollingjoint.kernels.lanes import (
     HELD,
     STEPS,
@@ -33,27 +48,14 @@ from rollingjoint.kernels.lanes import (
 )
 from rollingjoint.kernels.planar_loads import N_DEAD, evaluate_dead_loads, fill_dead_loads, fill_dead_stiffness, n_rows
 from rollingjoint.kernels.rolling import (
-    BUCKET_ENDS,
-    COS,
-    CX,
-    CY,
     FX,
     FY,
-    GX,
-    GY,
-    N_COEFFICIENTS,
-    PX,
-    PY,
-    SIN,
     BatchArrays,
     PinnedBatch,
     State,
-    aligned,
     contact_forces,
     evaluate_poses,
     evaluate_residual,
-    locate,
-    table_row,
 )
 from rollingjoint.kernels.rubbed_block import (
     advance_with_friction,
@@ -114,7 +116,7 @@ def fill_design(chain, block, lane, design):
 
 @part(inline=True)
 def fill_inputs(laws, standing, loads, starts, block, lane, source):
-    """Copy one lane's inputs into the block; False where they need the solver for all cases."""
+    """Copy one lane's inputs into the block; False where they need the general solver."""
     supported = fill_law(laws, block, lane, source)
     supported = supported and fill_dead_loads(standing, loads[source], numbers(block.loads), lane)
     return supported and fill_start(starts, block, lane, source)
@@ -209,7 +211,7 @@ formula(formulas.search_of, Block)(own_search)
 
 @formula(formulas.fill_row, Block)
 def fill_row(block, batch, friction, lane, row, design):
-    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    """Copy the inputs of a row into a lane; False where they need the general solver."""
     if design >= 0:
         fill_design(batch.chain, block, lane, design)
     return fill_inputs(
@@ -284,7 +286,7 @@ def turns_of(rubbed, tendon_joints):
 
 @formula(formulas.fill_row, RubbedBlock)
 def fill_row_with_friction(rubbed, batch, friction, lane, row, design):
-    """Copy the inputs of a row into a lane; False where they need the solver for all cases."""
+    """Copy the inputs of a row into a lane; False where they need the general solver."""
     if design >= 0:
         fill_design(batch.chain, rubbed.block, lane, design)
         _fill_directions(batch.chain, rubbed, lane, design)

@@ -14,7 +14,7 @@ from rollingjoint.kernels.friction import friction_of, history_of, valid_frictio
 from rollingjoint.kernels.rubbed_chain import StepFriction, StepFrictionSizes, begin_history, remember, rubbed_stiffness
 
 
-@kernel(nogil=True, lapack=True, short_loops=True, title="the solver with friction for special cases")
+@kernel(nogil=True, lapack=True, short_loops=True, title="the general solver with friction")
 def step_lanes(chain, designs, laws, loads, starts, results, friction, lanes):
     """Solve the steps of the given lanes; all inputs carry a leading lane axis."""
     sizes = StepFrictionSizes(starts.shape[1], laws.command.shape[1])

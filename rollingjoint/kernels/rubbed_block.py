@@ -3,7 +3,7 @@
 The Jacobian is not symmetric: it is factored without exchange of rows, and pivots that are not positive are replaced on
 the way; at the end its symmetric part must be positive definite. The line search goes by the incremental potential with
 the grips of the holes as they were where it began (rubbed_chain.py). Rolling resistance and stretch in the channels are
-left to the solver for all cases.
+left to the general solver.
 
 A class of chains brings its block with friction, with the fields `block`, `law`, `before`, `now`, `symmetric` and
 `work` of rolling_lanes.RubbedBlock.
@@ -58,7 +58,7 @@ _SHORTEST = 2.0**-20  # of a Newton step
 
 @part(inline=True)
 def fill_friction(friction, rubbed, lane, source):
-    """Copy the friction of one lane into the block; False where it needs the solver for all cases."""
+    """Copy the friction of one lane into the block; False where it needs the general solver."""
     law, before = friction_of(friction.law, source), history_of(friction.before, source)
     tendons, frozen = numbers(rubbed.law.tendons), numbers(rubbed.now.frozen)
     states, slips, grips = numbers(rubbed.before.states), numbers(rubbed.before.slips), numbers(rubbed.before.grips)

@@ -3,11 +3,15 @@
     p ← clip(p, q - h, q + h)                           play (backlash) of half width h
     T = clip(k (l - p), low, high),  then p ← l - T / k     the motor holds at `low` and gives way at `high`
     T_motor = T exp(ν ζ),  ζ = (p - q) / h                  friction of the bent sheath, by the capstan's law
+    a pull of q ends where T_motor = limit                  a motor with a limit of its own, before the sheath
 
 A motor at q [mm] moves its tendon through play: p is the unstretched length of the tendon [mm]. A tendon
 of length l [mm] and stiffness k [N/mm] then has the tension T [N] where the sheath ends, and its motor measures
 T_motor [N]. ζ is 1 while the motor pulls the tendon in, -1 while it pays out, and passes from one to the other as the
 play is crossed; ν is the coefficient of friction times the turn of the sheath.
+
+A motor with a limit of its own stops where T_motor reaches it while it pulls in: in its play, where T stays, or with
+its tendon, where T = limit / exp(ν) and ζ = 1. At rest it holds whatever T becomes, and paying out has no limit.
 
 Functions here are of numbers or arrays of any shapes that broadcast, and return new arrays (numbers for numbers). They
 never raise for NaN or infinite numbers. In kernels the same formulas are parts of the same names, from
@@ -38,6 +42,8 @@ __all__ = [
     "play_inverse",
     "play_place",
     "play_step",
+    "pull_end",
+    "pull_limit",
     "sheath_direction",
     "sheath_ratio",
     "unstretched_length",
@@ -101,6 +107,34 @@ def sheath_ratio(friction: ArrayLike, direction: ArrayLike) -> Array:
         friction: ν, 0 or more. direction: ζ.
     """
     return _filled(kernels.sheath_ratios, friction, direction)
+
+
+def pull_limit(limit: ArrayLike, friction: ArrayLike, half_width: ArrayLike) -> Array:
+    """T at which a motor that pulls its tendon in reaches its limit: limit / exp(ν); the limit itself without play.
+
+    Args:
+        limit: of the tension at the motor [N]. friction: ν, 0 or more. half_width: h, 0 or more [mm].
+    """
+    return _filled(kernels.pull_limits, limit, friction, half_width)
+
+
+def pull_end(
+    tendon: ArrayLike,
+    motor: ArrayLike,
+    goal: ArrayLike,
+    tension: ArrayLike,
+    limit: ArrayLike,
+    friction: ArrayLike,
+    half_width: ArrayLike,
+) -> Array:
+    """q where a pull ends while the tendon stays: at its goal, or before it where T exp(ν ζ) reaches the limit [mm].
+
+    Args:
+        tendon: p [mm]. motor: q before the pull [mm], where it stays if it is at its limit there.
+        goal: q that is asked for, below `motor` [mm].
+        tension: T [N]. limit: of the tension at the motor [N]. friction: ν. half_width: h [mm].
+    """
+    return _filled(kernels.pull_ends, tendon, motor, goal, tension, limit, friction, half_width)
 
 
 def at_limit(tension: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:

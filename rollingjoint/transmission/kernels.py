@@ -41,13 +41,13 @@ def play_inverse(tendon, move, half_width):
 
 @part(inline=True)
 def sheath_direction(tendon, motor, half_width):
-    """u, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
+    """zeta, along which friction acts on a tendon in its sheath: from 1, pulled in, to -1, paid out; 0 without play."""
     return min(max(play_place(tendon, motor, half_width), -1.0), 1.0)
 
 
 @part(inline=True)
 def sheath_ratio(friction, direction):
-    """Tension at the motor over the one behind the sheath: exp(phi u), the capstan's."""
+    """Tension at the motor over the one behind the sheath: exp(nu zeta), the capstan's."""
     return math.exp(friction * direction)
 
 
@@ -59,7 +59,7 @@ def at_limit(tension, low, high):
 
 @part(inline=True)
 def limited_tension(pull, low, high):
-    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high)."""
+    """T of a tendon that its motor would pull with k (l - p): clip(pull, low, high), at a limit exactly that."""
     return where(pull <= low, low, where(pull >= high, high, pull))
 
 
@@ -73,6 +73,25 @@ def elastic_tension(length, unstretched, stiffness, low, high):
 def unstretched_length(length, tension, stiffness):
     """p of a tendon with this length and tension: l - T / k."""
     return length - tension / stiffness
+
+
+@part(inline=True)
+def pull_limit(limit, friction, half_width):
+    """T behind the sheath at which a motor that pulls its tendon in stops: its limit over exp(nu)."""
+    return limit / sheath_ratio(friction, 1.0) if half_width > 0.0 else limit
+
+
+@part(inline=True)
+def pull_end(tendon, motor, goal, tension, limit, friction, half_width):
+    """q where a pull from q to a goal ends while the tendon stays at p: there, or where T exp(nu zeta) is the limit.
+
+    A motor that is at its limit already stays at q.
+    """
+    if tension * sheath_ratio(friction, sheath_direction(tendon, goal, half_width)) < limit:
+        return max(goal, tendon - half_width)
+    if tension * sheath_ratio(friction, sheath_direction(tendon, motor, half_width)) >= limit:
+        return motor
+    return min(max(tendon - half_width * math.log(limit / tension) / friction, goal), motor)
 
 
 @part(inline=True)
@@ -122,6 +141,20 @@ def sheath_ratios(friction, direction, ratios):
     """Fill ratios (N,)."""
     for i in range(len(ratios)):
         ratios[i] = sheath_ratio(friction[i], direction[i])
+
+
+@kernel(title="motors and sheaths")
+def pull_limits(limit, friction, half_width, tensions):
+    """Fill tensions (N,)."""
+    for i in range(len(tensions)):
+        tensions[i] = pull_limit(limit[i], friction[i], half_width[i])
+
+
+@kernel(title="motors and sheaths")
+def pull_ends(tendon, motor, goal, tension, limit, friction, half_width, ends):
+    """Fill ends (N,)."""
+    for i in range(len(ends)):
+        ends[i] = pull_end(tendon[i], motor[i], goal[i], tension[i], limit[i], friction[i], half_width[i])
 
 
 @kernel(title="motors and sheaths")

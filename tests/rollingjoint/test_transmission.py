@@ -18,6 +18,8 @@ from rollingjoint.transmission import (
     play_inverse,
     play_place,
     play_step,
+    pull_end,
+    pull_limit,
     sheath_direction,
     sheath_ratio,
 )
@@ -51,7 +53,9 @@ def values(formula, rng, shape):
 def test_kernels_and_arrays_give_the_same_numbers_to_the_last_bit(formula):
     in_kernels, rng = standalone(getattr(kernels, formula.__name__)), np.random.default_rng(0)
     count = len(inspect.signature(formula).parameters)
-    special = [axis.ravel() for axis in np.meshgrid(*[SPECIAL] * count)]
+    special = (
+        [axis.ravel() for axis in np.meshgrid(*[SPECIAL] * count)] if count < 6 else rng.choice(SPECIAL, (count, 20000))
+    )
     for arrays in (values(formula, rng, 2000), special):
         one_by_one = np.array([in_kernels(*map(float, row)) for row in zip(*arrays, strict=True)])
         assert np.array_equal(formula(*arrays).astype(float), one_by_one.astype(float), equal_nan=True)
@@ -215,4 +219,25 @@ def test_a_motor_that_gives_way_moves_with_its_tendon_and_stays_there():
     assert give_way(90.0, 89.0, 0.25) == (90.25, 90.25)
     assert give_way(90.0, 89.0, -0.25) == (89.75, 89.75)
     assert give_way(90.0, 89.0, 0.0) == (90.0, 89.0)
-    assert give_way(90.0, 89.0, 1e-10) == pytest.approx((90.0, 89.0), abs=1e-9)  # the rounding of a solve
+    assert give_way(90.0, 89.0, 1e-10) == (90.0 + 1e-10, 89.0 + 1e-10)  # the rounding of a solve: no limit
+
+
+def test_a_motor_that_pulls_with_its_tendon_stops_at_its_limit_over_the_sheath_s_ratio():
+    assert pull_limit(20.0, 0.5, 1.0) == pytest.approx(20.0 / math.exp(0.5), rel=1e-15)
+    assert pull_limit(20.0, 0.5, 0.0) == 20.0  # without play there is no friction
+
+
+def test_a_pull_in_the_play_ends_where_the_motor_s_tension_is_its_limit():
+    p, h, phi, tension = 100.0, 1.0, 0.5, 12.0
+    end = pull_end(p, 101.0, 98.5, tension, 15.0, phi, h)  # from the slack end of the play, past its other end
+    assert end == pytest.approx(p - math.log(15.0 / 12.0) / phi, abs=1e-12)
+    assert tension * sheath_ratio(phi, sheath_direction(p, end, h)) == pytest.approx(15.0, rel=1e-12)
+    assert pull_end(p, 101.0, 100.7, tension, 15.0, phi, h) == 100.7  # its goal comes first
+    assert pull_end(p, 100.2, 98.5, tension, 10.0, phi, h) == 100.2  # beyond the limit it stays where it is
+    assert pull_end(p, 101.0, 98.5, 5.0, 15.0, phi, h) == p - h  # the tendon is taken along before the limit
+
+
+def test_without_a_sheath_s_friction_a_pull_within_the_play_goes_on_or_does_not_begin():
+    assert pull_end(100.0, 101.0, 99.5, 14.9, 15.0, 0.0, 1.0) == 99.5
+    assert pull_end(100.0, 101.0, 99.5, 15.0, 15.0, 0.0, 1.0) == 101.0
+    assert pull_end(100.0, 100.0, 99.5, 15.0, 15.0, 0.0, 0.0) == 100.0

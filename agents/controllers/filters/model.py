@@ -71,7 +71,7 @@ class FilterModel(ABC):
 
     def __init__(self, task: TrackingTask, links: NDArray[np.int64]) -> None:
         self.mechanism: Any = task.mechanism
-        self._links, self._tension_range = links, task.config.tension_range
+        self._links, self._tension_range = links, task.config.possible_tensions
         self.n_tendons: int = task.mechanism.n_tendons
         self.places = StateLayout.of(self.N_LOAD, self.n_tendons, task.dimension)
         self._bind()

@@ -11,6 +11,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from agents.learners.episodes import DifferentiableEpisodes
+from agents.learners.motion import Motors, at_rest, moved, single
 
 STEPS, LANES = 12, 6
 WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -18,6 +19,27 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
     "late and slow motors": (
         "rj_gym/Instrument-v0",
         {"actuation": {"play_mm": (0.1, 0.4), "rate_limit_mm": 0.7, "delay": 2}},
+    ),
+    "motors with limits": (
+        "rj_gym/Instrument-v0",
+        {
+            "start": "measured",
+            "sensing": {"tension_gain_error": 0.1, "tension_offset": 0.2},
+            "actuation": {"play_mm": (0.5, 1.0), "tension_limit": (3.5, 5.0), "limit_at": "motor"},
+        },
+    ),
+    "motors with limits and dead bands": (
+        "rj_gym/Instrument-v0",
+        {
+            "sensing": {"tension_at": "tendon"},
+            "actuation": {
+                "play_mm": (0.5, 1.0),
+                "tension_limit": (3.5, 5.0),
+                "limit_at": "motor",
+                "dead_band_mm": 0.2,
+                "rate_limit_mm": 0.7,
+            },
+        },
     ),
     "links seen late": ("rj_gym/LatePose-v0", {}),
     "links seen now and then": ("rj_gym/SlowCamera-v0", {}),
@@ -79,3 +101,54 @@ def test_gradients_are_those_of_the_environment(world: Any) -> None:
                 parameter -= change
         expected = (losses[0] - losses[1]) / (2 * step)
         assert float((parameter.grad * direction).sum()) == pytest.approx(expected, rel=0.02, abs=0.01)
+
+
+WEIGHTS = [np.cos(np.arange(16).reshape(8, 2) + step) for step in range(6)]
+
+
+def _driven(env: Any, actions: torch.Tensor) -> tuple[torch.Tensor, float, dict[str, int]]:
+    """A weighted sum of tips, motors, measured tensions and commands after actions (T, B, m), and how pulls ended.
+
+    The sum has gradients in single precision; behind it the same in double precision, without.
+    """
+    _, info = env.reset(seed=5)
+    half, phi = info["sampled"]["play_mm"] / 2, info["sampled"]["sheath_friction"]
+    motors = Motors(env.config.action_scale_mm, None)
+    motion, counts = at_rest(env.tangent()), dict.fromkeys(("held", "stays", "in_play"), 0)
+    total, exact = torch.zeros(()), 0.0
+    for action, weights in zip(actions, WEIGHTS, strict=True):
+        env.step(action.detach().numpy())
+        tangent = env.tangent()
+        motion = moved(motion, action, tangent, motors)
+        for name in counts:
+            counts[name] += int(getattr(tangent, name).sum())
+        measured = tangent.tensions * np.exp(phi * np.clip((tangent.commands - tangent.motors) / half, -1, 1))
+        for part, value in (
+            (motion.tip, tangent.tips),
+            (motion.motor, tangent.motors),
+            (motion.tension, measured),
+            (motion.command, tangent.commands),
+        ):
+            total, exact = total + (part * single(weights)).sum(), exact + float((value * weights).sum())
+    return total, exact, counts
+
+
+def test_gradients_through_pulls_that_limits_cut_are_the_differences() -> None:
+    """Of every action, where motors stop with their tendons, in their play and at once."""
+    actuation = {"play_mm": (0.5, 1.0), "tension_limit": (3.5, 5.0), "limit_at": "motor"}
+    env: Any = gymnasium.make_vec("rj_gym/Instrument-v0", 8, "vector_entry_point", actuation=actuation).unwrapped
+    rng, h = np.random.default_rng(2), 1e-4
+    values = rng.uniform(-0.3, 0.8, (6, 8, 2))
+    actions = torch.tensor(values, requires_grad=True)
+    total, exact, counts = _driven(env, actions)
+    total.backward()
+    assert min(counts.values()) > 5 and total.item() == pytest.approx(exact, rel=1e-5), counts
+    assert actions.grad is not None
+    wrong = 0
+    for place in np.ndindex(*values.shape):
+        change = np.zeros_like(values)
+        change[place] = h
+        more, less = (_driven(env, torch.tensor(values + way * change))[1] for way in (1, -1))
+        expected = (more - less) / (2 * h)
+        wrong += abs(actions.grad[place].item() - expected) > 0.01 + 0.01 * abs(expected)
+    assert wrong <= 1  # where a pull ends in another way within the difference

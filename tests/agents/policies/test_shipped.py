@@ -3,15 +3,18 @@
 import json
 from dataclasses import fields, replace
 
+import gymnasium
 import numpy as np
 import pytest
 
+from agents.policies import loading
 from agents.policies.file import SUFFIX
 from agents.policies.loading import FOLDER
 from agents.policies.network import PolicyError
 from agents.policies.recorded_score import ERRORS, SHARES, RecordedScore
 from agents.policies.shipped import ShippedPolicy
 from agents.shipped import list_policies, load_policy
+from rj_gym import InstrumentV1Config
 from rollingjoint.errors import RollingJointError
 from tests.agents.policies.made_up import random_policy
 
@@ -119,3 +122,33 @@ def test_recorded_score_with_a_tolerance_for_nothing_is_refused():
     values = dict.fromkeys(ERRORS + SHARES, 0.5)
     with pytest.raises(RollingJointError, match=r"score.tolerances = .*expected those of mean_mm"):
         RecordedScore(20_000, 4, values, values | {"last_10_mm": 0.1})
+
+
+def test_the_newest_version_is_loaded_unless_another_is_asked_for(tmp_path, monkeypatch):
+    first = load_policy("instrument")
+    other = replace(first, env_id="rj_gym/Instrument-v1", settings=InstrumentV1Config(mechanism=first.mechanism))
+    monkeypatch.setattr(loading, "FOLDER", tmp_path)
+    (tmp_path / "instrument.safetensors").write_bytes(first.to_bytes())
+    (tmp_path / "instrument-v1.safetensors").write_bytes(other.to_bytes())
+    assert list_policies() == ["instrument"]
+    for version, env_id in ((None, "rj_gym/Instrument-v1"), (1, "rj_gym/Instrument-v1"), (0, "rj_gym/Instrument-v0")):
+        assert load_policy("instrument", version=version).env_id == env_id
+    assert [policy.env_id for policy in loading.shipped_policies()] == ["rj_gym/Instrument-v0", "rj_gym/Instrument-v1"]
+    with pytest.raises(PolicyError, match="version of the policy 'instrument' = 2: expected one of 0, 1"):
+        load_policy("instrument", version=2)
+    with pytest.raises(PolicyError, match="version = 0: expected None for a file"):
+        load_policy(tmp_path / "instrument.safetensors", version=0)
+
+
+@pytest.mark.parametrize("name", list_policies())
+def test_a_shipped_policy_s_version_is_the_one_of_its_environment(name):
+    assert load_policy(name, version=0).env_id.endswith("-v0")
+
+
+def test_a_policy_is_refused_in_the_other_version_s_environment_in_one_line():
+    policy = load_policy("instrument", version=0)
+    with pytest.raises(PolicyError, match="'rj_gym/Instrument-v1': expected rj_gym/Instrument-v0") as refused:
+        policy.begin(gymnasium.make("rj_gym/Instrument-v1").unwrapped.task, 1)
+    assert "\n" not in str(refused.value)
+    limits = {"tension_limit": 20.0, "limit_at": "motor"}  # settings are free, as play and friction are
+    policy.begin(gymnasium.make("rj_gym/Instrument-v0", actuation=limits).unwrapped.task, 1)

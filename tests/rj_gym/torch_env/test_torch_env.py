@@ -127,7 +127,7 @@ def assert_equal(ours, native, where=""):
 def with_comparable_rates(ours, native):
     """Privileged states of two tendons, without some tip rates.
 
-    Where a tendon is at a limit, rounding chooses their side; and the compiled solver for all cases, which the device
+    Where a tendon is at a limit, rounding chooses their side; and the compiled general solver, which the device
     needs less often than the native environment, leaves zeros.
     """
     tensions, (low, high) = 15.0 * native[:, -11:-9], (0.5, 15.0)

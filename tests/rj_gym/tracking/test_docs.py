@@ -73,6 +73,17 @@ def test_the_table_of_worlds_has_every_one_with_its_differences_from_the_trackin
 
 
 @pytest.mark.parametrize("stem", WORLDS)
+def test_version_1_of_a_world_differs_by_the_settings_of_its_table(stem):
+    table = dict(row[:2] for row in rows(PAGE, "### Version 1: the motors of a rig")[1:])
+    changes: dict = {}
+    for name, value in table.items():
+        *section, key = name.split(".")
+        (changes.setdefault(section[0], {}) if section else changes)[key] = yaml.safe_load(value)
+    first, second = (getattr(rj_gym, f"{stem}{version}Config")() for version in ("", "V1"))
+    assert dataclasses.asdict(first.updated(changes)) == dataclasses.asdict(second)
+
+
+@pytest.mark.parametrize("stem", WORLDS)
 def test_docstrings_of_worlds_table_what_the_tracking_tasks_do_not_observe(stem):
     kind, table = getattr(rj_gym, f"{stem}Env"), {}
     for each in (*reversed(kind.__mro__), rj_gym.InstrumentEnv, rj_gym.SlowCameraEnv):
@@ -127,7 +138,8 @@ def test_reward_table_is_complete(page, stem, options):
 def test_class_docstring_tables_every_kind_of_entry_with_its_bounds(page, stem, options):
     kind = getattr(rj_gym, f"{stem}Env")
     table = bounds(kind.__doc__)
-    env = kind(observe_load=True, **({"orientation": True} if stem == "FlexibleArm" else {}))
+    switches = dict.fromkeys(type(kind().config)._SWITCHES, True)
+    env = kind(**switches)
     for entry in env.task.entries():
         name = re.sub(r"(link) \d", r"\1 k", re.sub(r"(tendon) \d", r"\1 j", entry.name))
         assert table[name] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name

@@ -51,7 +51,7 @@ def advance(lanes, actions):
 
 
 def left_by_a_step(lanes, first, last):
-    """How many lanes of a range a step leaves to the solver for all cases."""
+    """How many lanes of a range a step leaves to the general solver."""
     lanes.accept(np.ones((lanes.capacity, 2)))
     observations = np.empty((lanes.capacity, lanes._entries), np.float32)
     return lanes._kernels.step(observations.ctypes.data, first, last)

@@ -1,4 +1,4 @@
-"""Lanes of a batch do not see each other, and the solver of eight lanes finds what the solver for all cases finds."""
+"""Lanes of a batch do not see each other, and the solver of eight lanes finds what the general solver finds."""
 
 import dataclasses
 import sys
@@ -174,7 +174,7 @@ def test_an_equilibrium_of_several_mechanisms_has_no_single_one():
 
 
 def both_solvers(seed, count=10):
-    """(results side by side, results of the solver for all cases) for random lengths or tensions under dead loads."""
+    """(results side by side, results of the general solver) for random lengths or tensions under dead loads."""
     rng = np.random.default_rng(seed)
     chain = random_chain(rng)
     dead = [load for load in random_loads(rng, chain.n_links) if not isinstance(load, Spring)]
@@ -187,7 +187,12 @@ def both_solvers(seed, count=10):
     else:
         values = np.stack([random_tensions(rng, chain.n_tendons) for _ in range(count)])
         laws = TendonLaw(np.zeros_like(values), np.ones_like(values), values, values)
-    starts = np.repeat(chain.neutral_angles[None], count, axis=0)
+    return solved_by_both(chain, laws, tables, np.repeat(chain.neutral_angles[None], count, axis=0))
+
+
+def solved_by_both(chain, laws, tables, starts):
+    """(results side by side, results of the general solver)."""
+    count = len(starts)
     arrays, designs = designs_of(chain, count)
     shape = count, chain.n_joints, chain.n_tendons
     fast, every = new_results(*shape), new_results(*shape)
@@ -203,13 +208,30 @@ def test_both_solvers_find_the_same_equilibrium_or_both_a_stable_one():
         for lane in np.flatnonzero(fast.status != PENDING):
             assert fast.status[lane] in (Status.CONVERGED, Status.AT_LIMIT)
             assert fast.residual[lane] <= 1e-8
-            assert every.status[lane] in (Status.CONVERGED, Status.AT_LIMIT), "the solver for all cases misses it"
+            assert every.status[lane] in (Status.CONVERGED, Status.AT_LIMIT), "the general solver misses it"
             solved += 1
             away = np.abs(fast.joint_angles[lane] - every.joint_angles[lane]).max()
             if away > 1e-9:
                 others.append((seed, lane, away))
     assert solved > 250  # of 320: the rest is slack, or crosses poses where the energy is not convex
     assert len(others) <= 0.01 * solved, others
+
+
+@pytest.mark.parametrize(
+    ("seed", "lengths", "start"),
+    [
+        (5, [47.71790383035549, 33.73992866009506], [13.09]),
+        (11, [31.06236420788894, 34.93927743409316, 40.09078330746837], [7.51]),
+        (10, [44.586844101963436, 58.633032012797344, 51.379590963795515], [-1.9941775855472255, 2.6723974423126347]),
+    ],
+)
+def test_both_solvers_refuse_a_step_that_brings_too_little(seed, lengths, start):
+    """From a start far away, where a step brings 1e-4 of the fall that its slope promises, or less."""
+    chain, unstretched = random_chain(np.random.default_rng(seed), len(start) + 1), np.array([lengths])
+    laws = TendonLaw(unstretched, chain.stiffnesses[None], np.zeros_like(unstretched), unstretched + np.inf)
+    fast, every = solved_by_both(chain, laws, load_table((), chain.n_links)[None], np.array([start]))
+    assert fast.status == every.status == Status.CONVERGED
+    assert fast.iterations == every.iterations > 5
 
 
 def test_slack_invalid_and_limited_lanes_leave_good_lanes_as_they_are():

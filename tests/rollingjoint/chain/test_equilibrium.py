@@ -338,9 +338,7 @@ def test_arc_lengths_at_a_limit_are_within_it_and_accepted(seed):
         chain.joint_angles(high + 1e-6)
 
 
-@pytest.mark.parametrize(
-    "spring", [[], [Spring(-1, 1e-6, (0.0, 100.0))]], ids=["in lanes", "by the solver for all cases"]
-)
+@pytest.mark.parametrize("spring", [[], [Spring(-1, 1e-6, (0.0, 100.0))]], ids=["in lanes", "by the general solver"])
 @pytest.mark.parametrize("rest", [3.0, -3.0])
 @pytest.mark.parametrize("joint", range(4))
 def test_one_joint_alone_is_pressed_against_the_end_of_its_surface(joint, rest, spring):

@@ -1,4 +1,4 @@
-"""Arms in lanes: the numbers of a row are those of a single solve, and those of the solver for all cases."""
+"""Arms in lanes: the numbers of a row are those of a single solve, and those of the general solver."""
 
 import dataclasses
 
