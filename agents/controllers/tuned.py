@@ -129,6 +129,12 @@ def _smoother(env_id: str) -> Tunable:
     return Tunable(_smoother_in(env_id, "probing bank"), space)
 
 
+def _smoother_of_pictures(env_id: str) -> Tunable:
+    smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
+    space = _below("smoother", smoother) | _below("feedback", _STEERING | _SURE)
+    return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
+
+
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
@@ -187,6 +193,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
+        "smoother": _smoother_of_pictures("rj_gym/LatePose-v0"),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }
