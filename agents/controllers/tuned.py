@@ -129,9 +129,9 @@ def _smoother(env_id: str) -> Tunable:
     return Tunable(_smoother_in(env_id, "probing bank"), space)
 
 
-def _smoother_of_pictures(env_id: str) -> Tunable:
+def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
     smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
-    space = _below("smoother", smoother) | _below("feedback", _STEERING | _SURE)
+    space = _below("smoother", smoother) | _below("feedback", _STEERING | (_SURE if play else {}))
     return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
 
 
@@ -186,6 +186,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING),
         "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
         "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
+        "smoother": _smoother_of_pictures("rj_gym/SlowCamera-v0", play=False),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
@@ -193,7 +194,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
-        "smoother": _smoother_of_pictures("rj_gym/LatePose-v0"),
+        "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }
