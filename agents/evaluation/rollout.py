@@ -166,8 +166,10 @@ def joined(blocks: Sequence[Episodes]) -> Episodes:
         np.concatenate(padded),
         np.concatenate([block.rewards for block in blocks]),
         np.concatenate([block.terminated for block in blocks]),
-        *map(together, ("loads", "link", "targets")),
-        reward_terms={
+        together("loads"),
+        together("link"),
+        together("targets"),
+        {
             name: np.concatenate([block.reward_terms[name] for block in blocks]) for name in blocks[0].reward_terms
         },
     )
