@@ -1,4 +1,4 @@
-# make demo: train and evaluate a small controller.   make test: run the tests.   Both set up what they need.
+# make demo: train and evaluate small controllers.   make test: run the tests.   Both set up what they need.
 PYTHON ?= python3
 MINUTES ?= 3
 VENV := .venv
@@ -15,7 +15,7 @@ TORCH ?= $(shell sed -n 's/^torch==\([0-9.]*\) .*/\1/p' constraints.txt)
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make demo      train a small controller, evaluate it, write a report (a few minutes)"
+	@echo "make demo      train two small controllers, evaluate them, write a report (a few minutes)"
 	@echo "make test      run the tests; make test-slow runs the ones left out"
 	@echo "make test-lowest  the same with the lowest releases that pyproject.toml admits (TESTS=tests/rj_gym: some)"
 	@echo "make wheels    build the wheel and use it from an empty folder (PYTHONS=\"python3.12 python3.14\": with these)"
@@ -53,10 +53,13 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: setup
-	@echo "==> Training a small controller on the five-link mechanism"
-	@$(BIN)/rj train --config configs/train/demo.yaml --run-dir runs/demo --force
-	@echo "==> Evaluating it under random loads"
-	@$(BIN)/rj evaluate runs/demo
+	@echo "==> Training two small controllers: by the derivatives of the simulator, and beside it by PPO of Stable-Baselines3"
+	@mkdir -p runs; \
+	  $(BIN)/rj train --config configs/train/demo.yaml --run-dir runs/ppo --force >runs/ppo.txt 2>&1 & ppo=$$!; \
+	  $(BIN)/rj train --config configs/train/apg_rolling_joint.yaml --run-dir runs/demo --force; status=$$?; \
+	  wait $$ppo || status=$$?; cat runs/ppo.txt; exit $$status
+	@echo "==> Evaluating both under random loads"
+	@$(BIN)/rj evaluate runs/demo --beside runs/ppo
 
 test: setup
 	@echo "==> Running the tests"

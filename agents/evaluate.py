@@ -16,6 +16,7 @@ from agents.executors.local import InlineExecutor
 from agents.executors.options import add_options, executor_of
 from agents.runs.checks import episode_count, seed_number
 from agents.runs.command_line import exit_code, typed_command
+from agents.runs.config import TrainConfig
 from agents.runs.consent import add_consent, consent_of
 from agents.runs.folder import RunFolder, versions
 from rollingjoint.errors import ConfigError
@@ -24,6 +25,7 @@ __all__ = ["evaluate_controllers", "main"]
 
 MOMENTS = 11  # of an episode at which floors are drawn
 NOT_TRACKING = "The policy is compared with no controllers: these need an environment with a tracking class of rj_gym."
+BESIDE = "another run folder whose best policy drives the same episodes, under the name of its folder; repeatable"
 OWN = "one more controller to compare, as described in agents.controllers.controller; repeatable"
 
 
@@ -39,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--policy", default="best", help='"best" (default), "last" or the steps of a checkpoint')
     parser.add_argument("--out", type=Path, help="where the report goes (default: evaluation/ in the run folder)")
     parser.add_argument("--controller", action="append", default=[], metavar="MODULE:CLASS", help=OWN)
+    parser.add_argument("--beside", type=Path, action="append", default=[], metavar="RUN", help=BESIDE)
     add_consent(parser)
     add_options(parser, "blocks of episodes", jobs=1)
     arguments = parser.parse_args(argv)
@@ -57,7 +60,8 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     additional = {text.rpartition(":")[2]: _own_controller(text) for text in arguments.controller}
     blind = why_left_out(config.env.arguments()["config"]) if config.env.is_tracking else ""
     ours = untuned_controllers(poses=not blind) if config.env.is_tracking else {}
-    controllers = {POLICY: load_driving(run, arguments.policy), **additional, **ours}
+    others = {path.name: load_driving(_other_run(path, config, seeds)) for path in arguments.beside}
+    controllers = {POLICY: load_driving(run, arguments.policy), **others, **additional, **ours}
     about = {
         "run": str(run.path),
         "policy": arguments.policy,
@@ -78,6 +82,16 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     if config.env.is_tracking:
         print(f"Animation: {folder / 'animation.gif'}")
     return 0
+
+
+def _other_run(path: Path, config: TrainConfig, seeds: range) -> RunFolder:
+    """The run folder at `path`; raises ConfigError unless it is of this configuration's environment."""
+    run = RunFolder.open(path)
+    other = run.config()
+    other.check_unused(seeds)
+    if other.env.id != config.env.id:
+        raise ConfigError("--beside", str(path), f"a run of {config.env.id}", f"That one is of {other.env.id}.")
+    return run
 
 
 def _own_controller(text: str) -> Controller:

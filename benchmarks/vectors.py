@@ -19,7 +19,8 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.simd import WIDTH, any_lane, where
 from rollingjoint._numba.views import aligned_simd, carve
-from rollingjoint.kernels.rolling import CLOSED_GAP, COS, CX, CY, GX, GY, PX, PY, SIN, aligned, evaluate_gap, normal
+from rollingjoint.kernels.joints import CLOSED_GAP, COS, CX, CY, GX, GY, PX, PY, SIN, aligned, normal
+from rollingjoint.kernels.rolling import evaluate_gap
 
 JOINTS, TENDONS = 4, 2
 PAIRS, ROUNDS = 15, 100_000

@@ -24,7 +24,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rj_gym import former_names as _former_names  # noqa: F401 (pickles name modules that are there)
-from rj_gym.core.task import Entry
+from rj_gym.core.task import Entry, ObservedError
 from rj_gym.registry import TABLE, late, register_envs, settings_of, task_of
 from rj_gym.tracking.config import (
     ArmRandomizationConfig,
@@ -144,6 +144,7 @@ __all__ = [
     "LoadConfig",
     "Memory",
     "Observed",
+    "ObservedError",
     "PayloadConfig",
     "RandomizationConfig",
     "RewardConfig",

@@ -13,6 +13,7 @@ Modules:
     errors: the exceptions.
     former_names: modules under earlier names, for pickles.
     friction: coefficients and state of friction.
+    estimate: hidden numbers of a mechanism in operation, from its motors' measurements.
     identify: parameters of a mechanism from measurements.
     interrupts: Ctrl-C in commands.
     io: mechanisms as files, equilibria as tables and JSON.
@@ -35,10 +36,22 @@ from rollingjoint import interrupts as _interrupts  # noqa: F401 (first: it hand
 from rollingjoint import former_names as _former_names  # noqa: F401
 from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
 from rollingjoint.chain.hinge import Bead, HingeChain
-from rollingjoint.chain.presets import PRESETS, five_link, flexible_arm, preset, small_arm, two_segment, uniform
+from rollingjoint.chain.presets import (
+    PRESETS,
+    five_link,
+    flexible_arm,
+    pitch_yaw,
+    pitch_yaw_two_segment,
+    preset,
+    small_arm,
+    two_segment,
+    uniform,
+)
 from rollingjoint.chain.rolling import Link, RollingChain
+from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
 from rollingjoint.chain.status import Status
-from rollingjoint.chain.tendon import BeadTendon, OnSurface, Tendon
+from rollingjoint.chain.tendon import BeadTendon, OnSurface, SpaceTendon, Tendon
 from rollingjoint.errors import ConfigError, InvalidInput, MechanismError, RollingJointError, SolverError
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.load.kinds import BodyWrench, Gravity, Spring, TorsionSpring, WorldForce
@@ -69,11 +82,17 @@ __all__ = [
     "Loop",
     "MechanismError",
     "OnSurface",
+    "PointHinge",
     "Problem",
     "Profile",
     "RollingChain",
+    "RollingContact",
     "RollingJointError",
     "SolverError",
+    "SpaceTendon",
+    "SpatialChain",
+    "SpatialEquilibrium",
+    "SpatialLink",
     "Spring",
     "Status",
     "Surface",
@@ -82,6 +101,8 @@ __all__ = [
     "WorldForce",
     "five_link",
     "flexible_arm",
+    "pitch_yaw",
+    "pitch_yaw_two_segment",
     "prepare",
     "preset",
     "sensitivity",

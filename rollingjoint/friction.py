@@ -43,7 +43,7 @@ class CapstanFriction:
         presliding: slip over which friction builds up, 0.01 mm or more [mm].
         extra_turn: turn that every link adds, whatever its angle, 0 to pi [rad].
         constant: friction force that every link adds, whatever the tension [N].
-        rolling: resistance of every rolling contact, arm of the normal force [mm]; planar chains only.
+        rolling: resistance of every rolling contact, arm of the normal force [mm]; not of arms.
         compliance: stretch of the tendon between the base and its end per newton, spread evenly over the links [mm/N].
             It decides which holes slip as the tension changes; the tendon's own stiffness stays as it is.
     Raises:

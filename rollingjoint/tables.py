@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -59,10 +60,17 @@ def column_table(thing: str, columns: Sequence[Column]) -> str:
 
 
 def column_dicts(thing: str, columns: Sequence[Column]) -> list[dict[str, Any]]:
-    """A dict of plain values for every thing."""
-    keyed = [(column.key, column.values.tolist()) for column in columns if column.key]
+    """A dict of plain values for every thing; None for numbers that are not finite, which JSON cannot express."""
+    keyed = [(column.key, _finite(column.values.tolist())) for column in columns if column.key]
     count = len(keyed[0][1])
     return [{thing: index, **{key: values[index] for key, values in keyed}} for index in range(count)]
+
+
+def _finite(value: Any) -> Any:
+    """A number, or nested lists of numbers, with None for those that are not finite."""
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return value if not isinstance(value, float) or math.isfinite(value) else None
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:

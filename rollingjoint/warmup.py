@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rollingjoint import transmission
 from rollingjoint._numba.cache import without_compiling
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.presets import five_link, small_arm, uniform
+from rollingjoint.chain.presets import five_link, pitch_yaw, small_arm, uniform
 from rollingjoint.friction import CapstanFriction, FrictionState
 from rollingjoint.statics.solve import solve_lengths, solve_lengths_batch, solve_tensions
 
@@ -303,6 +303,17 @@ def arm_friction_special_cases() -> None:
     assert _step_with_friction(small_arm(40)).size
 
 
+def spatial_solver() -> None:
+    """Solve a chain in space."""
+    chain = pitch_yaw(2)
+    assert solve_tensions(chain, np.ones(chain.n_tendons)).stiffness.size and chain.neutral_lengths.size
+
+
+def spatial_friction() -> None:
+    """Take a step of a chain in space with friction."""
+    assert _step_with_friction(pitch_yaw(2)).size
+
+
 def _step_with_friction(mechanism: AnyChain) -> NDArray[np.float64]:
     """Stiffness after the first step of a mechanism [N·mm/rad]."""
     rubbing, n_joints = mechanism.replace(friction=_MU), mechanism.n_joints
@@ -323,5 +334,7 @@ GROUPS = (
     Group("the arm's general solver", arm_special_cases, family="arm"),
     Group("the arm's solver of single chains", arm_solver, family="arm"),
     Group("the arm's solver", arm_batches, family="arm"),
+    Group("the solver of chains in space with friction", spatial_friction, family="space"),
+    Group("the solver of chains in space", spatial_solver, family="space"),
     Group("motors and sheaths", motors_and_sheaths),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from agents.evaluation.rollout import run_episodes, run_with_options
 from agents.results.statistics import Bootstrap, Interval
 from agents.runs.environment import EnvConfig
 from agents.runs.seeds import ROBOTS
+from rj_gym.tracking.worlds import InstrumentConfig, InstrumentV1Config
 from rollingjoint.checks import as_integer
 
 WORLD = "rj_gym/Instrument-v0"
@@ -59,7 +60,8 @@ def score_on_robots(
 ) -> RobotScore:
     """Drive every robot through its episodes, many side by side, with targets and loads of Instrument-v0.
 
-    The controller is told that it drives rj_gym/Instrument-v0: the nominal mechanism, and the ranges of that world.
+    The controller is told that it drives rj_gym/Instrument-v0: the nominal mechanism, and the ranges of that world; of
+    robots with limits of their own, the settings of rj_gym/Instrument-v1.
 
     Args:
         controller: whatever drives Instrument-v0.
@@ -70,7 +72,8 @@ def score_on_robots(
     """
     listed = robots() if driven is None else driven
     as_integer("episodes", episodes, 1, MOST_EPISODES)
-    env = env_for(EnvConfig(WORLD, settings=settings or {}), controller)
+    rig = {} if listed[0].tension_limits is None else rig_settings()
+    env = env_for(EnvConfig(WORLD, settings=rig | dict(settings or {})), controller)
     rubbing = EnvConfig(WORLD, settings={**env.settings, **RUBBING})
     at_once = max(1, _LANES // episodes)
     blocks = [listed[first : first + at_once] for first in range(0, len(listed), at_once)]
@@ -79,6 +82,16 @@ def score_on_robots(
         return RobotScore(errors)
     seeds = [seed for robot in listed for seed in seeds_of(robot, episodes)]
     return RobotScore(errors, run_episodes(env, controller, seeds).last_errors.mean(axis=1).reshape(errors.shape))
+
+
+def rig_settings() -> dict[str, Any]:
+    """Settings that make Instrument-v0 the world of Instrument-v1, whose policies of version 0 are not refused."""
+    first, rig = InstrumentConfig(), InstrumentV1Config()
+    changes: dict[str, Any] = {"start": rig.start}
+    for section in ("sensing", "actuation"):
+        before, after = (asdict(getattr(config, section)) for config in (first, rig))
+        changes[section] = {name: value for name, value in after.items() if value != before[name]}
+    return changes
 
 
 def seeds_of(robot: Robot, episodes: int) -> range:

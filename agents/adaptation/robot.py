@@ -1,7 +1,7 @@
 """Robots with play, friction, stiffness, surfaces and motors outside the ranges of rj_gym/Instrument-v0.
 
 Robot k is a function of k alone. Its numbers are drawn once from a generator with a seed of this file, so that the
-robots are the same everywhere; no number changes from episode to episode.
+robots are the same everywhere; no number changes from episode to episode. Generation 1 has limits of tension besides.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ STIFFNESS_ERROR = (0.2, 0.35)  # share of the nominal one, either way; Instrumen
 SURFACE_ERROR_MM = (0.1, 0.2)  # of x and of y, either way; Instrument-v0: up to 0.1
 SURFACE_ERROR_RAD = (0.01, 0.02)  # either way; Instrument-v0: up to 0.01
 MOTOR_OFFSET_MM = (0.5, 1.0)  # either way; Instrument-v0: up to 0.5
+TENSION_LIMIT = (30.0, 45.0)  # N, at the motors, of generation 1; Instrument-v0: an ideal 15; Instrument-v1: 10 to 30
+GENERATIONS = (0, 1)
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Robot:
         stiffness: of the tendons over the nominal one, (m,).
         motor_offsets: error of every motor's length, (m,) [mm].
         surface_errors: displacement (x, y, angle) of every link's parent and child surface, (n, 2, 3) [mm, rad].
+        tension_limits: of the motors, (m,) [N]; None in generation 0, with the ideal limit of Instrument-v0.
     """
 
     number: int
@@ -55,6 +58,7 @@ class Robot:
     stiffness: Array
     motor_offsets: Array
     surface_errors: Array
+    tension_limits: Array | None = None
 
     @cached_property
     def chain(self) -> RollingChain:
@@ -64,7 +68,8 @@ class Robot:
     @property
     def options(self) -> dict[str, Any]:
         """Reset options that make an episode one of this robot."""
-        return {
+        limits = {} if self.tension_limits is None else {"tension_limit": self.tension_limits}
+        return limits | {
             "mechanism": self.chain,
             "friction": self.mu,
             "play_mm": self.play_mm,
@@ -74,8 +79,14 @@ class Robot:
 
 
 @cache
-def robot(number: int) -> Robot:
-    """The robot of that number; raises InvalidInput unless it is 0 or more."""
+def robot(number: int, generation: int = 0) -> Robot:
+    """The robot of that number; raises InvalidInput unless it is 0 or more.
+
+    generation: 0, or 1 of the same robot with motors that have limits of their own, and homed by tension.
+    """
+    limits = None
+    if generation:
+        limits = np.random.default_rng([SEED, number, generation]).uniform(*TENSION_LIMIT, five_link().n_tendons)
     rng = np.random.default_rng([SEED, as_integer("number of a robot", number, 0)])
     chain = five_link()
     m, surfaces = chain.n_tendons, (chain.n_links, 2)
@@ -84,12 +95,12 @@ def robot(number: int) -> Robot:
     motors = _either_way(rng, MOTOR_OFFSET_MM, (m,))
     x, y = (_either_way(rng, SURFACE_ERROR_MM, surfaces) for _ in "xy")
     turns = _either_way(rng, SURFACE_ERROR_RAD, surfaces)
-    return Robot(number, mu, play, sheath, stiffness, motors, np.stack([x, y, turns], axis=-1))
+    return Robot(number, mu, play, sheath, stiffness, motors, np.stack([x, y, turns], axis=-1), limits)
 
 
-def robots(numbers: Iterable[int] = TEST_BED) -> list[Robot]:
+def robots(numbers: Iterable[int] = TEST_BED, generation: int = 0) -> list[Robot]:
     """The robots of these numbers; raises InvalidInput where there is none."""
-    listed = [robot(number) for number in numbers]
+    listed = [robot(number, generation) for number in numbers]
     if not listed:
         raise InvalidInput("number of robots", 0, "1 or more")
     return listed

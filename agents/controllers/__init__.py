@@ -11,6 +11,7 @@ Modules:
     predictive: the same under the estimated load, and model-predictive control over one step.
     filters: banks of Kalman filters.
     filter_feedback: Jacobian feedback, and predictive control, on their estimates.
+    smoother: Jacobian feedback on the estimate of a full-information smoother.
     privileged_feedback: Jacobian feedback on the true state.
     policy: a model of Stable-Baselines3.
     residual: a controller and a learned policy that adds to its actions.

@@ -301,6 +301,12 @@ class Reading:
         lengths = mechanism.tendon_lengths(self.joint_angles)
         return elastic_tension(lengths, self.commands, mechanism.stiffnesses, *config.possible_tensions)
 
+    @property
+    def last_actions(self) -> Array | None:
+        """The actions of the last step, (B, m); None where the observation does not show them."""
+        names = [f"tendon {j} action, lag 1" for j in range(self._task.mechanism.n_tendons)]
+        return self._entries(*names) if names[0] in self._places else None
+
     def _need(self, *poses: str) -> None:
         if self.sees not in poses:
             allowed = " or ".join(map(repr, poses))

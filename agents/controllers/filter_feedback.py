@@ -89,7 +89,7 @@ class FilterFeedback(Controller):
     def act(self, observations: Any) -> Array:
         """Actions of the motors, (B, m)."""
         reading, task = self.read(observations), self.task
-        estimate = self.bank.take_in(reading)
+        estimate = self.estimated(reading)
         self._known = self._known_of(reading, estimate)
         sweep = self.settings.probe.actions(self.steps, task.config.action_scale_mm, task.mechanism.n_tendons)
         self.steps, probing = self.steps + 1.0, ~np.isnan(sweep[:, 0])
@@ -98,6 +98,10 @@ class FilterFeedback(Controller):
         actions = self.feedback(reading, estimate)
         self.motion.reset(probing, task.dimension)
         return np.where(probing[:, None], sweep, actions)
+
+    def estimated(self, reading: Reading) -> Estimate:
+        """The estimate after the measurements of this step."""
+        return self.bank.take_in(reading)
 
     def estimates(self) -> Array:
         """Estimates of the bank at the last action, (B, d + 3 m), for residual policies.

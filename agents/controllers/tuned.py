@@ -12,8 +12,9 @@ from agents.controllers.controller import Controller
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings, FilterPredictive
 from agents.controllers.jacobian_feedback import JacobianFeedback
 from agents.controllers.open_loop import OpenLoop
-from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform
+from agents.controllers.search_space import Choice, LogUniform, Settings, Space, Uniform, with_settings
 from agents.controllers.smith_predictor import SmithPredictor
+from agents.controllers.smoother import SmootherFeedback, SmootherFeedbackSettings
 from agents.controllers.steps import FeedbackSettings
 from rj_gym.registry import TABLE
 from rollingjoint.checked_yaml import read_yaml
@@ -55,6 +56,16 @@ def _filter(settings: Settings) -> Controller:
 
 def _predictive(settings: Settings) -> Controller:
     return FilterPredictive(FilterFeedbackSettings.from_dict(settings))
+
+
+def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
+    """Feedback on a smoother that falls back on the filters of this bank."""
+
+    def make(settings: Settings) -> Controller:
+        filters = {"filter": tuned_settings(env_id, bank)["filter"]}
+        return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
+
+    return make
 
 
 _STEERING: Space = {
@@ -101,6 +112,29 @@ def _of_filters(play: bool = True, pictures: bool = False, many: bool = True, pr
     return _below("filter", filters) | _below("feedback", steering) | (_below("probe", _PROBE) if probe else {})
 
 
+_SMOOTHER: Space = {
+    "tension_sd": LogUniform(0.08, 0.3),
+    "tension_share": LogUniform(0.001, 0.05),
+    "robust": LogUniform(1.5, 6.0),
+    "start_sd_mm": LogUniform(0.001, 0.1),
+    "limit_sd": LogUniform(0.02, 0.5),
+    "every": Choice([3, 6, 12]),
+    "misfit": LogUniform(0.7, 5.0),
+}
+_SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_band_mm": LogUniform(0.005, 0.2)}
+
+
+def _smoother(env_id: str) -> Tunable:
+    space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
+    return Tunable(_smoother_in(env_id, "probing bank"), space)
+
+
+def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
+    smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
+    space = _below("smoother", smoother) | _below("feedback", _STEERING | (_SURE if play else {}))
+    return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
+
+
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
 _ONE = {"filter": {"hypotheses": 1}}
 _BLIND = {
@@ -109,6 +143,7 @@ _BLIND = {
     "bank of filters": Tunable(_filter, _of_filters()),
     "probing bank": Tunable(_filter, _of_filters(probe=True)),
     "predictive bank": Tunable(_predictive, _of_filters(probe=True)),
+    "smoother": _smoother("rj_gym/Instrument-v0"),
 }
 
 _ARM: Space = _of_filters(many=False) | {
@@ -143,6 +178,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "probing bank": Tunable(_filter, _of_filters(probe=True), _MILD),
         "widened bank": Tunable(_filter, _of_filters(), _WORN),
         "widened probing bank": Tunable(_filter, _of_filters(probe=True), _WORN),
+        "smoother": _smoother("rj_gym/InstrumentShift-v0"),
     },
     "rj_gym/SlowCamera-v0": {
         "open loop": _OPEN_LOOP,
@@ -150,6 +186,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING),
         "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
         "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
+        "smoother": _smoother_of_pictures("rj_gym/SlowCamera-v0", play=False),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
@@ -157,6 +194,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
+        "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }

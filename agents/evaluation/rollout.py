@@ -169,7 +169,5 @@ def joined(blocks: Sequence[Episodes]) -> Episodes:
         together("loads"),
         together("link"),
         together("targets"),
-        {
-            name: np.concatenate([block.reward_terms[name] for block in blocks]) for name in blocks[0].reward_terms
-        },
+        {name: np.concatenate([block.reward_terms[name] for block in blocks]) for name in blocks[0].reward_terms},
     )

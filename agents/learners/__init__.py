@@ -5,11 +5,13 @@ Modules:
     demonstrations: episodes with a teacher next to the policy.
     distill: distillation, in which policies with memory imitate that teacher.
     episodes: whole episodes of a native vector environment, with gradients.
+    feed_forward: a policy without memory as a torch module.
+    gain: its last layer where actions vanish with the tip error.
     learner: the common base of the learners: whole episodes of all lanes, again and again.
     motion: the effect of a step on motors, tendons, tensions and tip, with its derivative.
     muon: an optimiser for matrices.
     observing: how observations answer motors, tensions and tip.
-    policy: a RecurrentActor as Stable-Baselines3 keeps policies.
+    policy: actors as Stable-Baselines3 keeps policies.
     recurrent: a policy with memory as a torch module.
     true_state: feedback on the true state.
 """

@@ -20,7 +20,7 @@ from agents.learners.demonstrations import Acting, Demonstrations
 from agents.learners.distill import Distill
 from agents.learners.episodes import DifferentiableEpisodes, Played
 from agents.learners.learner import EpisodePlayer, base_of, native_env
-from agents.learners.policy import RecurrentPolicy
+from agents.learners.policy import EpisodePolicy
 
 
 class APG(Distill):
@@ -31,7 +31,7 @@ class APG(Distill):
     the hidden state start them where probing is already known.
 
     Args:
-        policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
+        policy: as of EpisodeLearner. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
         settled_steps: steps at the end of an episode that count most.
         whole_weight: weight of the whole episode.
@@ -49,7 +49,7 @@ class APG(Distill):
 
     def __init__(
         self,
-        policy: str | type[RecurrentPolicy],
+        policy: str | type[EpisodePolicy],
         env: GymEnv | str | None,
         learning_rate: float | Schedule = 1e-3,
         settled_steps: int = 10,

@@ -15,7 +15,7 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from agents.learners.demonstrations import Acting, Demonstrations, TaughtEpisodes, normalised
 from agents.learners.learner import EpisodeLearner, EpisodePlayer, native_env
-from agents.learners.policy import RecurrentPolicy
+from agents.learners.policy import EpisodePolicy
 from agents.learners.true_state import TrueStateFeedback
 
 
@@ -26,7 +26,7 @@ class Distill(EpisodeLearner):
     loss between actions of the policy before clipping and the teacher's, over all steps.
 
     Args:
-        policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
+        policy: as of EpisodeLearner. env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
         teacher: the controller that it imitates; None: TrueStateFeedback.
         taught: the share of lanes that the teacher drives falls from 1 to 0 over this share of training.
@@ -44,7 +44,7 @@ class Distill(EpisodeLearner):
 
     def __init__(
         self,
-        policy: str | type[RecurrentPolicy],
+        policy: str | type[EpisodePolicy],
         env: GymEnv | str | None,
         learning_rate: float | Schedule = 1e-3,
         teacher: Acting | None = None,

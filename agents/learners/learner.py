@@ -18,7 +18,7 @@ from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.learners.episodes import ResidualBase
-from agents.learners.policy import RecurrentPolicy
+from agents.learners.policy import EpisodePolicy, FeedForwardPolicy, RecurrentPolicy
 from rj_gym.core.vector import TaskVectorEnv
 from rollingjoint.errors import ConfigError
 
@@ -31,21 +31,26 @@ class EpisodePlayer(Protocol):
 
 
 class EpisodeLearner(BaseAlgorithm):
-    """Training of a policy with memory, one rollout of whole episodes at a time.
+    """Training of a policy, usually with memory, one rollout of whole episodes at a time.
 
     Args:
-        policy: "MlpPolicy" or RecurrentPolicy. env: a native vector environment of rj_gym, in the wrappers of SB3.
+        policy: "MlpPolicy" (RecurrentPolicy), "FeedForwardPolicy", or one of these classes.
+        env: a native vector environment of rj_gym, in the wrappers of SB3.
         learning_rate: of the optimiser, or a schedule.
         max_grad_norm: largest norm of the whole gradient; a longer one is scaled down.
         optimizer: "adam" or "muon".
     """
 
-    policy_aliases: ClassVar[dict[str, Any]] = dict.fromkeys(("MlpPolicy", "MultiInputPolicy"), RecurrentPolicy)
-    policy: RecurrentPolicy
+    policy_aliases: ClassVar[dict[str, Any]] = {
+        "MlpPolicy": RecurrentPolicy,
+        "MultiInputPolicy": RecurrentPolicy,
+        "FeedForwardPolicy": FeedForwardPolicy,
+    }
+    policy: EpisodePolicy
 
     def __init__(
         self,
-        policy: str | type[RecurrentPolicy],
+        policy: str | type[EpisodePolicy],
         env: GymEnv | str | None,
         learning_rate: float | Schedule,
         max_grad_norm: float,

@@ -8,6 +8,8 @@ Modules:
     cells: recurrent layers, of a GRU or an LSTM.
     base: the base class of the networks of policies.
     network: the forward pass of a policy without memory.
+    gain: the forward pass of a policy whose actions vanish with the tip error.
+    stacked: the forward pass of a policy that sees the newest observations at once.
     recurrent: the forward pass of a policy with memory.
     file: the container of a policy.
     content: the network in a policy file.

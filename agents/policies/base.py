@@ -76,7 +76,11 @@ class PolicyNetwork(ABC):
 
     def normalised(self, observation: Any) -> Vectors:
         """The normalised observation, (entries,) or (B, entries); raises PolicyError as advance does."""
-        scaled = (self.vector(observation) - self.mean) / self.scale
+        return self._scaled(self.vector(observation))
+
+    def _scaled(self, vectors: NDArray[Any]) -> Vectors:
+        """Vectors (..., mean.size) through the normaliser."""
+        scaled = (vectors - self.mean) / self.scale
         return scaled.clip(-self.clip, self.clip).astype(np.float32)
 
     def vector(self, observation: Any) -> NDArray[Any]:
@@ -89,6 +93,13 @@ class PolicyNetwork(ABC):
         if len({part.shape[:-1] for part in parts}) > 1:
             raise PolicyError("observation", [part.shape for part in parts], "as many rows under every key")
         return np.concatenate(parts, axis=-1)
+
+    @staticmethod
+    def _check_rows(rows: Vectors, memory: Vectors) -> None:
+        """Raise PolicyError unless there are as many observations as episodes in the memory."""
+        if len(memory) != len(rows):
+            hint = "reset() begins other episodes."
+            raise PolicyError("observations", len(rows), f"{len(memory)}, one of every episode in the memory", hint)
 
     def _check(self) -> None:
         """Raise PolicyError for numbers that are not finite, an unknown activation, or shapes that do not fit."""
@@ -110,10 +121,14 @@ class PolicyNetwork(ABC):
         if not self.layers:
             raise PolicyError("layers", 0, "at least one")
         width = check_layers("layer", self.layers, self._head_entries())
-        expected = dict.fromkeys(NORMALISER, self.entries) | dict.fromkeys(BOUNDS, width)
+        expected = dict.fromkeys(NORMALISER, self.mean.size) | dict.fromkeys(BOUNDS, self._actions(width))
         for name, count in expected.items():
             if count == 0 or getattr(self, name).shape != (count,):
                 raise PolicyError(name, getattr(self, name).shape, f"the shape ({count},), not empty")
+
+    def _actions(self, width: int) -> int:
+        """Number of actions that so many outputs of the last layer become."""
+        return width
 
     @abstractmethod
     def _head_entries(self) -> int:

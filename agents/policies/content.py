@@ -8,12 +8,15 @@ from typing import Any
 
 from agents.policies.base import PolicyNetwork
 from agents.policies.errors import PolicyError
+from agents.policies.gain import GainNetwork
 from agents.policies.network import Network
 from agents.policies.recurrent import RecurrentNetwork
+from agents.policies.stacked import StackedNetwork
 from agents.runs.checks import choice, prefixed
 from rollingjoint.checked_yaml import mapping
 
-KINDS: dict[str, type[PolicyNetwork]] = {kind.KIND: kind for kind in (Network, RecurrentNetwork)}
+NETWORKS: tuple[type[PolicyNetwork], ...] = (Network, GainNetwork, StackedNetwork, RecurrentNetwork)
+KINDS = {kind.KIND: kind for kind in NETWORKS}
 
 
 def network_in(described: Any, tensors: Mapping[str, Any]) -> PolicyNetwork:

@@ -100,5 +100,6 @@ def _entry(entry: Entry, length: float) -> dict[str, Any]:
 
 def _normaliser(policy: ShippedPolicy, place: int) -> dict[str, Any]:
     network = policy.network
-    values = {name: float(getattr(network, name)[place]) for name in ("mean", "scale", "clip")}
+    newest = network.mean.size - network.entries  # of several observations the last one
+    values = {name: float(getattr(network, name)[newest + place]) for name in ("mean", "scale", "clip")}
     return {"normaliser": values}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from agents.policies.base import PolicyNetwork
 from agents.policies.cells import NAMES, Gru, Lstm
 from agents.policies.errors import PolicyError
+from agents.policies.gain import GainForm, GainNetwork
 from agents.policies.layers import Vectors
 from agents.policies.network import CLIP, Network
 from agents.policies.recurrent import RecurrentNetwork
+from agents.policies.stacked import StackedNetwork
 from agents.runs.algorithms import OWN
 
 if TYPE_CHECKING:
@@ -57,11 +59,13 @@ def network_of(model: BaseAlgorithm, normaliser: Any = None) -> PolicyNetwork:
     policy: Any = model.policy
     _check_spaces(model)
     if algorithm_of(model) in OWN:
-        return recurrent_network(policy.actor, normaliser)
+        is_recurrent = type(policy.actor).__name__ == "RecurrentActor"
+        return (recurrent_network if is_recurrent else feed_forward_network)(policy.actor, normaliser)
     if hasattr(policy, "actor"):
-        extractor, modules = policy.actor.features_extractor, [policy.actor.latent_pi, policy.actor.mu]
+        extractor, hidden, head = policy.actor.features_extractor, policy.actor.latent_pi, policy.actor.mu
     else:
-        extractor, modules = policy.pi_features_extractor, [policy.mlp_extractor.policy_net, policy.action_net]
+        extractor, hidden, head = policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net
+    modules: list[Any] = [hidden, head]
     modules, output = _without_clip(modules, "tanh" if policy.squash_output else "clip")
     convolves = type(extractor).__name__ == "PastConvolution"
     layers, activation = _layers([extractor.layers, *modules] if convolves else modules)
@@ -72,7 +76,9 @@ def network_of(model: BaseAlgorithm, normaliser: Any = None) -> PolicyNetwork:
     if hasattr(policy, "lstm_actor"):
         cell = Lstm(*_cell_arrays(policy.lstm_actor))
         return RecurrentNetwork(inputs, *normalised, [], cell, layers, activation, False, low, high)
-    return Network(inputs, *normalised, layers, activation, output, low, high)
+    values = _values(inputs, normalised, layers, activation, output, low, high)
+    frames = _frames(model.get_env())
+    return StackedNetwork(**values, frames=frames) if frames > 1 else _without_memory(head, values)
 
 
 def recurrent_network(actor: Any, normaliser: Any = None) -> RecurrentNetwork:
@@ -89,23 +95,70 @@ def recurrent_network(actor: Any, normaliser: Any = None) -> RecurrentNetwork:
     return RecurrentNetwork({}, mean, scale, clip, [encoder], cell, head, activation, True, -bound, bound)
 
 
-def actor_arrays(network: RecurrentNetwork) -> dict[str, Vectors]:
-    """The parameters of the RecurrentActor with this forward pass by name, for its load_state_dict once in torch.
+def feed_forward_network(actor: Any, normaliser: Any = None) -> Network:
+    """The forward pass of an agents.learners.feed_forward.FeedForwardActor; otherwise as recurrent_network."""
+    layers, activation = _layers([actor.hidden, actor.head])
+    normalised = _normaliser(normaliser, {}, layers[0][0].shape[1])
+    form = _gain_form(actor.head)
+    width = layers[-1][1].size
+    bound = np.ones(width if form is None else width // (len(form.places) + 1), np.float32)
+    return _without_memory(actor.head, _values({}, normalised, layers, activation, "clip", -bound, bound))
+
+
+def _values(inputs: Any, normalised: tuple[Array, Array, Array], *others: Any) -> dict[str, Any]:
+    """The fields of a Network by name."""
+    names = [field.name for field in fields(Network)]
+    return dict(zip(names, (inputs, *normalised, *others), strict=True))
+
+
+def _without_memory(head: Any, values: Mapping[str, Any]) -> Network:
+    """The network of these fields, of the kind that ends in this layer."""
+    form = _gain_form(head)
+    return Network(**values) if form is None else GainNetwork(**values, error=form)
+
+
+def _gain_form(head: Any) -> GainForm | None:
+    """The form of a GainHead; None of another layer."""
+    if type(head).__name__ != "GainHead":
+        return None
+    return GainForm(tuple(head.error.places), head.error.unit_mm, head.gain_mm, head.scale_mm)
+
+
+def _frames(env: Any) -> int:
+    """How many observations the policy sees at once, by a VecFrameStack around its lanes."""
+    while env is not None:
+        if type(env).__name__ == "VecFrameStack":
+            return int(env.stacked_obs.n_stack)
+        env = getattr(env, "venv", None)
+    return 1
+
+
+def actor_arrays(network: PolicyNetwork) -> dict[str, Vectors]:
+    """The parameters of the RecurrentActor, or FeedForwardActor, with this forward pass by name, for load_state_dict.
 
     Raises:
-        PolicyError: a network that no RecurrentActor computes.
+        PolicyError: a network that neither computes.
     """
+    if type(network) in (Network, GainNetwork):
+        head = "head.layer" if isinstance(network, GainNetwork) else "head"
+        names = [*(f"hidden.{2 * i}" for i in range(len(network.layers) - 1)), head]
+        return _named(dict(zip(names, network.layers, strict=True)))
     if (
-        not isinstance(network.cell, Gru)
+        not isinstance(network, RecurrentNetwork)
+        or not isinstance(network.cell, Gru)
         or not network.shortcut
         or (len(network.encoder), len(network.layers)) != (1, 2)
     ):
-        parts = network.cell.KIND, network.shortcut, len(network.encoder), len(network.layers)
-        raise PolicyError("network", parts, "what agents.learners trains: one layer, a GRU, two layers, a shortcut")
+        allowed = "what agents.learners trains: layers alone, or one layer, a GRU, two layers, a shortcut"
+        raise PolicyError("network", network.description(), allowed)
     layers = {"encoder.0": network.encoder[0], "head.0": network.layers[0], "head.2": network.layers[1]}
-    arrays = {f"{name}.{kind}": a for name, pair in layers.items() for kind, a in zip(_LINEAR, pair, strict=True)}
     cell = (getattr(network.cell, name) for name in NAMES)
-    return arrays | {f"cell.{name}": array for name, array in zip(_RECURRENT, cell, strict=True)}
+    return _named(layers) | {f"cell.{name}": array for name, array in zip(_RECURRENT, cell, strict=True)}
+
+
+def _named(layers: Mapping[str, tuple[Vectors, Vectors]]) -> dict[str, Vectors]:
+    """Weights and biases of linear layers by the names of their parameters."""
+    return {f"{name}.{kind}": a for name, pair in layers.items() for kind, a in zip(_LINEAR, pair, strict=True)}
 
 
 def observations_behind(normaliser: Any) -> float:
@@ -182,6 +235,8 @@ def _flat(modules: Iterable[Any]) -> Iterator[Any]:
     for module in modules:
         if type(module).__name__ == "Sequential":
             yield from _flat(module)
+        elif type(module).__name__ == "GainHead":
+            yield module.layer
         else:
             yield module
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class Network(PolicyNetwork):
     """
 
     KIND = "feedforward"
-    DESCRIBED = ("inputs", "activation", "output")
+    DESCRIBED: ClassVar[tuple[str, ...]] = ("inputs", "activation", "output")
 
     inputs: Mapping[str, int]
     mean: NDArray[np.float64]
@@ -88,7 +88,10 @@ class Network(PolicyNetwork):
         Raises:
             PolicyError: another shape, a missing key, or numbers that are not finite.
         """
-        x = through(self.layers, ACTIVATIONS[self.activation], self.normalised(observation))
+        return self._bounded(through(self.layers, ACTIVATIONS[self.activation], self.normalised(observation)))
+
+    def _bounded(self, x: Vectors) -> Vectors:
+        """Actions within [low, high]."""
         if self.output == "clip":
             return x.clip(self.low, self.high)
         if self.output == "clipped tanh":

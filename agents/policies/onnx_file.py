@@ -16,10 +16,12 @@ import rollingjoint
 from agents.policies.base import PolicyNetwork
 from agents.policies.cells import Cell, Gru
 from agents.policies.contract import ACTION, MEMORY, NEXT_MEMORY, VECTOR, contract
+from agents.policies.gain import GainNetwork
 from agents.policies.layers import Layers
 from agents.policies.network import CLIP, Network
 from agents.policies.recurrent import RecurrentNetwork
 from agents.policies.shipped import ShippedPolicy
+from agents.policies.stacked import StackedNetwork
 from agents.runs.files import write_bytes
 from rollingjoint.errors import naming_extras
 
@@ -96,10 +98,14 @@ def _vectors(name: str, size: int) -> onnx.ValueInfoProto:
 
 
 def _through_network(nodes: _Nodes, network: PolicyNetwork) -> str:
-    """The output of the last layer of the network."""
-    x = _normalised(nodes, network)
+    """The actions of the network before their bounds."""
+    observation = nodes.add("Concat", list(network.inputs), axis=1) if network.inputs else VECTOR
+    if isinstance(network, StackedNetwork):
+        observation = _stacked(nodes, network)
+    x = _normalised(nodes, network, observation)
     if not isinstance(network, RecurrentNetwork):
-        return _through(nodes, "", network.layers, network.activation, x)
+        y = _through(nodes, "", network.layers, network.activation, x)
+        return _gained(nodes, network, y) if isinstance(network, GainNetwork) else y
     if network.encoder:
         encoded = _through(nodes, "encoder.", network.encoder, network.activation, x)
         x = nodes.add(_ACTIVATIONS[network.activation], [encoded])
@@ -108,9 +114,34 @@ def _through_network(nodes: _Nodes, network: PolicyNetwork) -> str:
     return _through(nodes, "", network.layers, network.activation, head_input)
 
 
-def _normalised(nodes: _Nodes, network: PolicyNetwork) -> str:
+def _stacked(nodes: _Nodes, network: StackedNetwork) -> str:
+    """The observations of the memory and the newest one; all but the oldest become NEXT_MEMORY."""
+    stacked = nodes.add("Concat", [MEMORY, VECTOR], axis=1)
+    places = {"first": network.entries, "end": network.mean.size, "axis": 1}
+    nodes.add("Slice", [stacked, *(nodes.constant(name, np.array([at])) for name, at in places.items())], NEXT_MEMORY)
+    return stacked
+
+
+def _gained(nodes: _Nodes, network: GainNetwork, y: str) -> str:
+    """As GainForm.actions."""
+    form, actions = network.error, len(network.low)
+    d = len(form.places)
+    entries = nodes.add("Gather", [VECTOR, nodes.constant("error_places", np.array(form.places))], axis=1)
+    error = nodes.add("Mul", [entries, nodes.constant("error_unit", np.array([form.unit_mm], np.float32))])
+    parts = nodes.constant("parts", np.array([actions * d, actions]))
+    gains, offsets = nodes.several("Split", [y, parts], ["gains", "offsets"], axis=1)
+    matrices = nodes.add("Reshape", [gains, nodes.constant("matrix_shape", np.array([0, -1, d]))])
+    column = nodes.add("Reshape", [error, nodes.constant("column_shape", np.array([0, d, 1]))])
+    product = nodes.add("Reshape", [nodes.add("MatMul", [matrices, column]), nodes.constant("row", np.array([0, -1]))])
+    linear = nodes.add("Div", [product, nodes.constant("gain_mm", np.array([form.gain_mm], np.float32))])
+    size = nodes.add("ReduceL2", [error], axes=[1], keepdims=1)
+    scale = nodes.constant("scale_mm", np.array([form.scale_mm], np.float32))
+    share = nodes.add("Div", [size, nodes.add("Add", [size, scale])])
+    return nodes.add("Add", [linear, nodes.add("Mul", [offsets, share])])
+
+
+def _normalised(nodes: _Nodes, network: PolicyNetwork, x: str) -> str:
     """clip((x - mean) / scale, -clip, clip) in double precision, as float32."""
-    x = nodes.add("Concat", list(network.inputs), axis=1) if network.inputs else VECTOR
     mean, scale = nodes.constant("mean", network.mean), nodes.constant("scale", network.scale)
     high, low = nodes.constant("clip", network.clip), nodes.constant("minus_clip", -network.clip)
     centred = nodes.add("Sub", [nodes.add("Cast", [x], to=TensorProto.DOUBLE), mean])

@@ -114,9 +114,7 @@ class RecurrentNetwork(PolicyNetwork):
         rows = x.reshape(-1, self.entries)
         if memory is None:
             memory = self.start(len(rows))
-        if len(memory) != len(rows):
-            hint = "reset() begins other episodes."
-            raise PolicyError("observations", len(rows), f"{len(memory)}, one of every episode in the memory", hint)
+        self._check_rows(rows, memory)
         actions, memory = self._step(rows, memory)
         return actions.reshape(*x.shape[:-1], -1), memory
 

@@ -99,10 +99,12 @@ PARAMETERS: dict[str, dict[str, Check]] = {
 HINDSIGHT = ("sac", "tqc")
 CONVOLVING = ("ppo", "sac", "tqc", "crossq")
 """Those whose networks may begin with a convolution over past readings."""
+GAINS = ("ppo", "sac", "apg", "distill")
+"""Those whose policies may have actions that vanish with the tip error."""
 ON_POLICY = {"ppo": (2048, 64), "recurrent_ppo": (128, 128)}
 """Algorithms that learn from whole rollouts, with their default n_steps and batch_size."""
 OWN = ("apg", "distill")
-"""Those of agents.learners, which train a RecurrentActor on whole episodes of all lanes."""
+"""Those of agents.learners, which train on whole episodes of all lanes, with memory if wanted."""
 _SCHEDULES = ("learning_rate", "lessons_rate", "clip_range", "clip_range_vf")
 
 

@@ -8,7 +8,15 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from agents.runs.algorithms import CONVOLVING, ON_POLICY, OWN, PARAMETERS, check_hindsight, checked_parameters
+from agents.runs.algorithms import (
+    CONVOLVING,
+    GAINS,
+    ON_POLICY,
+    OWN,
+    PARAMETERS,
+    check_hindsight,
+    checked_parameters,
+)
 from agents.runs.checks import (
     Check,
     boolean,
@@ -29,6 +37,7 @@ from rollingjoint.checked_yaml import text as checked_text
 from rollingjoint.errors import ConfigError
 
 PRIVILEGED = "privileged"  # the name of the true state in rj_gym
+GAIN = "gain"  # the form of policies whose actions vanish with the tip error
 _WIDTH = integer(1, 4096)
 _WIDTHS = integers(1, 4096, most=16)
 
@@ -42,7 +51,11 @@ class PolicyConfig:
         value_hidden: the same of the value functions; null: as in the policy.
         activation: activation of the hidden layers.
         log_std_init: logarithm of the first standard deviation of the actions (`ppo`, `recurrent_ppo`).
-        memory: width of the LSTM (`recurrent_ppo`), or of all layers (`apg`, `distill`).
+        memory: width of the LSTM (`recurrent_ppo`), or of all layers (`apg`, `distill`); null: no memory, but `hidden`
+            layers (`apg`, `distill`).
+        form: plain, or `gain` (`ppo`, `sac`; `apg` and `distill` without memory): actions that vanish with the tip
+            error, where that is observed.
+        frames: number of observations, the newest ones, that the policy sees at once (`ppo`, `sac`, `tqc`, `crossq`).
         critic: input of the value function in training (`ppo`, `recurrent_ppo`): the observation, or the true state of
             the environment as well. The policy always sees the observation alone.
         convolution: width of a temporal convolution over past readings, before the hidden layers (`ppo`, `sac`,
@@ -53,7 +66,9 @@ class PolicyConfig:
     value_hidden: Annotated[Sequence[int] | None, optional(_WIDTHS)] = None
     activation: Annotated[str, choice("tanh", "relu", "elu")] = "tanh"
     log_std_init: Annotated[float, number(-10.0, 3.0)] = 0.0
-    memory: Annotated[int, _WIDTH] = 128
+    memory: Annotated[int | None, optional(_WIDTH)] = 128
+    form: Annotated[str, choice("plain", GAIN)] = "plain"
+    frames: Annotated[int, integer(1, 1000)] = 1
     critic: Annotated[str, choice("observation", PRIVILEGED)] = "observation"
     convolution: Annotated[int | None, optional(_WIDTH)] = None
 
@@ -171,6 +186,12 @@ class TrainConfig:
             self._check_privileged_critic()
         if self.policy.convolution is not None:
             self._check_convolution()
+        if self.policy.memory is None:
+            self._check_without_memory()
+        if self.policy.form == GAIN:
+            self._check_gain()
+        if self.policy.frames > 1:
+            self._check_frames()
 
     def _check_start(self) -> None:
         if self.algorithm not in OWN:
@@ -202,6 +223,41 @@ class TrainConfig:
             raise ConfigError(what, width, "null where no past readings are observed", hint)
         if self.residual is not None:
             raise ConfigError(what, width, "null with residual")
+
+    def _check_without_memory(self) -> None:
+        if self.algorithm == "recurrent_ppo":
+            raise ConfigError("policy.memory", None, "a width with recurrent_ppo", "ppo has no memory.")
+        if self.algorithm in OWN and not self.policy.hidden:
+            raise ConfigError("policy.hidden", [], "at least one width without memory")
+        weight = self.parameters.get("estimate_weight", 0.0)
+        if weight > 0.0:
+            raise ConfigError("parameters.estimate_weight", weight, "0 without memory", "There it has no readout.")
+
+    def _check_gain(self) -> None:
+        policy, what, allowed = self.policy, "policy.form", f"plain, or {GAIN} with {', '.join(GAINS)}"
+        if self.algorithm not in GAINS:
+            raise ConfigError(what, GAIN, allowed)
+        if self.algorithm in OWN and policy.memory is not None:
+            raise ConfigError("policy.memory", policy.memory, f"null with policy.form: {GAIN}")
+        apart = {"policy.critic": policy.critic_is_privileged, "policy.convolution": policy.convolution is not None}
+        apart |= {"policy.frames": policy.frames > 1, "use_sde": self.parameters.get("use_sde", False)}
+        for key, used in apart.items():
+            if used:
+                raise ConfigError(what, GAIN, f"plain with {key}")
+        if not policy.hidden:
+            raise ConfigError("policy.hidden", [], f"at least one width with policy.form: {GAIN}")
+        if not self.env.is_tracking:
+            raise ConfigError(what, GAIN, "plain where the environment is not a tracking task of rj_gym")
+
+    def _check_frames(self) -> None:
+        what, frames = "policy.frames", self.policy.frames
+        if self.algorithm not in CONVOLVING:
+            raise ConfigError(what, frames, f"1, or more with {', '.join(CONVOLVING)}", "Others have a memory.")
+        if self.policy.critic_is_privileged or self.env.has_goals:
+            raise ConfigError(what, frames, "1 where observations are in parts")
+        for key, used in {"residual": self.residual, "policy.convolution": self.policy.convolution}.items():
+            if used is not None:
+                raise ConfigError(what, frames, f"1 with {key}")
 
     @property
     def training_env(self) -> EnvConfig:

@@ -2,6 +2,7 @@
 
 Modules:
     asymmetric: networks with a critic that sees more than the policy.
+    gain: policies of Stable-Baselines3 with actions that vanish with the tip error.
     convolution: a temporal convolution over past readings, before the hidden layers.
     residual: environments with the outputs of a controller.
     build: environments and model of a configuration.

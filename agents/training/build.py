@@ -9,16 +9,19 @@ import gymnasium
 import torch
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
 
 from agents.controllers.residual import base_controller, output_size
 from agents.policies.parameters import network_arguments, policy_name
 from agents.runs.algorithms import OWN, algorithm_class, constructor_arguments
-from agents.runs.config import TrainConfig
+from agents.runs.checks import prefixed
+from agents.runs.config import GAIN, TrainConfig
 from agents.runs.environment import EnvConfig, make_env, making, tip_errors
 from agents.training.asymmetric import AsymmetricPolicy, AsymmetricRecurrentPolicy
 from agents.training.convolution import PastConvolution, past_places
+from agents.training.gain import GainPolicy, GainSACPolicy, keep_zero
 from agents.training.residual import ResidualVecEnv
+from rj_gym.core.task import ObservedError
 from rj_gym.registry import task_of
 from rj_gym.sb3 import make_sb3_env
 from rollingjoint.errors import ConfigError
@@ -60,12 +63,17 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
     Raises ConfigError if Stable-Baselines3 refuses the configuration.
     """
     torch.set_num_threads(config.torch_threads)
+    error = _observed_error(config)
     env = make_training_env(config.training_env)
     if config.residual is not None:
         env = _on_top_of(env, config.residual, config.env)
+    if config.policy.frames > 1:
+        env = VecFrameStack(env, config.policy.frames)
     if config.normalise.observation or config.normalise.reward:
         gamma = config.parameters.get("gamma", 0.99)
         env = VecNormalize(env, norm_obs=config.normalise.observation, norm_reward=config.normalise.reward, gamma=gamma)
+        if error is not None and env.norm_obs:
+            keep_zero(env, error)
     arguments = constructor_arguments(config.parameters) | _hindsight_arguments(config)
     try:
         arguments |= _teacher_argument(config, env)
@@ -75,7 +83,7 @@ def build_model(config: TrainConfig) -> BaseAlgorithm:
             env,
             seed=config.seed,
             device="cpu",
-            policy_kwargs=_policy_arguments(config),
+            policy_kwargs=_policy_arguments(config) | ({} if error is None else {"error": error}),
             **arguments,
         )
     except ConfigError:
@@ -97,17 +105,34 @@ def close(model: BaseAlgorithm) -> None:
         env.close()
 
 
+def _observed_error(config: TrainConfig) -> ObservedError | None:
+    """Where observations have the tip error, for policies whose actions vanish with it; None for others.
+
+    Raises ConfigError if they do not have it.
+    """
+    if config.policy.form != GAIN:
+        return None
+    with prefixed("policy.form: "):
+        return task_of(config.env.arguments()["config"]).observed_error(config.env.has_goals)
+
+
 def _policy_class(config: TrainConfig, space: gymnasium.Space[Any]) -> Any:
-    """The class of the networks, or the name that Stable-Baselines3 has for it."""
+    """The class of the networks, or the name that the algorithm has for it."""
+    if config.algorithm in OWN and config.policy.memory is None:
+        return "FeedForwardPolicy"
+    if config.policy.form == GAIN and config.algorithm not in OWN:
+        return GainPolicy if config.algorithm == "ppo" else GainSACPolicy
     if config.policy.critic_is_privileged:
         return AsymmetricRecurrentPolicy if config.algorithm == "recurrent_ppo" else AsymmetricPolicy
     return policy_name(config, space)
 
 
 def _policy_arguments(config: TrainConfig) -> dict[str, Any]:
-    if config.algorithm in OWN:
+    if config.algorithm in OWN and config.policy.memory is not None:
         return {"width": config.policy.memory}
     arguments = network_arguments(config)
+    if config.algorithm in OWN:
+        return {"layers": config.policy.hidden, "activation": arguments["activation_fn"]}
     if config.policy.convolution is not None:
         past = past_places(task_of(config.env.arguments()["config"]).entries())
         arguments["features_extractor_class"] = PastConvolution

@@ -11,7 +11,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.policies.conversion import actor_arrays
 from agents.policies.errors import PolicyError
-from agents.policies.recurrent import RecurrentNetwork
 from agents.policies.trained import TrainedPolicy, read_trained
 from agents.runs.algorithms import OWN
 from agents.runs.config import TrainConfig
@@ -54,7 +53,7 @@ def _start(model: Any, earlier: TrainedPolicy, config: TrainConfig) -> None:
     if arrays is None or normalises != (earlier.observations > 0):
         entries, width = model.observation_space.shape[0], config.policy.memory
         allowed = f"a run of {' or '.join(OWN)} with {entries} entries in the observation and policy.memory: {width}"
-        hint = "Observation, actions, memory and normalise.observation must be those of that run."
+        hint = "Observation, actions, layers, form and normalise.observation must be those of that run."
         raise ConfigError("start_from", config.start_from, allowed, hint)
     model.policy.actor.load_state_dict({name: torch.as_tensor(array) for name, array in arrays.items()})
     if normalises:
@@ -64,8 +63,6 @@ def _start(model: Any, earlier: TrainedPolicy, config: TrainConfig) -> None:
 
 def _arrays_for(model: Any, earlier: TrainedPolicy) -> dict[str, Any] | None:
     """The parameters of the model's actor that make it the earlier one; None if none do."""
-    if not isinstance(earlier.network, RecurrentNetwork):
-        return None
     try:
         arrays = actor_arrays(earlier.network)
     except PolicyError:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 
 from agents.learners.demonstrations import Demonstrations
 from agents.policies.parameters import running_averages, set_running_averages
@@ -108,6 +108,8 @@ def _lanes_state(env: VecEnv) -> Any:
         return {"averages": running_averages(env), "held": _held(env, _NORMALISED)}
     if isinstance(env, VecMonitor):
         return _held(env, _MONITORED)
+    if isinstance(env, VecFrameStack):
+        return env.stacked_obs.stacked_obs
     if isinstance(env, ResidualVecEnv):
         return env.get_state()
     native = _native(env)
@@ -121,6 +123,9 @@ def _restore_lanes(env: Any, state: Any) -> bool:
         _hold(env, state["held"], _NORMALISED)
     elif isinstance(env, VecMonitor):
         _hold(env, state, _MONITORED)
+    elif isinstance(env, VecFrameStack):
+        _check_like("frames", state, env.stacked_obs.stacked_obs)
+        env.stacked_obs.stacked_obs = state
     elif isinstance(env, ResidualVecEnv):
         env.set_state(state)
     elif state is None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rj_gym.tracking.render import TrackingScene
-from rollingjoint import HingeChain, Link, RollingChain
+from rollingjoint import HingeChain, Link, RollingChain, SpatialChain
 
 Array = NDArray[np.float64]
 Strand = tuple[Array, float]
@@ -38,9 +38,9 @@ class Solid:
     links: tuple[int, ...]
 
 
-def solids(mechanism: RollingChain | HingeChain) -> list[Solid]:
-    """The shapes of all links that are drawn: all of a planar chain, the beads of an arm; equal ones once."""
-    shapes = _arm(mechanism) if isinstance(mechanism, HingeChain) else _chain(mechanism)
+def solids(mechanism: RollingChain | HingeChain | SpatialChain) -> list[Solid]:
+    """The shapes of all links that are drawn: all of a planar chain, in space the moving ones; equal ones once."""
+    shapes = _chain(mechanism) if isinstance(mechanism, RollingChain) else _tubes(mechanism)
     by_shape: dict[bytes, Solid] = {}
     for link, vertices, faces in shapes:
         key = vertices.tobytes()
@@ -61,7 +61,7 @@ def frames(poses: ArrayLike) -> Array:
     return placed
 
 
-def front(mechanism: RollingChain | HingeChain) -> float:
+def front(mechanism: RollingChain | HingeChain | SpatialChain) -> float:
     """The height of the front of a planar chain's links above the plane z = 0, on which lines are drawn [mm]."""
     return 0.5 * DEPTH * mechanism.length
 
@@ -82,7 +82,7 @@ def strands(mechanism: Any, poses: ArrayLike, tensions: Sequence[float] | Array)
 
 def strands_of(scene: TrackingScene) -> list[Strand]:
     """The parts of all tendons in a scene, each with its own tension where they rub."""
-    flat = not isinstance(scene.mechanism, HingeChain)
+    flat = isinstance(scene.mechanism, RollingChain)
     lines = scene.mechanism.tendon_polyline(scene.poses)
     parts = [part for j, line in enumerate(lines) for part in scene.tendon_parts(j, line, from_hole=flat)]
     return [(in_space(points, front(scene.mechanism)), tension) for points, tension in parts]
@@ -109,14 +109,10 @@ def _thick(link: Link, depth: float) -> tuple[Array, NDArray[np.uint32]]:
     return _sharp(vertices, faces)
 
 
-def _arm(arm: HingeChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
+def _tubes(chain: HingeChain | SpatialChain) -> list[tuple[int, Array, NDArray[np.uint32]]]:
     """Tubes from hole to hole."""
-    radius = 0.97 * max(float(np.hypot(*hole)) for tendon in arm.tendons for hole in tendon.holes)
-    gaps = [bead.gap for bead in arm.beads]
-    ends = [
-        (0.5 * bead.gap - bead.spacing, -0.5 * below) for bead, below in zip(arm.beads, [*gaps[1:], 0.0], strict=True)
-    ]
-    return [(k + 1, *_tube(radius, *heights)) for k, heights in enumerate(ends)]
+    radius = 0.97 * chain.hole_radius
+    return [(k + 1, *_tube(radius, low, high)) for k, (low, high) in enumerate(chain.body_ends.tolist())]
 
 
 def _tube(radius: float, low: float, high: float) -> tuple[Array, NDArray[np.uint32]]:

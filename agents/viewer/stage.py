@@ -15,7 +15,7 @@ from agents.viewer.drive import Film
 from agents.viewer.solids import Array, front, in_space, strands_of
 from rj_gym.rendering import BACKGROUND, GRID, LINK, LOAD, TARGET, Color, blend
 from rj_gym.tracking.render import TrackingScene
-from rollingjoint import HingeChain, RollingChain
+from rollingjoint import HingeChain, RollingChain, SpatialChain
 
 GRAVITY: Color = (120, 90, 160)
 EDGES: Color = (208, 213, 219)
@@ -30,7 +30,7 @@ def colour_of(place: int) -> Color:
     return red, green, blue
 
 
-def add_grid(scene: Any, name: str, mechanism: RollingChain | HingeChain) -> Any:
+def add_grid(scene: Any, name: str, mechanism: RollingChain | HingeChain | SpatialChain) -> Any:
     """Squares of a tenth of the length: behind a chain, below an arm."""
     length, stands = mechanism.length, isinstance(mechanism, RollingChain)
     return scene.add_grid(

@@ -19,7 +19,8 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel
 from rollingjoint._numba.simd import WIDTH, any_lane, columns, where
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, table_rows
-from rollingjoint.kernels.rolling import Chain, aligned
+from rollingjoint.kernels.joints import aligned
+from rollingjoint.kernels.rolling import Chain
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,10 @@ from rollingjoint._numba.pins import Pinned, carve_tuple, size_of, unpin
 from rollingjoint._numba.simd import WIDTH
 from rollingjoint._numba.views import aligned_simd, as_rows, carve, integers, numbers, of_width
 from rollingjoint.kernels import formulas as block_formulas
+from rollingjoint.kernels.joints import BUCKET_ENDS, locate
 from rollingjoint.kernels.lanes import PHASE, RUNNING, begin_lane, factor_stiffness, hold_ends, move, newton_step
 from rollingjoint.kernels.planar_loads import evaluate_dead_loads, n_rows
-from rollingjoint.kernels.rolling import BUCKET_ENDS, PinnedBatch, evaluate_poses, evaluate_residual, locate
+from rollingjoint.kernels.rolling import PinnedBatch, evaluate_poses, evaluate_residual
 from rollingjoint.kernels.rolling_lanes import Block, block_sizes, evaluate_joints
 from rollingjoint.kernels.tendons import evaluate_tendons
 from speed_rows.row import Row

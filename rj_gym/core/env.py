@@ -17,7 +17,7 @@ from rj_gym.core.episodes import EpisodeBuffer
 from rj_gym.core.info import only_lane
 from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.spaces import goal_observation, observation_space, observed
-from rj_gym.core.task import Task
+from rj_gym.core.task import ObservedError, Task
 from rollingjoint.errors import InvalidInput
 
 _ALONE = np.zeros(1, np.int64)
@@ -64,6 +64,17 @@ class TaskEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     def config(self) -> Any:
         """The settings."""
         return self.task.config
+
+    @property
+    def observed_error(self) -> ObservedError:
+        """Where the observation vector has the tip error, in mm.
+
+        Raises:
+            ConfigError: an environment whose observation vector has no tip error: the tip is not seen, goals are
+                apart, or no tip is tracked.
+        """
+        error: ObservedError = self.task.observed_error(self.goal)
+        return error
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """First observation and info of a new episode.

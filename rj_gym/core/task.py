@@ -13,6 +13,7 @@ from rj_gym.core.columns import STATUS
 from rj_gym.core.generators import Random
 from rj_gym.core.info import every_lane
 from rollingjoint.chain.status import Status
+from rollingjoint.errors import ConfigError
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,17 @@ class Entry(NamedTuple):
     unit: str
     low: float
     high: float
+
+
+class ObservedError(NamedTuple):
+    """Where an observation vector has the tip error, target minus measured tip.
+
+    Args:
+        places: of its coordinates among the entries. unit_mm: of these entries [mm].
+    """
+
+    places: tuple[int, ...]
+    unit_mm: float
 
 
 class Task(ABC):
@@ -82,6 +94,10 @@ class Task(ABC):
         row = readings[None]
         (info,) = every_lane(self.state_info(row) | {"reward_terms": self.reward_info(row)}, [0])
         return info
+
+    def observed_error(self, goal: bool = False) -> ObservedError:
+        """Where the observation vector has the tip error; raises ConfigError where it does not have it."""
+        raise ConfigError("tip error", "not observed", "a tracking environment", "Only there a tip has an error.")
 
     def observation_bounds(self, goal: bool = False) -> tuple[Array, Array]:
         """Lowest and highest value of every observation entry, (entries,) each."""

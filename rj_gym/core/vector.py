@@ -31,6 +31,7 @@ from rj_gym.core.generators import Generators, check_generator_states, generator
 from rj_gym.core.info import masked_info, spread_info, unmasked_info, whole_info
 from rj_gym.core.settings import Settings, made_settings
 from rj_gym.core.spaces import goal_observation, lane_observations, observation_space, observed
+from rj_gym.core.task import ObservedError
 from rollingjoint.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -93,6 +94,17 @@ class TaskVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def config(self) -> Any:
         """The settings."""
         return self.task.config
+
+    @property
+    def observed_error(self) -> ObservedError:
+        """Where the observation vector has the tip error, in mm.
+
+        Raises:
+            ConfigError: an environment whose observation vector has no tip error: the tip is not seen, goals are
+                apart, or no tip is tracked.
+        """
+        error: ObservedError = self.task.observed_error(self.goal)
+        return error
 
     @property
     def has_begun(self) -> bool:

@@ -35,7 +35,7 @@ AT_LIMIT = int(Status.AT_LIMIT)  # the last status of a usable equilibrium
 
 @part(inline=True)
 def move_motors(rules, hardware, state, offsets, inputs, lane):
-    """Where a world has motors: move them by the actions that are due, and tendons; fill commands [mm] and highest tensions [N]."""
+    """Where a world has motors: move them by the actions that are due; fill commands [mm] and highest tensions [N]."""
     readings, motors, half, past = state.readings, hardware.motors, hardware.half_play, hardware.past
     commands = inputs.commands
     m, times, now = commands.shape[1], hardware.past.shape[1], int(state.readings[lane, STEP])

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rj_gym.core.task import POSITION_BOUND, Entry
+from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError
 from rj_gym.tracking.arrays import AGE, LAG_TENSION
 from rj_gym.tracking.config import FlexibleArmConfig, TaskConfig
 from rj_gym.tracking.sensing import LARGEST_LIMIT, LARGEST_PLAY, LARGEST_SHEATH
+from rollingjoint.errors import ConfigError
 from rollingjoint.friction import LARGEST_MU
 
 COMMAND_BOUND = 2.0
@@ -178,6 +179,16 @@ def position_error_entries(config: TaskConfig) -> list[Entry]:
     """The tip error."""
     unit = f"{config.reward.error_scale_mm:g} mm"
     return [Entry(f"tip error {axis}", unit, -ERROR_BOUND, ERROR_BOUND) for axis in axes(config)]
+
+
+def observed_error(config: TaskConfig, entries: list[Entry]) -> ObservedError:
+    """The observed tip error among these entries; raises ConfigError where none of them has it."""
+    names = [entry.name for entry in entries]
+    errors = [entry.name for entry in position_error_entries(config)]
+    if not set(errors) <= set(names):
+        allowed = "an environment whose observation vector has its entries"
+        raise ConfigError("tip error", "not observed", allowed, "The tip is not seen, or goals are apart.")
+    return ObservedError(tuple(map(names.index, errors)), float(config.reward.error_scale_mm))
 
 
 def load_scale(config: TaskConfig) -> float:

@@ -107,9 +107,9 @@ class ActuationConfig(Settings):
             soon as it is [mm].
         tension_limit: upper limit of tension [N]: a number, or a range from which every tendon of an episode draws
             uniformly; None: the upper end of `tension_range`, which otherwise only scales observations and rewards.
-        limit_at: where that limit acts. "tendon": on T, and the motor moves along. "motor": on T exp(nu zeta), as a limit
-            of current does; a motor that pulls stops where it reaches its limit, all motors of a step together; at rest
-            it holds whatever the tension becomes, and paying out is free.
+        limit_at: where that limit acts. "tendon": on T, and the motor moves along. "motor": on T exp(nu zeta), as a
+            limit of current does; a motor that pulls stops where it reaches its limit, all motors of a step together;
+            at rest it holds whatever the tension becomes, and paying out is free.
         current_resolution: limits are whole multiples of this, one count of a motor's current; 0: any limits [N].
     """
 

@@ -28,7 +28,7 @@ from rj_gym.core.columns import (
 )
 from rj_gym.core.generators import Random, Shapes, UniformBlock, Uniforms, blocks_of
 from rj_gym.core.info import STATUS_NAMES, only_lane
-from rj_gym.core.task import POSITION_BOUND, Entry, Task
+from rj_gym.core.task import POSITION_BOUND, Entry, ObservedError, Task
 from rj_gym.tracking import observation
 from rj_gym.tracking.arrays import Rules
 from rj_gym.tracking.config import TaskConfig
@@ -92,6 +92,10 @@ class TrackingTask(Task):
     def own_entries(self, goal: bool = False) -> list[Entry]:
         """The entries of the task itself, without the settings' terms."""
         return observation.observation_entries(self.config, self.mechanism, goal)
+
+    def observed_error(self, goal: bool = False) -> ObservedError:
+        """Where the observation vector has the tip error; raises ConfigError where it does not have it."""
+        return observation.observed_error(self.config, self.entries(goal))
 
     def applied_terms(self) -> AppliedTerms | None:
         """The settings' terms at work, None where there are none that take part in a step."""

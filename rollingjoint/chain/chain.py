@@ -46,19 +46,19 @@ class Kernels:
         solve, solve_alone: of (address, first, last), eight rows side by side or one by one; number of rows left.
         memory: of a batch, the memory in which a batch of one row is solved.
         step: of the fields of a batch, FrictionArrays, first and last; number of rows left.
-        most_joints, most_with_friction: longer chains are left to the general solver.
+        most_joints, most_with_friction: longer chains are left to the general solver; 0: there are no lanes.
     """
 
     batch_arrays: type[Any]
     new_results: Callable[..., Any]
     torques: str
     pinned_batch: type[Any]
-    solve: Any
-    solve_alone: Any
-    memory: Callable[[Any], Array]
-    step: Any
-    most_joints: int
-    most_with_friction: int
+    solve: Any = None
+    solve_alone: Any = None
+    memory: Callable[[Any], Array] | None = None
+    step: Any = None
+    most_joints: int = 0
+    most_with_friction: int = 0
 
 
 class Chain(ABC, Generic[S]):

@@ -1,4 +1,4 @@
-"""Equilibria of planar rolling chains and of spatial hinge chains, the results of solves."""
+"""Equilibria of planar rolling chains, of chains in space, and of hinge chains, the results of solves."""
 
 from __future__ import annotations
 
@@ -125,17 +125,16 @@ class Equilibrium(Solution):
 
 @lazy_fields(tendon_torques="torques")
 @dataclass(frozen=True, eq=False, repr=False)
-class HingeEquilibrium(Solution):
-    """One equilibrium, or many with a leading axis B on every array.
+class EquilibriumInSpace(Solution):
+    """One equilibrium of a chain in space, or many with a leading axis B on every array.
 
     Attributes, in addition to Solution's:
         tendon_torques: (n - 1, m) d residual / d tension at the motor [mm]; tendon_rates unless there is friction or
             the tendons are end couples.
-        escapes: unstable equilibria that the solver met and left downhill. Not 0: the arm has buckled, and this is one
-            of several stable equilibria.
+        escapes: unstable equilibria that the solver met and left downhill. Not 0: the chain has buckled, and this is
+            one of several stable equilibria.
     """
 
-    mechanism: HingeChain | tuple[HingeChain, ...]
     tendon_torques: Array
     escapes: int | NDArray[np.int64]
 
@@ -143,7 +142,7 @@ class HingeEquilibrium(Solution):
 
     @property
     def remark(self) -> str:
-        """Whether the arm has buckled, for reports."""
+        """Whether the chain has buckled, for reports."""
         return f", buckled: {self.escapes} escapes" if self.escapes else ""
 
     def link_columns(self) -> list[Column]:
@@ -155,24 +154,13 @@ class HingeEquilibrium(Solution):
             *(Column("", f"turn {axis} [rad]", turns[:, i], 6) for i, axis in enumerate("xyz")),
         ]
 
-    def joint_columns(self, friction: float) -> list[Column]:
-        """Hinges of one equilibrium, for reports; `friction` has no effect."""
-        assert not isinstance(self.mechanism, tuple)
-        angles, beads = self.joint_angles, self.mechanism.beads
-        stiffnesses = np.array([bead.stiffness for bead in beads])
-        return [
-            Column("angle_rad", "angle [rad]", angles, 6),
-            Column("", "angle [deg]", angles * _DEGREES, 3),
-            Column("spring_moment_N_mm", "spring [N·mm]", stiffnesses * (angles - self.mechanism.neutral_angles)),
-        ]
-
     def figures(self, friction: float) -> dict[str, Any]:
         """Number of unstable equilibria that the solver left."""
         return {"escapes": int(self.escapes)}
 
     @property
     def positions(self) -> Array:
-        """Origins of the links, (n, 3) [mm]; hinge i is at link i's, and the last one amid the distal face."""
+        """Origins of the links, (n, 3) [mm]."""
         return self.poses[..., :3, 3]
 
     @property
@@ -184,10 +172,6 @@ class HingeEquilibrium(Solution):
     def torques_per_tension(self) -> Array:
         """(n - 1, m) d residual / d tension at the motor [mm]."""
         return self.tendon_torques
-
-    @property
-    def _pivots(self) -> Array:
-        return self.positions[..., :-1, :]
 
     def _placed(self, link: int, point: Array) -> Array:
         return self.positions[..., link, :] + self.rotations[..., link, :, :] @ point
@@ -202,3 +186,26 @@ class HingeEquilibrium(Solution):
     def _shapes(self, n_joints: int, n_tendons: int) -> dict[str, tuple[int, ...]]:
         more = {"poses": (n_joints + 1, 4, 4), "tendon_torques": (n_joints, n_tendons), "escapes": ()}
         return super()._shapes(n_joints, n_tendons) | more
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HingeEquilibrium(EquilibriumInSpace):
+    """One equilibrium of an arm, or many with a leading axis B on every array."""
+
+    mechanism: HingeChain | tuple[HingeChain, ...]
+
+    def joint_columns(self, friction: float) -> list[Column]:
+        """Hinges of one equilibrium, for reports; `friction` has no effect."""
+        assert not isinstance(self.mechanism, tuple)
+        angles, beads = self.joint_angles, self.mechanism.beads
+        stiffnesses = np.array([bead.stiffness for bead in beads])
+        return [
+            Column("angle_rad", "angle [rad]", angles, 6),
+            Column("", "angle [deg]", angles * _DEGREES, 3),
+            Column("spring_moment_N_mm", "spring [N·mm]", stiffnesses * (angles - self.mechanism.neutral_angles)),
+        ]
+
+    @property
+    def _pivots(self) -> Array:
+        """Hinge i is at the origin of link i, and the last origin amid the distal face."""
+        return self.positions[..., :-1, :]

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import AXES, Bead, HingeChain
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Hole, OnSurface, Tendon
+from rollingjoint.chain.spatial import SpatialChain, SpatialJoint, SpatialLink
+from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Hole, OnSurface, SpaceTendon, Tendon, Triple
 from rollingjoint.checked_yaml import (
     located,
     mapping,
@@ -219,6 +220,63 @@ class HingeFormat(ChainFormat):
         return {"model": chain.model}
 
 
+class SpatialFormat(ChainFormat):
+    """Chains in space of rolling contacts and hinges; a joint is of the kind that has all of its keys."""
+
+    kind = SpatialChain
+    header = "# Rolling joints and hinges in space, base first. Units: mm, rad, N, N·mm/rad; tendons in N/mm.\n"
+    parts = "joints"
+    keys = ("name", "defaults", parts, "links", "tendons", "springs", "friction")
+    defaults = ("joint", "parent", "child", "tendon")
+    tendon = SpaceTendon
+    tendon_keys = ("holes", *_SHARED_KEYS)
+
+    def part(self, where: str, item: object, defaults: Mapping[str, Any], source: str) -> SpatialJoint:
+        """A joint; missing keys, and missing keys of its surfaces, come from the defaults."""
+        kinds: dict[Any, tuple[str, ...]] = {kind: _names(kind) for kind in SpatialJoint.__subclasses__()}
+        explicit = mapping(where, item, list(dict.fromkeys(name for names in kinds.values() for name in names)))
+        default = mapping(f"{source}: defaults.joint", defaults.get("joint", {}), _joint_keys(kinds))
+        kind, names = next((pair for pair in kinds.items() if set(explicit) <= set(pair[1])), next(iter(kinds.items())))
+        surfaces: dict[str, Any] = {name: {} for name in names if name in ("parent", "child")}
+        known = {key: value for key, value in default.items() if key in names}
+        merged = mapping(where, {**surfaces, **known, **explicit}, names, sorted(_needed(kind)))
+        readers: dict[str, Any] = {"float": number, "Sequence[float]": space_point, "tuple[float, float]": point}
+        values = {}
+        for field in fields(kind):
+            if field.name in surfaces:
+                own = mapping(f"{source}: defaults.{field.name}", defaults.get(field.name, {}), _SURFACE_KEYS)
+                values[field.name] = _surface(f"{where}.{field.name}", merged[field.name], own)
+            elif field.name in merged:
+                values[field.name] = readers[str(field.type)](f"{where}.{field.name}", merged[field.name])
+        with located(where):
+            joint: SpatialJoint = kind(**values)
+            return joint
+
+    def part_dict(self, part: SpatialJoint) -> dict[str, Any]:
+        """The content that makes the same joint."""
+        values = {name: getattr(part, name) for name in _names(type(part))}
+        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+        return {name: _surface_dict(value) if isinstance(value, Surface) else value for name, value in plain.items()}
+
+    def holes(self, where: str, tendon: Mapping[str, Any]) -> Sequence[tuple[Triple, Triple]]:
+        """The hole pairs of a tendon, one per link or one for all."""
+        holes = mapping(where, tendon, self.tendon_keys, required=("holes",))["holes"]
+        return [_space_pair(place, pair) for place, pair in numbered(f"{where}.holes", holes)]
+
+    def path_dict(self, tendon: SpaceTendon) -> dict[str, Any]:
+        """The content that makes the same holes."""
+        return {"holes": [{"parent": list(parent), "child": list(child)} for parent, child in tendon.holes]}
+
+    def more(self, source: str, top: Mapping[str, Any]) -> dict[str, Any]:
+        """Weights of its links."""
+        return {"links": [_weight(place, item) for place, item in _listed(source, top, "links")]}
+
+    def more_dict(self, chain: SpatialChain) -> dict[str, Any]:
+        """The content that makes the same weights."""
+        links = [{"weight": link.weight, "centre": list(link.centre)} for link in chain.links]
+        return {"links": links} if links else {}
+
+
 def formats() -> tuple[ChainFormat, ...]:
     """The formats of all classes of chains."""
     return tuple(kind() for kind in _FORMATS.values())
@@ -283,6 +341,29 @@ def _hole(where: str, hole: object) -> Hole:
     if isinstance(hole, Mapping):
         return OnSurface(number(where, mapping(where, hole, ("on_surface",), ("on_surface",))["on_surface"]))
     return point(where, hole)
+
+
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
+
+
+def _joint_keys(kinds: Mapping[Any, tuple[str, ...]]) -> list[str]:
+    """The keys of any kind of joint but for its surfaces, which have defaults of their own."""
+    names = dict.fromkeys(name for names in kinds.values() for name in names)
+    return [name for name in names if name not in ("parent", "child")]
+
+
+def _space_pair(where: str, pair: object) -> tuple[Triple, Triple]:
+    sides = mapping(where, pair, ("parent", "child"), required=("parent", "child"))
+    return space_point(f"{where}.parent", sides["parent"]), space_point(f"{where}.child", sides["child"])
+
+
+def _weight(where: str, item: object) -> SpatialLink:
+    values = mapping(where, item, ("weight", "centre"))
+    weight = number(f"{where}.weight", values.get("weight", 0.0))
+    centre = space_point(f"{where}.centre", values.get("centre", (0.0, 0.0, 0.0)))
+    with located(where):
+        return SpatialLink(weight, centre)
 
 
 def _spring(where: str, item: object, dimension: int) -> Load:

@@ -35,7 +35,7 @@ _P = TypeVar("_P")
 TENDON_MODELS = ("exact", "linear", "end_couple")
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _TORSION, _OTHER = map(SPATIAL_LOAD_COLUMNS.index, ("torsion", "other"))
-_CLOSED = 1e-3  # of the gap between two beads: its share that remains where a hinge ends
+CLOSED = 1e-3  # of the gap between two beads: its share that remains where a hinge ends
 _UNIT = 1e-14  # rounding error of the length of a unit vector
 
 
@@ -186,7 +186,7 @@ class HingeChain(Chain[HingeEquilibrium]):
         limits = np.array([bead.limits for bead in self.beads], float)
         if self.model == "exact":
             for i, j in np.argwhere(self._crosses):
-                low, high = _open_range(self._gaps[i, j, :3], _CLOSED * self.beads[i].gap)
+                low, high = open_range(self._gaps[i, j, :3], CLOSED * self.beads[i].gap)
                 limits[i] = max(limits[i, 0], low), min(limits[i, 1], high)
         return read_only(limits)
 
@@ -247,15 +247,7 @@ class HingeChain(Chain[HingeEquilibrium]):
 
     def load_table(self, loads: Sequence[Load]) -> Array:
         """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns)."""
-        table = spatial_load_table(loads, self.n_links)
-        for row in table[table[:, _TORSION] != 0.0] if np.count_nonzero(table[:, _TORSION]) else ():
-            low, high = sorted((int(row[0]), int(row[_OTHER])))
-            axes = np.array([bead.axis for bead in self.beads[low:high]])
-            if not np.allclose(axes, axes[0], rtol=0.0, atol=_UNIT):
-                raise InvalidInput(
-                    "links of a TorsionSpring", (low, high), "neighbours, or parallel hinges between them"
-                )
-        return table
+        return checked_load_table(loads, [bead.axis for bead in self.beads])
 
     def poses(self, joint_angles: ArrayLike) -> Array:
         """Link poses in the base frame, (..., n, 4, 4) [mm]: products of exponentials, one per hinge."""
@@ -291,6 +283,18 @@ class HingeChain(Chain[HingeEquilibrium]):
                 points += [hinge[:3, :3] @ np.array(at) + hinge[:3, 3] for at in (upper, lower)]
             lines.append(np.array(points))
         return lines
+
+    @cached_property
+    def hole_radius(self) -> float:
+        """Largest distance of a hole from the z axis of its link [mm]."""
+        return float(max(np.hypot(*hole) for tendon in self.tendons for hole in tendon.holes))
+
+    @cached_property
+    def body_ends(self) -> Array:
+        """Lowest and highest z of the holes of every moving link, (n - 1, 2), for pictures [mm]."""
+        gaps = [bead.gap for bead in self.beads]
+        pairs = zip(self.beads, [*gaps[1:], 0.0], strict=True)
+        return read_only(np.array([(0.5 * bead.gap - bead.spacing, -0.5 * above) for bead, above in pairs]))
 
     @cached_property
     def _holes(self) -> tuple[Array, ...]:
@@ -333,6 +337,21 @@ class HingeChain(Chain[HingeEquilibrium]):
         return np.array(self.beads[i].axis), np.array([*below, -half]), np.array([*above, half])
 
 
+def checked_load_table(loads: Sequence[Load], axes: Sequence[Any]) -> Array:
+    """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns); axes: of all joints, in the links below them.
+
+    Raises:
+        InvalidInput: a torsion spring over joints that are not parallel, and as `spatial_load_table`.
+    """
+    table = spatial_load_table(loads, len(axes) + 1)
+    for row in table[table[:, _TORSION] != 0.0] if np.count_nonzero(table[:, _TORSION]) else ():
+        low, high = sorted((int(row[0]), int(row[_OTHER])))
+        spanned = np.array(axes[low:high])
+        if not np.allclose(spanned, spanned[0], rtol=0.0, atol=_UNIT):
+            raise InvalidInput("links of a TorsionSpring", (low, high), "neighbours, or parallel joints between them")
+    return table
+
+
 def _with(part: _P, **values: object) -> _P:
     """A copy of a frozen object with other, unchecked values; it shares all cached values."""
     changed = copy(part)
@@ -346,7 +365,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def _open_range(gap: Array, smallest: float) -> tuple[float, float]:
+def open_range(gap: Array, smallest: float) -> tuple[float, float]:
     """Angles around 0 between which the gap is above the smallest [rad]."""
     square, b, c = gap
     size, closest = float(np.hypot(b, c)), float(np.arctan2(c, b))

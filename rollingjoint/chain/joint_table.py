@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rollingjoint.chain.chain import read_only
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.rolling import BUCKETS, N_COEFFICIENTS
+from rollingjoint.kernels.joints import BUCKETS, N_COEFFICIENTS
 from rollingjoint.profile import Profile, Surface
 
 Array = NDArray[np.float64]
@@ -173,14 +173,25 @@ def _largest_kappa(child: Profile, parent: Profile) -> tuple[float, float]:
 
 
 def check_gaps(
-    joint: int, tendons: Sequence[int], child: Surface, parent: Surface, child_holes: Array, parent_holes: Array
+    joint: int,
+    tendons: Sequence[int],
+    child: Surface,
+    parent: Surface,
+    child_holes: Array,
+    parent_holes: Array,
+    aside: Array | float = 0.0,
 ) -> None:
-    """Raise MechanismError where the distal hole of a tendon falls below the proximal one; holes (tendons, 2)."""
+    """Raise MechanismError where the distal hole of a tendon falls below the proximal one; holes (tendons, 2).
+
+    aside: distance between the holes across the plane, (tendons,) [mm]; a fall of up to that is no crossing, for the
+    gap stays open.
+    """
     contact = contacts(child.profile, parent.profile)
     places = child.placed(contact.child_curve), parent.placed(contact.parent_curve)
     height = heights(contact, (child.angle, parent.angle), places, (child_holes, parent_holes))
-    tendon, worst = (int(place) for place in np.unravel_index(np.argmin(height), height.shape))
-    if height[tendon, worst] < -CROSSING:
+    room = height + np.reshape(np.abs(aside), (-1, 1))
+    tendon, worst = (int(place) for place in np.unravel_index(np.argmin(room), room.shape))
+    if room[tendon, worst] < -CROSSING:
         raise MechanismError(
             f"gap of tendon {tendons[tendon]} across joint {joint} with the contact at s = {contact.s[worst]:.4g} mm",
             float(height[tendon, worst]),

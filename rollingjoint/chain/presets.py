@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.rolling import Link, RollingChain
-from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, Tendon
+from rollingjoint.chain.spatial import RollingContact, SpatialChain, SpatialLink
+from rollingjoint.chain.tendon import DEFAULT_STIFFNESS, BeadTendon, SpaceTendon, Tendon
 from rollingjoint.checks import as_choice, as_integer, as_positive
 from rollingjoint.profile import Profile, Surface
 
 _LIMITS = (-15.0, 15.0)
+_MOST_BEND = 0.5  # rad, of a joint between pitch and yaw
 
 
 def five_link(stiffness: float = DEFAULT_STIFFNESS) -> RollingChain:
@@ -133,8 +136,53 @@ def small_arm(n: int = 4, model: str = "exact", *, stiffness: float = 500.0, wei
     return HingeChain(beads, [BeadTendon([hole]) for hole in holes], model, "small_arm")
 
 
+def pitch_yaw(
+    n: int = 12, *, joint_stiffness: float = 2.0, stiffness: float = 10.0, weight: float = 0.0
+) -> SpatialChain:
+    """A tube of n rolling joints about pitch and yaw axes in turn, with four tendons to its tip.
+
+    Its tip moves on a surface. All dimensions are assumed: diameter 8 mm, surfaces of radius 5 mm as wide as the tube,
+    links of 5 mm, holes on a circle of 6 mm and 0.8 mm below the surfaces, joints to 0.5 rad.
+
+    Args:
+        n: number of joints.
+        joint_stiffness: of every joint [N·mm/rad].
+        stiffness: of every tendon [N/mm].
+        weight: of every moving link, in its middle [N].
+    """
+    n = as_integer("n", n, 1, allowed="1 or more joints")
+    return _tube("pitch_yaw", (n,), 8.0, 5.0, 5.0, (3.0, 1.7), joint_stiffness, stiffness, weight)
+
+
+def pitch_yaw_two_segment(
+    n_proximal: int = 7,
+    n_distal: int = 7,
+    *,
+    joint_stiffness: float = 1.0,
+    stiffness: float = 10.0,
+    weight: float = 0.0,
+) -> SpatialChain:
+    """Two segments of rolling joints about pitch and yaw axes in turn, with four tendons each; the tip fills space.
+
+    Tendons 0 to 3 end at the last link of the first segment, 4 to 7, between them, at the tip. All dimensions are
+    assumed: diameter 12 mm, surfaces of radius 7 mm as wide as the tube, links of 8 mm, holes on a circle of 10 mm and
+    1.2 mm below the surfaces, joints to 0.5 rad.
+
+    Args:
+        n_proximal, n_distal: numbers of joints of the segments.
+        joint_stiffness: of every joint [N·mm/rad].
+        stiffness: of every tendon [N/mm].
+        weight: of every moving link, in its middle [N].
+    """
+    n_proximal = as_integer("n_proximal", n_proximal, 1, allowed="1 or more joints")
+    n_distal = as_integer("n_distal", n_distal, 1, allowed="1 or more joints")
+    ends = n_proximal, n_proximal + n_distal
+    return _tube("pitch_yaw_two_segment", ends, 12.0, 7.0, 8.0, (5.0, 2.8), joint_stiffness, stiffness, weight)
+
+
 PRESETS: dict[str, Callable[[], AnyChain]] = {
-    build.__name__: build for build in (five_link, uniform, two_segment, flexible_arm, small_arm)
+    build.__name__: build
+    for build in (five_link, uniform, two_segment, flexible_arm, small_arm, pitch_yaw, pitch_yaw_two_segment)
 }
 """The functions that make them, by name."""
 
@@ -158,6 +206,38 @@ def _round_link(height: float, radius: float, half_width: float) -> Link:
     parent = Surface(Profile.constant(1.0 / radius, limits), (0.0, -0.5 * height))
     child = Surface(Profile.constant(-1.0 / radius, limits), (0.0, 0.5 * height))
     return Link(parent, child)
+
+
+def _tube(
+    name: str,
+    ends: tuple[int, ...],
+    diameter: float,
+    radius: float,
+    height: float,
+    hole: tuple[float, float],
+    joint_stiffness: float,
+    stiffness: float,
+    weight: float,
+) -> SpatialChain:
+    """A tube of equal links; four tendons to every end, the rings turned against each other.
+
+    hole: distance from the middle of the tube, and from the middle of the link [mm].
+    """
+    reach = 0.5 * _MOST_BEND * radius  # arc length at the largest angle
+    child = Surface(Profile.constant(-1.0 / radius, (-reach, reach)), (0.0, 0.5 * height))
+    parent = Surface(Profile.constant(1.0 / radius, (-reach, reach)), (0.0, -0.5 * height))
+    planes = 0.0, 0.5 * math.pi
+    joints = [
+        RollingContact(planes[i % 2], parent, child, 0.5 * diameter, stiffness=joint_stiffness) for i in range(ends[-1])
+    ]
+    tendons = []
+    for ring, end in enumerate(ends):
+        for k in range(4):
+            angle = 0.5 * math.pi * k + 0.25 * math.pi * ring
+            x, y = hole[0] * math.cos(angle), hole[0] * math.sin(angle)
+            tendons.append(SpaceTendon([((x, y, -hole[1]), (x, y, hole[1]))], end, stiffness))
+    links = (SpatialLink(), *[SpatialLink(weight)] * ends[-1]) if weight else ()
+    return SpatialChain(joints, tendons, links, name)
 
 
 def _check_lengths(**lengths: float) -> None:

@@ -19,16 +19,9 @@ from rollingjoint.chain.tendon import Hole, OnSurface, Tendon
 from rollingjoint.checks import as_floats, as_number
 from rollingjoint.errors import InvalidInput, MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
+from rollingjoint.kernels.joints import BUCKET_ENDS, aligned
 from rollingjoint.kernels.lanes import MOST_JOINTS
-from rollingjoint.kernels.rolling import (
-    BUCKET_ENDS,
-    BatchArrays,
-    PinnedBatch,
-    aligned,
-    arc_lengths_of,
-    new_results,
-    poses_of,
-)
+from rollingjoint.kernels.rolling import BatchArrays, PinnedBatch, arc_lengths_of, new_results, poses_of
 from rollingjoint.kernels.rolling import Chain as ChainArrays
 from rollingjoint.kernels.rolling_lanes import memory_alone, solve_alone, solve_pinned, step_side_by_side
 from rollingjoint.load import LOAD_COLUMNS, Gravity, Load, load_table

@@ -24,6 +24,8 @@ class OnSurface:
     s: float
 
 
+Triple = tuple[float, float, float]
+
 Hole = tuple[float, float] | OnSurface
 """A hole in a link: a point (x, y) of the link frame [mm], or a point of the contact surface."""
 
@@ -133,6 +135,36 @@ class BeadTendon(AnyTendon):
     def link_holes(self, n_links: int) -> Sequence[tuple[float, float]]:
         """The hole of every link that the tendon passes."""
         return self._per_link("number of tendon holes", n_links)
+
+
+@dataclass(frozen=True)
+class SpaceTendon(AnyTendon):
+    """A tendon of a chain in space, from the base to link `end`.
+
+    Args:
+        holes: (parent hole, child hole) of every link from 0 to `end`, points (x, y, z) in its frame [mm]; the tendon
+            enters a link at its parent side and leaves it at its child side. A single pair stands for the same pair on
+            every link.
+        end: the link where it is fixed; -1 is the tip.
+        stiffness: tension per mm of stretch [N/mm].
+        friction: in its holes; None: the mechanism's. Rolling resistance belongs to the mechanism alone.
+    Raises:
+        MechanismError: a hole that is not a point; an end that is not an integer; a stiffness that is not positive.
+    """
+
+    holes: Sequence[tuple[Triple, Triple]]
+
+    def __post_init__(self) -> None:
+        allowed = "(parent hole, child hole) of every link, finite points (x, y, z) [mm]"
+        holes = as_floats("tendon holes", self.holes, allowed, MechanismError)
+        if holes.ndim != 3 or holes.shape[1:] != (2, 3) or not len(holes) or not np.all(np.isfinite(holes)):
+            raise MechanismError("tendon holes", self.holes, allowed)
+        object.__setattr__(self, "holes", tuple(tuple(map(tuple, pair)) for pair in holes.tolist()))
+        self._check()
+
+    def link_holes(self, n_links: int) -> Sequence[tuple[Triple, Triple]]:
+        """The (parent hole, child hole) of every link that the tendon passes."""
+        return self._per_link("number of tendon hole pairs", n_links)
 
 
 def _hole(hole: Hole) -> Hole:

@@ -17,7 +17,8 @@ from rollingjoint.chain.rolling import RollingChain, tendon_arrays
 from rollingjoint.chain.stacks import Deferred, Variations
 from rollingjoint.chain.tendon import OnSurface
 from rollingjoint.errors import MechanismError
-from rollingjoint.kernels.rolling import BUCKETS, Chain
+from rollingjoint.kernels.joints import BUCKETS
+from rollingjoint.kernels.rolling import Chain
 from rollingjoint.load import load_table
 from rollingjoint.profile import Surface
 
@@ -213,7 +214,7 @@ def _joints(nominal: RollingChain) -> Sequence[tuple[Surface, Surface]]:
 
 
 def _aligned_room(shape: tuple[int, ...]) -> Array:
-    """Empty memory that begins at a multiple of 64 bytes, as kernels.rolling.aligned."""
+    """Empty memory that begins at a multiple of 64 bytes, as kernels.joints.aligned."""
     size = 8 * math.prod(shape)
     memory = np.empty(size + 64, np.uint8)
     start = -memory.ctypes.data % 64

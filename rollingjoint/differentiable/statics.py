@@ -19,7 +19,7 @@ from rollingjoint.differentiable.geometry import Joints, Routes, turned
 from rollingjoint.differentiable.loads import Loads, LoadsAtPose, cross, dot
 from rollingjoint.differentiable.slip import FrictionAtPose, GapsAtPose
 from rollingjoint.differentiable.transmission import at_limit, limited_tension
-from rollingjoint.kernels.rolling import CLOSED_GAP
+from rollingjoint.kernels.joints import CLOSED_GAP
 
 
 @dataclass(frozen=True)

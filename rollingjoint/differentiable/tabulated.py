@@ -16,7 +16,8 @@ from torch import Tensor
 from rollingjoint.differentiable.geometry import Joints, Routes
 from rollingjoint.differentiable.loads import Loads
 from rollingjoint.differentiable.statics import ChainState, Law
-from rollingjoint.kernels.rolling import BUCKETS, N_COEFFICIENTS, Chain
+from rollingjoint.kernels.joints import BUCKETS, N_COEFFICIENTS
+from rollingjoint.kernels.rolling import Chain
 
 _OF_DESIGNS = ("joints", "buckets", "holes", "channels")
 

@@ -47,7 +47,7 @@ def load_mechanism(name_or_path: str | Path, kind: type[AnyChain] | None = None)
 
 
 def mechanism_from_dict(content: object, source: str = "mechanism", name: str = "") -> AnyChain:
-    """The mechanism that the content of a mechanism file describes: an arm if it lists beads.
+    """The mechanism that the content of a mechanism file describes, by the key of its parts.
 
     Args:
         content: from yaml.safe_load.
@@ -61,7 +61,7 @@ def mechanism_from_dict(content: object, source: str = "mechanism", name: str = 
     fitting = [kind for kind in formats() if kind.parts in fields]
     if not fitting:
         allowed = " or ".join(f"the key {kind.parts!r}" for kind in formats())
-        hint = "Add the links of a planar chain or the beads of an arm."
+        hint = "Add the links of a planar chain, the beads of an arm or the joints of a chain in space."
         raise ConfigError(source, list(mapping(source, fields, keys)), allowed, hint)
     return fitting[-1].from_dict(content, source, name)
 

@@ -7,13 +7,15 @@ Modules:
     batch: the general solver and the stiffness of its solutions, row by row.
     bounds: joint angles between the limits of their joints.
     chain: energy, stiffness and its generators of a chain at one configuration.
+    contacts: chains in space with contacts: arrays, poses, gaps, tendon lengths.
     descent: the slow, sure way to an equilibrium, where Newton's method ends without one.
     elementary: elementary functions of numbers and SIMD lanes alike.
     formulas: the names of the formulas that a class of chains brings.
     friction: capstan friction with memory: tensions, slip and their rates.
     hinge_lanes: arms in lanes, without and with friction.
-    hinge_solve: one equilibrium of an arm, one step with friction, and the place of results.
+    hinge_solve: one equilibrium of a chain in space, one step with friction, and the place of results.
     hinges: arms: arrays, poses, gaps, tendon lengths.
+    joints: rolling joints: rows of their tables, gaps between holes.
     lanes: Newton's method in eight SIMD lanes side by side, or in a single one.
     linear: small dense linear algebra on the free joints.
     long_chain: Newton steps in O(n).

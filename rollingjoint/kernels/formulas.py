@@ -83,6 +83,21 @@ def evaluate_residual(chain: Any, state: Any) -> Any:
     raise TypeError("evaluate_residual is compiled into kernels")
 
 
+def pivot(state: Any, i: Any) -> Any:
+    """Point about which joint i turns, in the base frame: its hinge or its contact; chains in space."""
+    raise TypeError("pivot is compiled into kernels")
+
+
+def has_end_couples(chain: Any) -> Any:
+    """Whether tendons act as couples on their last links, without a potential; chains in space."""
+    raise TypeError("has_end_couples is compiled into kernels")
+
+
+def add_end_couples(chain: Any, state: Any) -> None:
+    """Fill torques and sums of tendons that act as a couple on their last link alone; chains in space."""
+    raise TypeError("add_end_couples is compiled into kernels")
+
+
 def torque(state: Any, i: Any, j: Any) -> Any:
     """Moment of a tendon about joint i per tension [mm]."""
     raise TypeError("torque is compiled into kernels")
@@ -148,13 +163,13 @@ def reconsider(chain: Any, loads: Any, state: Any, free: Any, kind: Any) -> Any:
     raise TypeError("reconsider is compiled into kernels")
 
 
-def formula(generic: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: the function is the part for a generic formula where the chain is of this NamedTuple class."""
+def formula(generic: Callable[..., Any], *kinds: type) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator: the function is the part for a generic formula where the chain is of one of these NamedTuples."""
 
     def register(function: Callable[..., Any]) -> Any:
         @overload(generic, jit_options=PART_OPTIONS, strict=False)
         def choose(chain: Any, *others: Any) -> Callable[..., Any] | None:
-            return function if getattr(chain, "instance_class", None) is kind else None
+            return function if getattr(chain, "instance_class", None) in kinds else None
 
         return part(function)
 

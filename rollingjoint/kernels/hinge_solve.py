@@ -1,4 +1,4 @@
-"""One equilibrium of a hinge chain from one start: Newton's method, and the fallbacks for a non-converged pose.
+"""One equilibrium of a chain in space from one start: Newton's method, and the fallbacks for a non-converged pose.
 
 Long chains whose loads all have a potential take the O(n) steps of long_chain.py. Where the energy decides, an unstable
 equilibrium is left downhill and counted, here and not in Newton's method. Where a load has no potential, or Newton's
@@ -17,23 +17,26 @@ from rollingjoint._numba.jit import part
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import UNSTABLE, TendonLaw
 from rollingjoint.kernels.bounds import begin, mark_free, move
+from rollingjoint.kernels.contacts import MIDDLE, ContactJoints, load_force, new_contact_state, store_poses, tangent
 from rollingjoint.kernels.descent import most_descent_steps, relax
 from rollingjoint.kernels.formulas import evaluate, formula, stiffness
 from rollingjoint.kernels.hinges import (
     ANCHOR,
     FORCE,
     N_COLUMNS,
-    PX,
     SPRING,
     TORSION,
     Hinges,
     new_hinge_state,
+    turned,
 )
+from rollingjoint.kernels.joints import CX, CY
 from rollingjoint.kernels.long_chain import new_sweep
 from rollingjoint.kernels.newton import MAX_ITERATIONS, escape_direction, minimise, most_staged_iterations
 from rollingjoint.kernels.rubbed_chain import rubbed, settle_rubbed
 from rollingjoint.kernels.settle import MOST_ESCAPES, long_joints, settle
-from rollingjoint.kernels.spatial_loads import generator_columns, has_potential
+from rollingjoint.kernels.spatial_loads import generator_columns, has_potential, load_moment
+from rollingjoint.kernels.vectors import about, dot, in_space, minus, plus, times
 
 STIFFNESSES = (SPRING, TORSION)  # columns of a load table
 _MAX_STAGES = 200
@@ -143,25 +146,31 @@ def state_of(chain, n_joints, n_tendons):
     return new_hinge_state(n_joints, n_tendons)
 
 
-@formula(formulas.middle, Hinges)
+@formula(formulas.new_state, ContactJoints)
+def state_of_contacts(chain, n_joints, n_tendons):
+    """An empty ContactState."""
+    return new_contact_state(n_joints, n_tendons)
+
+
+@formula(formulas.middle, Hinges, ContactJoints)
 def middle(chain, i):
-    """The rest angle of a hinge."""
-    return chain.joints[i, 2]
+    """The rest angle of a joint, or the limit nearest to it."""
+    return min(max(chain.joints[i, 2], chain.joints[i, 0]), chain.joints[i, 1])
 
 
-@formula(formulas.load_columns, Hinges)
+@formula(formulas.load_columns, Hinges, ContactJoints)
 def load_columns(chain):
     """Number of columns of a load table."""
     return N_COLUMNS
 
 
-@formula(formulas.stiffness_columns, Hinges)
+@formula(formulas.stiffness_columns, Hinges, ContactJoints)
 def stiffness_columns(chain):
     """Columns of the stiffnesses of springs."""
     return STIFFNESSES
 
 
-@formula(formulas.solve, Hinges)
+@formula(formulas.solve, Hinges, ContactJoints)
 def solve(chain, law, loads, start, state):
     """Equilibrium from joint angles `start`; fills the state; returns (status, iterations, residual, escapes)."""
     conservative = has_potential(chain, loads)
@@ -200,7 +209,7 @@ def _step_aside(angle, way, aside):
         aside[i] = angle[i] + _ASIDE * math.sin((way + 1.0) * (i + 1.0))
 
 
-@formula(formulas.solve_step, Hinges)
+@formula(formulas.solve_step, Hinges, ContactJoints)
 def solve_step(chain, friction, before, law, loads, start, state, memory):
     """The step with friction; fills the state and the memory (rubbed_chain); returns as `solve`."""
     conservative, n = has_potential(chain, loads), start.size
@@ -227,27 +236,72 @@ def solve_step(chain, friction, before, law, loads, start, state, memory):
 @formula(formulas.store, Hinges)
 def store(chain, state, outcome, results, lane):
     """Copy a solved state and its outcome into the results."""
+    _store_state(state, outcome, results, lane)
+
+
+@formula(formulas.store, ContactJoints)
+def store_with_contacts(chain, state, outcome, results, lane):
+    """Copy a solved state, its contacts and its outcome into the results."""
+    _store_state(state, outcome, results, lane)
+    for i in range(state.angle.size):
+        for a in range(3):
+            results.contacts[lane, i, a] = state.contact[i, a]
+        _fill_reaction(chain, state, state.tension, i, results.reactions[lane, i])
+
+
+@part(inline=True)
+def _store_state(state, outcome, results, lane):
     for i in range(state.angle.size):
         results.joint_angles[lane, i] = state.angle[i]
         for j in range(state.length.size):
             results.rates[lane, i, j] = state.gap[i, j, 1]
-            results.torques[lane, i, j] = state.torque[i, j]
-    for k in range(state.angle.size + 1):
-        for a in range(3):
-            for b in range(3):
-                results.poses[lane, k, a, b] = state.pose[k, 3 * a + b]
-            results.poses[lane, k, a, 3] = state.pose[k, PX + a]
-            results.poses[lane, k, 3, a] = 0.0
-        results.poses[lane, k, 3, 3] = 1.0
+            results.torques[lane, i, j] = formulas.torque(state, i, j)
+    store_poses(state, results.poses, lane)
     for j in range(state.length.size):
         results.tensions[lane, j], results.lengths[lane, j] = state.tension[j], state.length[j]
         results.elastic[lane, j] = state.elastic[j]
     results.status[lane], results.iterations[lane], results.residual[lane], results.escapes[lane] = outcome
 
 
+@part
+def _fill_reaction(chain, state, tension, i, reaction):
+    """Fill force and moment on the distal link about the contact of joint i, (6,): along tangent, normal and axis.
+
+    tension: of every tendon in the gap, (m,).
+    """
+    frames, joint = chain.frames, state.joint
+    lateral, axial = turned(state.pose, i, in_space(frames, i, 0)), turned(state.pose, i, in_space(frames, i, 3))
+    axis, load, couple = in_space(state.axis, i, 0), load_force(state, i), load_moment(state, i)
+    force = -dot(lateral, load), -dot(axial, load), -dot(axis, load)
+    moment = -dot(lateral, couple), -dot(axial, couple), -dot(axis, couple)
+    contact = joint[i, CX], joint[i, CY], chain.offsets[i, MIDDLE]
+    for j in range(tension.size):
+        if i < chain.tendon_joints[j]:
+            pull = times(in_space(state.direction[i], j, 0), tension[j])
+            arm = minus(in_space(chain.holes[i], j, 0), contact)
+            force, moment = plus(force, pull), plus(moment, about(arm, pull))
+    ex, ey = tangent(joint, i)
+    reaction[0], reaction[1], reaction[2] = ex * force[0] + ey * force[1], ex * force[1] - ey * force[0], force[2]
+    reaction[3], reaction[4] = ex * moment[0] + ey * moment[1], ex * moment[1] - ey * moment[0]
+    reaction[5] = moment[2]
+
+
+@formula(formulas.store_friction, ContactJoints)
+def store_friction_of_contacts(chain, state, memory, results, lane):
+    """Copy the torques per tension at the motors, and reactions under the tensions left in the gaps."""
+    _store_torques(chain, state, memory, results, lane)
+    for i in range(state.angle.size):
+        _fill_reaction(chain, state, memory.now.tension[i], i, results.reactions[lane, i])
+
+
 @formula(formulas.store_friction, Hinges)
 def store_friction(chain, state, memory, results, lane):
     """Copy the torques per tension at the motors, which friction reduces."""
+    _store_torques(chain, state, memory, results, lane)
+
+
+@part(inline=True)
+def _store_torques(chain, state, memory, results, lane):
     for i in range(state.angle.size):
         for j in range(state.tension.size):
             if i < chain.tendon_joints[j]:

@@ -247,6 +247,12 @@ def torque(state, i, j):
     return state.torque[i, j]
 
 
+@formula(formulas.pivot, HingeState)
+def pivot(state, i):
+    """The hinge, at the origin of the link below."""
+    return in_space(state.pose, i, PX)
+
+
 @formula(formulas.own_stiffness, Hinges)
 def own_stiffness(chain, state, i):
     """The spring of a hinge."""

@@ -15,22 +15,32 @@ import numpy as np
 from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import kernel, part
 from rollingjoint._numba.layout import Floats, Integers
-from rollingjoint._numba.simd import any_lane, fused, where
+from rollingjoint._numba.simd import any_lane, where
 from rollingjoint._numba.views import of_width, table_rows
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import TendonLaw, empty_arrays
 from rollingjoint.kernels.chain import register
 from rollingjoint.kernels.formulas import formula
+from rollingjoint.kernels.joints import (
+    BUCKET_ENDS,
+    COS,
+    CX,
+    CY,
+    GX,
+    GY,
+    N_COEFFICIENTS,
+    PX,
+    PY,
+    SIN,
+    gap_rates,
+    locate,
+    normal,
+    straight_gap,
+    table_row,
+)
 from rollingjoint.kernels.tendons import fill_residual
-from rollingjoint.kernels.vectors import about, choose, dot, minus, plus, plus_dot, times
+from rollingjoint.kernels.vectors import choose
 
-N_COEFFICIENTS = 10  # polynomial coefficients per cell of a joint table
-BUCKETS = 64  # equal parts of a joint's angles in which cells are looked up
-BUCKET_ENDS = 2 * BUCKETS
-
-# Columns of State.joint, in the proximal link's frame: cos and sin of the angle, contact point, origin of the distal
-# link, rate d contact point / d angle
-COS, SIN, CX, CY, GX, GY, PX, PY = range(8)
 # Columns of State.pose
 X, Y, THETA, C, S = range(5)
 # Columns of State.sums: sums over all loads beyond a joint (F force, x point, b follower force, k spring)
@@ -125,15 +135,6 @@ def new_results(
     return RollingResults(*empty_arrays(shapes, n_lanes), np.empty(n_lanes, np.int64), np.empty(n_lanes, np.int64))
 
 
-def aligned(values: np.ndarray) -> np.ndarray:
-    """A copy that begins at a multiple of 64 bytes, so that a table's row of eight numbers lies in one cache line."""
-    memory = np.empty(values.nbytes + 64, np.uint8)
-    start = -memory.ctypes.data % 64
-    copy = memory[start : start + values.nbytes].view(values.dtype).reshape(values.shape)
-    copy[...] = values
-    return copy
-
-
 @part
 def new_state(n_joints, n_tendons):
     """An empty State of floats."""
@@ -168,35 +169,6 @@ def design(chain, which):
     )
 
 
-CLOSED_GAP = 1e-9  # mm; below it the gap's direction is the contact normal (its limit as the two holes meet)
-
-
-@part(inline=True)
-def locate(joints, buckets, cells, i, phi):
-    """(cell of joint i at angle phi, coordinate in it)."""
-    place = (phi - joints[i, 0]) * joints[i, 2]
-    place = place if place > 0.0 else 0.0  # also where it is not a number
-    bucket = int(min(place, BUCKETS - 1.0))
-    cell, last = buckets[i, 2 * bucket], buckets[i, 2 * bucket + 1]
-    while last > cell + 1:
-        middle = (cell + last) // 2
-        if phi >= cells[middle, 0]:
-            cell = middle
-        else:
-            last = middle - 1
-    cell = last if phi >= cells[last, 0] else cell
-    return cell, (phi - cells[cell, 2]) * cells[cell, 3]
-
-
-@part(inline=True)
-def table_row(coefficients, cell, u):
-    """The eight columns of State.joint at coordinate u of a cell; coefficients: rows (cells, 10)."""
-    value = coefficients[cell, N_COEFFICIENTS - 1]
-    for k in range(N_COEFFICIENTS - 2, -1, -1):
-        value = fused(value, u, coefficients[cell, k])
-    return value
-
-
 @part
 def evaluate_joints(chain, state):
     """Fill state.joint at state.angle; one configuration."""
@@ -217,33 +189,6 @@ def arc_length(chain, i, phi):
     for k in range(N_COEFFICIENTS - 1, -1, -1):
         s = s * u + chain.arc_coefficients[cell, k]
     return s
-
-
-@part(inline=True)
-def normal(joint, i):
-    """Unit normal of the proximal surface at the contact, in the proximal link's frame."""
-    px, py = joint[i, PX], joint[i, PY]  # against the tangent: the angle falls as s grows
-    per_length = 1.0 / math.sqrt(px * px + py * py)
-    return py * per_length, -px * per_length
-
-
-@part(inline=True)
-def straight_gap(below, above):
-    """(length, unit direction, 1 / length, whether it is closed) of a straight segment between two points."""
-    segment = minus(above, below)
-    length = math.sqrt(dot(segment, segment))
-    closed = length <= CLOSED_GAP
-    per_length = 1.0 / where(closed, 1.0, length)
-    return length, times(segment, per_length), where(closed, 0.0, per_length), closed
-
-
-@part(inline=True)
-def gap_rates(axis, below, length, direction, per_length, contact, pole):
-    """(g', g'') of a segment; its upper end turns about `axis` through `contact`, which moves by `pole` per angle."""
-    motion = about(axis, minus(plus(below, times(direction, length)), contact))
-    rate = dot(direction, motion)
-    turn = (dot(motion, motion) - rate * rate) * per_length
-    return rate, plus_dot(turn, direction, about(axis, minus(motion, pole)))
 
 
 @part(inline=True)

@@ -18,6 +18,21 @@ from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import AT_LIMIT, CONVERGED, TendonLaw
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import FrictionLaw, History, Rubbing
+from rollingjoint.kernels.joints import (
+    BUCKET_ENDS,
+    COS,
+    CX,
+    CY,
+    GX,
+    GY,
+    N_COEFFICIENTS,
+    PX,
+    PY,
+    SIN,
+    aligned,
+    locate,
+    table_row,
+)
 from rollingjoint.kernels.lanes import (
     HELD,
     STEPS,
@@ -33,27 +48,14 @@ from rollingjoint.kernels.lanes import (
 )
 from rollingjoint.kernels.planar_loads import N_DEAD, evaluate_dead_loads, fill_dead_loads, fill_dead_stiffness, n_rows
 from rollingjoint.kernels.rolling import (
-    BUCKET_ENDS,
-    COS,
-    CX,
-    CY,
     FX,
     FY,
-    GX,
-    GY,
-    N_COEFFICIENTS,
-    PX,
-    PY,
-    SIN,
     BatchArrays,
     PinnedBatch,
     State,
-    aligned,
     contact_forces,
     evaluate_poses,
     evaluate_residual,
-    locate,
-    table_row,
 )
 from rollingjoint.kernels.rubbed_block import (
     advance_with_friction,

@@ -2,8 +2,8 @@
 
 A row acts on one body point x of one link: force and moment of fixed direction, force and moment that turn with the
 link, a spring to an anchor; its torsion spring acts on that link and a second one. The standing rows of a chain, its
-springs, act together with the rows of a call. Symbols as in docs/theory.md: a axis, c hinge. Dead forces alone act in
-lanes.
+springs, act together with the rows of a call. Symbols as in docs/theory.md: a axis, c contact or hinge. Dead forces
+alone act in lanes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from rollingjoint._numba.simd import any_lane
 from rollingjoint._numba.views import numbers
 from rollingjoint.kernels import formulas
 from rollingjoint.kernels.arrays import resolvable
+from rollingjoint.kernels.contacts import ContactJoints
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.hinges import (
     ANCHOR,
@@ -28,7 +29,6 @@ from rollingjoint.kernels.hinges import (
     N_DEAD,
     OTHER,
     POINT,
-    PX,
     REST,
     SPRING,
     TB,
@@ -75,7 +75,7 @@ def any_spring(table):
 @part
 def has_potential(chain, loads):
     """Whether all loads and tendons have one: no moments, no follower loads, no end couples. Springs always have."""
-    if chain.model == END_COUPLE:
+    if formulas.has_end_couples(chain):
         return False
     for row in range(loads.shape[0]):
         for column in range(MOMENT, SPRING):
@@ -127,8 +127,8 @@ def evaluate_table(chain, loads, state):
         energy, magnitude = energy + spring_energy, magnitude + spring_energy
         _accumulate(state.held)
     energy, magnitude = _add_torsion_springs(chain.standing, loads, state, energy, magnitude)
-    if chain.model == END_COUPLE:
-        _add_end_couples(chain, state)
+    if formulas.has_end_couples(chain):
+        formulas.add_end_couples(chain, state)
     _accumulate(state.sums)
     return energy, magnitude
 
@@ -203,7 +203,12 @@ def _turn_of(state, link):
     return turn
 
 
-@part(inline=True)
+@formula(formulas.has_end_couples, Hinges)
+def _has_end_couples(chain):
+    return chain.model == END_COUPLE
+
+
+@formula(formulas.add_end_couples, Hinges)
 def _add_end_couples(chain, state):
     """Torques and sums of tendons that act as a couple on their last bead alone."""
     for j in range(state.length.size):
@@ -215,26 +220,36 @@ def _add_end_couples(chain, state):
             state.torque[i, j] = -dot(in_space(state.axis, i, 0), couple)
 
 
+@formula(formulas.has_end_couples, ContactJoints)
+def _has_none(chain):
+    return False
+
+
+@formula(formulas.add_end_couples, ContactJoints)
+def _add_none(chain, state):
+    """ContactJoints have exact tendons."""
+
+
 @part(inline=True)
 def dead_moment(state, i):
     """Moment of the dead forces and springs beyond hinge i about it, a vector."""
     sums = state.sums
     crossed = sums[i, XF + 5] - sums[i, XF + 7], sums[i, XF + 6] - sums[i, XF + 2], sums[i, XF + 1] - sums[i, XF + 3]
-    return minus(crossed, about(in_space(state.pose, i, PX), in_space(sums, i, F)))
+    return minus(crossed, about(formulas.pivot(state, i), in_space(sums, i, F)))
 
 
 @part(inline=True)
 def load_moment(state, i):
     """Moment of all loads beyond hinge i about it, a vector."""
     sums = state.sums
-    turning = minus(in_space(sums, i, TB), about(in_space(state.pose, i, PX), in_space(sums, i, B)))
+    turning = minus(in_space(sums, i, TB), about(formulas.pivot(state, i), in_space(sums, i, B)))
     return plus(plus(dead_moment(state, i), in_space(sums, i, M)), turning)
 
 
 @part(inline=True)
 def lever(state, i):
     """The vector w of H_im = -a_m . w for m <= i: sum of (a_i × (x - c_i)) × f over the dead forces beyond hinge i."""
-    sums, axis, hinge = state.sums, in_space(state.axis, i, 0), in_space(state.pose, i, PX)
+    sums, axis, hinge = state.sums, in_space(state.axis, i, 0), formulas.pivot(state, i)
     force = in_space(sums, i, F)
     trace = sums[i, XF] + sums[i, XF + 4] + sums[i, XF + 8] - dot(hinge, force)
     along = dot(in_space(sums, i, XF), axis), dot(in_space(sums, i, XF + 3), axis), dot(in_space(sums, i, XF + 6), axis)
@@ -244,7 +259,7 @@ def lever(state, i):
 @part(inline=True)
 def spring_lever(state, i):
     """p and s of H_im = a_m . p + (c_m × a_m) . s for m <= i: terms of the springs' give, from sums beyond hinge i."""
-    held, axis, hinge = state.held, in_space(state.axis, i, 0), in_space(state.pose, i, PX)
+    held, axis, hinge = state.held, in_space(state.axis, i, 0), formulas.pivot(state, i)
     kx = in_space(held, i, KX)
     xx, xy, xz = in_space(held, i, KXX)
     yy, yz, zz = in_space(held, i, KXX + 3)
@@ -257,10 +272,10 @@ def spring_lever(state, i):
 @part(inline=True)
 def turned_about_origin(state, m):
     """c_m × a_m."""
-    return about(in_space(state.pose, m, PX), in_space(state.axis, m, 0))
+    return about(formulas.pivot(state, m), in_space(state.axis, m, 0))
 
 
-@formula(formulas.fill_load_stiffness, Hinges)
+@formula(formulas.fill_load_stiffness, Hinges, ContactJoints)
 def fill_load_stiffness(chain, state, i, H):
     """Fill H_im and H_mi, m <= i, with the terms of loads beyond hinge i."""
     axis, sums = state.axis, state.sums
@@ -289,21 +304,21 @@ def _any(sums, i, first, count):
 @part(inline=True)
 def _add_followers(state, i, H):
     """Add the moments about the hinges below that follow from turning the follower loads beyond hinge i about it."""
-    axis, hinge, force = in_space(state.axis, i, 0), in_space(state.pose, i, PX), in_space(state.sums, i, B)
+    axis, hinge, force = in_space(state.axis, i, 0), formulas.pivot(state, i), in_space(state.sums, i, B)
     turning = about(axis, minus(in_space(state.sums, i, TB), about(hinge, force)))
     moved = about(axis, force)
     for m in range(i):
-        arm = minus(hinge, in_space(state.pose, m, PX))
+        arm = minus(hinge, formulas.pivot(state, m))
         H[m, i] -= dot(in_space(state.axis, m, 0), plus(turning, about(arm, moved)))
 
 
-@formula(formulas.add_between_links, Hinges)
+@formula(formulas.add_between_links, Hinges, ContactJoints)
 def add_between_links(chain, loads, H):
     """Add torsion springs to H."""
     add_torsion_springs(chain.standing, loads, H)
 
 
-@formula(formulas.fill_load_generators, Hinges)
+@formula(formulas.fill_load_generators, Hinges, ContactJoints)
 def fill_load_generators(chain, loads, state, prox, sweep):
     """Fill diagonal, U and V of a Sweep: -w and a; springs add p to the first columns, and s, c × a in three more."""
     springs = _has_springs(chain.standing, loads)
@@ -366,7 +381,7 @@ def evaluate_dead_loads(table, state):
     return energy, magnitude
 
 
-@formula(formulas.evaluate_loads, Hinges)
+@formula(formulas.evaluate_loads, Hinges, ContactJoints)
 def evaluate_loads(chain, loads, state):
     """Fill the sums of loads beyond each hinge; returns (energy, magnitude of its terms), the hinges' springs included.
 
@@ -377,7 +392,7 @@ def evaluate_loads(chain, loads, state):
     return energy + springs, magnitude + springs
 
 
-@formula(formulas.evaluate_residual, Hinges)
+@formula(formulas.evaluate_residual, Hinges, ContactJoints)
 def evaluate_residual(chain, state):
     """Fill r; returns the largest sum of its terms' magnitudes, every tension with a lever of at least 1 mm."""
     scale = 0.0
@@ -385,10 +400,10 @@ def evaluate_residual(chain, state):
         moment = dot(in_space(state.axis, i, 0), load_moment(state, i)) + state.sums[i, TWIST]
         spring = chain.springs[i] * (state.angle[i] - chain.joints[i, 2])
         size = fill_residual(chain.tendon_joints, state, i, spring, moment)
-        if chain.model == END_COUPLE:  # they are among the loads
+        if formulas.has_end_couples(chain):  # they are among the loads
             state.residual[i], size = spring - moment, abs(spring) + abs(moment)
             for j in range(state.tension.size):
                 if i < chain.tendon_joints[j]:
-                    size += max(abs(state.tension[j] * state.torque[i, j]), state.tension[j])
+                    size += max(abs(state.tension[j] * formulas.torque(state, i, j)), state.tension[j])
         scale = max(scale, size)
     return scale

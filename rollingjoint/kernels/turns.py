@@ -1,7 +1,7 @@
 """Turns of the tendons at their holes, and the forces that press links together: the inputs of friction.
 
 In a rolling link, a tendon runs straight from hole to hole; in a bead of an arm, along its z axis (docs/theory.md,
-section 8).
+section 8). In the plane a turn has a sign; in space it is an angle between two directions.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from rollingjoint._numba.borrowed import borrow
 from rollingjoint._numba.jit import part
 from rollingjoint._numba.simd import where
 from rollingjoint.kernels import formulas
+from rollingjoint.kernels.contacts import ContactJoints, load_force, tangent
 from rollingjoint.kernels.elementary import angle_and_inverse, sine_and_cosine
 from rollingjoint.kernels.formulas import formula
 from rollingjoint.kernels.friction import ABOVE_RATE, BELOW_RATE, TURN
 from rollingjoint.kernels.hinges import HALVES, IN_ABOVE, IN_BELOW, Hinges
-from rollingjoint.kernels.rolling import CLOSED_GAP, COS, CX, CY, FX, FY, SIN, C, Chain, S, contact_forces
-from rollingjoint.kernels.vectors import plus, times
+from rollingjoint.kernels.joints import CLOSED_GAP, COS, CX, CY, SIN
+from rollingjoint.kernels.rolling import FX, FY, C, Chain, S, contact_forces
+from rollingjoint.kernels.vectors import about, dot, in_space, minus, plus, times
 
 
 @part(inline=True)
@@ -118,6 +120,36 @@ def fill_hinge_turns(chain, state, turn):
     evaluate_hinge_turns(borrow(chain.turns), chain.tendon_joints, borrow(state), borrow(turn))
 
 
+@formula(formulas.fill_turns, ContactJoints)
+def fill_contact_turns(chain, state, turn):
+    """Fill turns and their rates; where a gap is closed, its direction does not change."""
+    chain, state, turn = borrow(chain), borrow(state), borrow(turn)
+    gap, joint = state.gap, state.joint
+    for j in range(chain.tendon_joints.size):
+        entry = 0.0
+        for i in range(chain.tendon_joints[j]):
+            length, direction = gap[i, j, 0], in_space(state.direction[i], j, 0)
+            per_length = 0.0 if length <= CLOSED_GAP else 1.0 / length
+            above = plus(in_space(chain.holes[i], j, 0), times(direction, length))
+            rate = times((joint[i, CY] - above[1], above[0] - joint[i, CX], 0.0), per_length)
+            below_channel, (ex, ey, ez) = in_space(chain.directions[i], j, 0), in_space(chain.directions[i], j, 3)
+            cos, sin = joint[i, COS], joint[i, SIN]
+            above_channel, axis = (cos * ex - sin * ey, sin * ex + cos * ey, ez), (0.0, 0.0, 1.0)
+            below, turn[i, j, BELOW_RATE] = _turn_between(below_channel, direction, rate)
+            turn[i, j, TURN] = entry + below
+            entry, turn[i, j, ABOVE_RATE] = _turn_between(above_channel, direction, minus(rate, about(axis, direction)))
+
+
+@part(inline=True)
+def _turn_between(channel, direction, rate):
+    """Angle between a channel and the unit direction of a segment, and its rate; 0 where they are in line."""
+    across, along = about(channel, direction), dot(channel, direction)
+    side = math.sqrt(dot(across, across))
+    if side == 0.0:
+        return 0.0, 0.0
+    return math.atan2(side, along), along * dot(across, about(channel, rate)) / side - side * dot(channel, rate)
+
+
 @formula(formulas.fill_normals, Hinges)
 def fill_hinge_normals(chain, state, rolling):
     """Zeros: beads do not press on each other, so hinges have no rolling resistance."""
@@ -125,3 +157,17 @@ def fill_hinge_normals(chain, state, rolling):
         rolling.of_loads[i] = 0.0
         for j in range(state.tension.size):
             rolling.per_tension[i, j] = 0.0
+
+
+@formula(formulas.fill_normals, ContactJoints)
+def fill_contact_normals(chain, state, rolling):
+    """Fill the normal force per tension, and the normal force of the loads; zeros where links do not roll."""
+    for i in range(state.angle.size):
+        over_curvature = in_space(state.normal, i, 0)  # against the normal
+        size = math.sqrt(dot(over_curvature, over_curvature))
+        rolls = size > 0.0
+        ex, ey = tangent(state.joint, i)
+        rolling.of_loads[i] = dot(over_curvature, load_force(state, i)) / size if rolls else 0.0
+        for j in range(state.tension.size):
+            across = ex * state.direction[i, j, 1] - ey * state.direction[i, j, 0]
+            rolling.per_tension[i, j] = across if rolls and i < chain.tendon_joints[j] else 0.0

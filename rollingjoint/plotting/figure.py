@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rollingjoint.chain.chain import AnyChain
-from rollingjoint.chain.equilibrium import Equilibrium, HingeEquilibrium
+from rollingjoint.chain.equilibrium import Equilibrium, EquilibriumInSpace
 from rollingjoint.chain.hinge import HingeChain
 from rollingjoint.chain.rolling import RollingChain
 from rollingjoint.chain.solution import Solution
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.chain.status import Status
 from rollingjoint.errors import InvalidInput, naming, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
@@ -41,9 +42,9 @@ def _draw_chain(what: RollingChain | Equilibrium, figure: Figure) -> Axes:
     return plot_mechanism(what, figure.subplots())
 
 
-def _draw_arm(what: HingeChain | HingeEquilibrium, figure: Figure) -> Axes:
+def _draw_arm(what: HingeChain | SpatialChain | EquilibriumInSpace, figure: Figure) -> Axes:
     ax = plot_arm(what, figure.add_subplot(projection="3d"))
-    if isinstance(what, HingeEquilibrium) and what.loads[:, _FZ].sum() > 0:
+    if isinstance(what, EquilibriumInSpace) and what.loads[:, _FZ].sum() > 0:
         ax.invert_zaxis()  # a hanging arm
     return ax
 

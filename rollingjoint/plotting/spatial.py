@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingjoint.chain.equilibrium import HingeEquilibrium
+from rollingjoint.chain.equilibrium import EquilibriumInSpace
 from rollingjoint.chain.hinge import HingeChain
+from rollingjoint.chain.spatial import SpatialChain
 from rollingjoint.errors import InvalidInput, naming_extras
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS
 from rollingjoint.plotting.friction import STICKS, piece_tensions, tension_colors
@@ -29,7 +30,7 @@ _FORCE, _ANCHOR = slice(_FX, _FX + 3), slice(_SPRING + 1, _SPRING + 4)
 
 
 def plot_arm(
-    arm: HingeChain | HingeEquilibrium,
+    arm: HingeChain | SpatialChain | EquilibriumInSpace,
     ax: Axes3D | None = None,
     *,
     tendons: bool = True,
@@ -53,10 +54,12 @@ def plot_arm(
     Raises:
         InvalidInput: a batch of equilibria.
     """
-    equilibrium = arm if isinstance(arm, HingeEquilibrium) else None
+    equilibrium = arm if isinstance(arm, EquilibriumInSpace) else None
     chain = equilibrium.mechanism if equilibrium is not None else arm
-    if not isinstance(chain, HingeChain) or (equilibrium is not None and equilibrium.poses.ndim != 3):
-        raise InvalidInput("arm", arm, "a HingeChain or one HingeEquilibrium", "Solve a single row.")
+    if not isinstance(chain, HingeChain | SpatialChain) or (equilibrium is not None and equilibrium.poses.ndim != 3):
+        raise InvalidInput(
+            "arm", arm, "a chain in space, or one HingeEquilibrium or SpatialEquilibrium", "Solve a single row."
+        )
     poses = chain.poses(chain.neutral_angles) if equilibrium is None else equilibrium.poses
     ax = _new_axes() if ax is None else ax
     _draw_beads(ax, chain, poses, color, label)
@@ -78,16 +81,14 @@ def _new_axes() -> Axes3D:
     return figure.add_subplot(projection="3d")
 
 
-def _draw_beads(ax: Axes3D, chain: HingeChain, poses: Array, color: str, label: str | None) -> None:
+def _draw_beads(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, color: str, label: str | None) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     around = np.linspace(0.0, 2 * np.pi, _SIDES + 1)
-    gaps = [bead.gap for bead in chain.beads] + [0.0]
-    widest = max(np.hypot(*hole) for tendon in chain.tendons for hole in tendon.holes)
-    rim = 1.15 * max(widest, 0.1 * chain.beads[0].spacing) * np.array([np.cos(around), np.sin(around), 0 * around])
+    radius = 1.15 * max(chain.hole_radius, 0.1 * chain.length / chain.n_joints)
+    rim = radius * np.array([np.cos(around), np.sin(around), 0 * around])
     faces: list[Array] = []
-    for k, bead in enumerate(chain.beads, start=1):
-        ends = (0.5 * bead.gap - bead.spacing, -0.5 * gaps[k])
+    for k, ends in enumerate(chain.body_ends, start=1):
         low, high = ((poses[k, :3, :3] @ (rim + np.array([[0.0], [0.0], [z]]))).T + poses[k, :3, 3] for z in ends)
         faces += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(_SIDES)]
     ax.add_collection3d(Poly3DCollection(faces, facecolor=color, edgecolor="none", alpha=0.25, label=label))
@@ -95,7 +96,7 @@ def _draw_beads(ax: Axes3D, chain: HingeChain, poses: Array, color: str, label: 
     ax.auto_scale_xyz(*np.concatenate(faces).T, had_data=ax.has_data())
 
 
-def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array | None) -> None:
+def _draw_tendons(ax: Axes3D, chain: HingeChain | SpatialChain, poses: Array, tensions: Array | None) -> None:
     largest = max(float(np.max(tensions)), _SLACK) if tensions is not None else 1.0
     for j, line in enumerate(chain.tendon_polyline(poses)):
         tension = 0.0 if tensions is None else float(tensions[j])
@@ -106,12 +107,13 @@ def _draw_tendons(ax: Axes3D, chain: HingeChain, poses: Array, tensions: Array |
 
 
 def _draw_gap_tensions(
-    ax: Axes3D, chain: HingeChain, equilibrium: HingeEquilibrium, ends: tuple[float, float] | None
+    ax: Axes3D, chain: HingeChain | SpatialChain, equilibrium: EquilibriumInSpace, ends: tuple[float, float] | None
 ) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     colors = tension_colors(equilibrium, ends)
-    for j, holes in enumerate(chain.tendon_polyline(equilibrium.poses)):
+    for j, line in enumerate(chain.tendon_polyline(equilibrium.poses)):
+        holes = line[(len(line) + 1) % 2 :]  # from the hole below the first gap
         tones = colors.to_rgba(piece_tensions(equilibrium, j)[1:])  # the tendon is drawn from the hole below gap 0
         pieces = list(np.stack([holes[:-1], holes[1:]], axis=1))
         ax.add_collection3d(Line3DCollection(pieces, colors=tones, linewidths=2.0))
@@ -122,10 +124,11 @@ def _draw_gap_tensions(
     ax.figure.colorbar(colors, ax=ax, shrink=0.5, pad=0.12, label="tension [N]")
 
 
-def _draw_forces(ax: Axes3D, chain: HingeChain, equilibrium: HingeEquilibrium) -> None:
+def _draw_forces(ax: Axes3D, chain: HingeChain | SpatialChain, equilibrium: EquilibriumInSpace) -> None:
     """Draws arrows of the dead forces, except at mass centres: weights would hide the arm."""
     rows = equilibrium.loads[np.linalg.norm(equilibrium.loads[:, _FORCE], axis=1) > 0]
-    centres = np.array([(0.0, 0.0, 0.0), *((0.0, 0.0, -0.5 * bead.spacing) for bead in chain.beads)])
+    weights = chain.own_weight((0.0, 0.0, 1.0))
+    centres = np.full((chain.n_links, 3), np.nan) if weights is None else np.array(weights.points)
     rows = np.array([row for row in rows if not np.allclose(row[1:4], centres[int(row[0])])]).reshape(-1, rows.shape[1])
     scale = 0.2 * chain.length / max(np.linalg.norm(rows[:, _FORCE], axis=1), default=1.0)
     for row in rows:
@@ -135,7 +138,7 @@ def _draw_forces(ax: Axes3D, chain: HingeChain, equilibrium: HingeEquilibrium) -
         ax.quiver(*at, *(scale * row[_FORCE]), color="black", linewidth=1.5, label=f"{size:.3g} N")
 
 
-def _draw_springs(ax: Axes3D, equilibrium: HingeEquilibrium) -> None:
+def _draw_springs(ax: Axes3D, equilibrium: EquilibriumInSpace) -> None:
     for row in equilibrium.loads[equilibrium.loads[:, _SPRING] > 0]:
         T = equilibrium.poses[int(row[0])]
         ends = np.array([T[:3, :3] @ row[1:4] + T[:3, 3], row[_ANCHOR]])

@@ -19,6 +19,8 @@ FEW_STEPS = {
     "distill_instrument": "total_timesteps=40 env.n_envs=2 parameters.gradient_steps=1 parameters.batch_size=2",
     "ppo_late_pose": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
     "ppo_instrument_shift": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "plain_ppo": "total_timesteps=40 env.n_envs=2 parameters.n_steps=20 parameters.batch_size=20",
+    "apg_fixed_target": "total_timesteps=40 env.n_envs=2",
     "apg_instrument": "total_timesteps=40 env.n_envs=2",
     "config": "",
 }

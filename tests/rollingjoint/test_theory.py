@@ -11,7 +11,7 @@ from rollingjoint.chain.random_chain import random_chain, random_loads
 from rollingjoint.kernels import chain as chain_kernels
 from rollingjoint.kernels import rolling
 from rollingjoint.kernels.arrays import TendonLaw
-from rollingjoint.kernels.rolling import CX, CY, PX, PY
+from rollingjoint.kernels.joints import CX, CY, PX, PY
 from rollingjoint.load import load_table
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # J of the page

@@ -25,6 +25,7 @@ ALL = [
     ("rj_gym/SlowCamera-v0", "smith predictor", {}),
     ("rj_gym/Instrument-v0", "probing bank", {}),
     ("rj_gym/Instrument-v0", "bank of filters", {}),
+    ("rj_gym/Instrument-v0", "smoother", {}),
     ("rj_gym/RollingJoint-v0", FrictionOpenLoop, RUBBING),
     ("rj_gym/Instrument-v0", partial(load_policy, "instrument"), POLICY.environment.settings),
     ("rj_gym/Instrument-v0", lambda: ResidualPolicy(BaseController(OpenLoop()), DoNothing()), {}),

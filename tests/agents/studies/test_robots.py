@@ -179,3 +179,24 @@ class Still:
 
     def act(self, seen):
         return np.zeros((self.episodes, 2))
+
+
+def test_generation_1_has_the_same_robots_with_limits_outside_the_ranges_of_every_version():
+    from agents.adaptation.robot import TENSION_LIMIT
+    from rj_gym import InstrumentV1Config
+
+    assert InstrumentV1Config().actuation.tension_limit[1] <= TENSION_LIMIT[0]
+    for number in (0, 7):
+        first, second = robot(number), robot(number, generation=1)
+        assert first.tension_limits is None and "tension_limit" not in first.options
+        limits = second.options.pop("tension_limit")
+        assert np.all(limits > TENSION_LIMIT[0]) and np.all(limits < TENSION_LIMIT[1]) and np.ptp(limits) > 0
+        assert np.array_equal(first.play_mm, second.play_mm) and np.array_equal(first.mu, second.mu)
+
+
+def test_controllers_drive_generation_1_and_its_limits_are_listed(capsys):
+    assert study.main(["--list", "--robots", "1", "--generation", "1"]) == 0
+    assert "limits [N]" in capsys.readouterr().out
+    command = ["--robots", "2", "--episodes", "1", "--generation", "1", "--controller", "instrument"]
+    assert study.main(command) == 0
+    assert "with the motors of version 1" in capsys.readouterr().out

@@ -105,9 +105,18 @@ def test_an_evaluation_needs_nothing_but_the_run_folder_and_takes_other_settings
     assert "magnitude" in report["about"]["changed settings"]
 
 
+def test_the_policy_of_another_run_drives_the_same_episodes(run, tmp_path, no_pictures):
+    other = tmp_path / "other"
+    os.symlink(run, other)
+    assert evaluate.main([str(run), "--episodes", "2", "--beside", str(other), "--out", str(tmp_path / "out")]) == 0
+    errors = json.loads((tmp_path / "out" / "report.json").read_text())["final_errors_mm"]
+    assert list(errors)[:2] == ["policy", "other"] and errors["other"] == errors["policy"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--beside", "nowhere"], "nowhere"),
         (["--policy", "000000033"], "000000033/policy.safetensors"),
         (["--episodes", "0"], "--episodes"),
         (["--seed", "1"], "seeds that training has not used"),

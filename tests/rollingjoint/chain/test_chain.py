@@ -2,7 +2,16 @@
 
 import pytest
 
-from rollingjoint import PRESETS, Equilibrium, HingeEquilibrium, prepare, preset, solve_tensions, solve_tensions_batch
+from rollingjoint import (
+    PRESETS,
+    Equilibrium,
+    HingeEquilibrium,
+    SpatialEquilibrium,
+    prepare,
+    preset,
+    solve_tensions,
+    solve_tensions_batch,
+)
 from rollingjoint.errors import InvalidInput
 
 ANOTHER = '''
@@ -42,7 +51,7 @@ assert dump_mechanism(wire).startswith("# A wire.") and dump_mechanism(arm).star
 def test_a_class_names_the_class_of_its_equilibria(name):
     mechanism = preset(name)
     found = solve_tensions(mechanism, [1.0] * mechanism.n_tendons)
-    assert type(found) is mechanism.equilibrium in (Equilibrium, HingeEquilibrium)
+    assert type(found) is mechanism.equilibrium in (Equilibrium, HingeEquilibrium, SpatialEquilibrium)
     assert found.tip.shape == (mechanism.dimension,) and found.positions.shape[-1] == mechanism.dimension
     assert mechanism.load_table(()).shape == (0, len(mechanism.load_columns))
 

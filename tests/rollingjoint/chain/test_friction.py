@@ -25,6 +25,11 @@ from rollingjoint import (
     uniform,
 )
 from rollingjoint.chain import batch
+from rollingjoint.chain.friction_step import friction_laws
+from rollingjoint.kernels.arrays import TendonLaw
+from rollingjoint.kernels.friction import History, new_friction_arrays
+from rollingjoint.kernels.rolling import BatchArrays, new_results
+from rollingjoint.load import load_table
 
 CASES = json.loads((Path(__file__).parent / "friction_reference.json").read_text("utf-8"))["cases"]
 CHAINS = {"five_link": five_link, "two_segment": two_segment, "uniform2": partial(uniform, 2)}
@@ -315,3 +320,26 @@ def test_one_joint_whose_tendons_hardly_stretch_in_their_channels_ends_as_withou
     )
     assert soft.status is Status.CONVERGED
     assert soft.joint_angles == pytest.approx(rigid.joint_angles, abs=1e-7)
+
+
+@pytest.mark.parametrize("force", [20.0, 55.0], ids=["between the limits", "a joint at its limit"])
+def test_responses_of_a_step_are_how_its_angles_answer_commands(force):
+    chain, h = with_friction(five_link, 0.1), 1e-4
+    fresh = np.zeros((1, 4, 2))
+
+    def stepped(command):
+        laws = TendonLaw(command[None], chain.stiffnesses[None], np.zeros((1, 2)), np.full((1, 2), np.inf))
+        loads, start = load_table([WorldForce(4, (force, 0.0))], 5)[None], np.array(chain.neutral_angles[None])
+        results = new_results(1, 4, 2, responses=True)
+        problem = BatchArrays(chain.arrays, np.zeros(1, np.int64), laws, loads, start, results)
+        friction = new_friction_arrays(friction_laws(chain, 1), History(fresh, fresh, fresh, start, np.zeros((1, 4))))
+        batch.step_range(chain.kernels, problem, friction, 0, 1)
+        return results
+
+    command = chain.neutral_lengths - 2.0
+    step, changes = stepped(command), h * np.eye(2)
+    assert step.status == (Status.AT_LIMIT if force > 50.0 else Status.CONVERGED)
+    differences = [(stepped(command + d).joint_angles - stepped(command - d).joint_angles)[0] for d in changes]
+    answers = np.stack(differences, axis=1) / (2.0 * h)
+    assert np.abs(answers).max() > 0.01
+    np.testing.assert_allclose(step.responses[0], answers, rtol=0, atol=1e-9)

@@ -5,7 +5,7 @@ import pytest
 
 from rollingjoint import Link, Profile, RollingChain, Status, Surface, Tendon, WorldForce, five_link, solve_tensions
 from rollingjoint.chain.joint_table import buckets, tabulate
-from rollingjoint.kernels.rolling import BUCKETS
+from rollingjoint.kernels.joints import BUCKETS
 
 HALF_WIDTH = 10.0
 

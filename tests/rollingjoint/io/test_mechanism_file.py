@@ -14,6 +14,7 @@ from rollingjoint.chain.chain import AnyChain
 from rollingjoint.chain.hinge import Bead, HingeChain
 from rollingjoint.chain.presets import PRESETS, preset
 from rollingjoint.chain.rolling import RollingChain
+from rollingjoint.chain.spatial import PointHinge, RollingContact, SpatialChain
 from rollingjoint.chain.tendon import BeadTendon
 from rollingjoint.errors import ConfigError, RollingJointError
 from rollingjoint.friction import CapstanFriction
@@ -394,3 +395,44 @@ def test_error_messages_of_the_documentation_are_those_given(tmp_path: Path, mon
         with pytest.raises(RollingJointError) as caught:
             load_mechanism("arm.yaml")
         assert str(caught.value) == message
+
+
+SPATIAL = """
+defaults:
+  joint: {half_width: 3, stiffness: 2}
+  parent: {start: [0, -4], limits: [-2, 2], curvature: {constant: 0.2}}
+  child: {start: [0, 4], limits: [-2, 2], curvature: {constant: -0.2}}
+joints:
+  - {azimuth: 0}
+  - {axis: [1, 0, 0.1], below: [0, 0, 4], above: [0, 0, -4], limits: [-0.5, 0.5]}
+  - {azimuth: 1.5, child: {curvature: {constant: -0.1}}}
+links: [{}, {weight: 0.1, centre: [0, 0, 1]}, {}, {}]
+tendons:
+  - {holes: [{parent: [2, 0, -3], child: [2, 0, 3]}]}
+"""
+
+
+def test_joints_in_space_are_of_the_kind_that_has_their_keys(tmp_path: Path) -> None:
+    chain = load_mechanism(write(tmp_path, SPATIAL), SpatialChain)
+    assert [type(joint) for joint in chain.joints] == [RollingContact, PointHinge, RollingContact]
+    assert [joint.stiffness for joint in chain.joints] == [2.0] * 3
+    assert chain.links[1].weight == 0.1
+    again = load_mechanism(write(tmp_path, dump_mechanism(chain)))
+    assert mechanism_to_dict(again) == mechanism_to_dict(chain)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("{azimuth: 0}", "{azimuth: 0, axis: [1, 0, 0]}", "joints"),
+        ("{azimuth: 0}", "{}", "azimuth"),
+        ("axis: [1, 0, 0.1]", "axis: [0, 0, 0]", "axis"),
+        ("half_width: 3", "half_width: 0", "half_width"),
+        ("child: [2, 0, 3]", "child: [2, 0]", "child"),
+        ("{weight: 0.1,", "{weight: -1,", "weight"),
+    ],
+)
+def test_wrong_joints_in_space_are_refused_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message) as refusal:
+        load_mechanism(write(tmp_path, SPATIAL.replace(old, new)))
+    assert len(str(refusal.value).splitlines()) == 1

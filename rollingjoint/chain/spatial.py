@@ -1,0 +1,555 @@
+"""Chains in space: links that roll on each other about axes of any direction, and the arrays that kernels read.
+
+A joint is a planar map of one angle, tabulated, in a plane that is fixed in its links: docs/theory.md, section 11.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rollingjoint.chain import joint_table, se3
+from rollingjoint.chain.chain import Chain, Kernels, members, read_only, with_equal_rows
+from rollingjoint.chain.hinge import CLOSED, checked_load_table, open_range
+from rollingjoint.chain.joint_table import JointTable
+from rollingjoint.chain.spatial_equilibrium import SpatialEquilibrium
+from rollingjoint.chain.tendon import SpaceTendon
+from rollingjoint.checks import as_floats, as_number, as_positive
+from rollingjoint.errors import MechanismError
+from rollingjoint.friction import CapstanFriction, checked_friction
+from rollingjoint.kernels.contacts import (
+    ContactBatchArrays,
+    ContactJoints,
+    PinnedContacts,
+    new_contact_results,
+    spatial_poses_of,
+)
+from rollingjoint.kernels.joints import BUCKET_ENDS, CLOSED_GAP, N_COEFFICIENTS, aligned
+from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load
+from rollingjoint.profile import Surface
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+_ALONG_Z = 1e-9  # of an axis: its part across z, below which the lateral direction is x
+_LARGEST_CELL = 0.2  # rad; sine and cosine are polynomials of degree 9 there, to rounding
+
+
+class SpatialJoint(ABC):
+    """A joint of a chain in space, with one angle about an axis that is fixed in both of its links.
+
+    Each kind of joint is a frozen dataclass on top. Directions are those of the link below; the link above has the same
+    ones at angle 0.
+
+    Attributes:
+        stiffness: of its torsion spring [N·mm/rad]. rest_angle: where that carries no moment [rad].
+    """
+
+    stiffness: float
+    rest_angle: float
+
+    def _check_spring(self, name: str) -> None:
+        """Raise MechanismError for a wrong spring; hold plain numbers."""
+        stiffness = as_number(f"{name} stiffness", self.stiffness, 0.0, allowed="0 or more", error=MechanismError)
+        rest_angle = as_number(f"{name} rest_angle", self.rest_angle, allowed="a number", error=MechanismError)
+        object.__setattr__(self, "stiffness", stiffness)
+        object.__setattr__(self, "rest_angle", rest_angle)
+
+    @property
+    @abstractmethod
+    def frame(self) -> Array:
+        """Lateral and axial direction of its plane, and its axis, the rows of a rotation matrix (3, 3)."""
+
+    @property
+    @abstractmethod
+    def neutral(self) -> float:
+        """Its angle at rest [rad]."""
+
+    @property
+    @abstractmethod
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest angle [rad]."""
+
+    @property
+    @abstractmethod
+    def offsets(self) -> tuple[float, float]:
+        """Along the axis: the contact from the origin of the link below, the origin of the link above from there."""
+
+    @property
+    def line(self) -> float:
+        """Half width of its contact line [mm]; inf where it carries any reaction."""
+        return np.inf
+
+    @abstractmethod
+    def table(self) -> JointTable:
+        """Its map, in the lateral and axial directions."""
+
+    @abstractmethod
+    def spacing(self) -> float:
+        """Distance between the origins of its links at rest [mm]."""
+
+    def check(self, number: int) -> None:  # noqa: B027  (most kinds are checked when they are made)
+        """Raise MechanismError where no such joint can be made; number: of the joint, for the message."""
+
+    def open_range(self, number: int, tendons: Sequence[int], below: Array, above: Array) -> tuple[float, float]:
+        """Smallest and largest angle at which the gaps of tendons are open [rad].
+
+        Args:
+            number: of the joint, for messages. tendons: the numbers of those that cross it, likewise.
+            below, above: their holes, (tendons, 3) [mm], in the directions of `frame`.
+        Raises:
+            MechanismError: holes that cross.
+        """
+        return self.range
+
+    def arc_lengths(self, angles: Array) -> Array:
+        """Contact arc lengths at joint angles, any shape [mm, rad]; NaN where no surfaces roll."""
+        return np.full(np.shape(angles), np.nan)
+
+
+@dataclass(frozen=True)
+class RollingContact(SpatialJoint):
+    """Two surfaces that roll on each other without slip, drawn in a plane and extruded along its normal.
+
+    Args:
+        azimuth: angle of the plane about z [rad]. Its lateral direction is (cos, sin, 0), its axial direction z; the
+            joint turns about the lateral direction × z: 0 is pitch, in the plane x-z, π/2 is yaw, in the plane y-z.
+        parent: surface of the link above; its points are (lateral, axial), in the frame of its link.
+        child: surface of the link below, on which the parent surface rolls.
+        half_width: of the contact line, along the axis [mm].
+        middle: of the contact line, from the plane through z, along the axis [mm].
+        stiffness: of a torsion spring [N·mm/rad].
+        rest_angle: where the spring carries no moment [rad].
+    Raises:
+        MechanismError: no Surface, a half_width or a stiffness that is not possible, numbers that are not finite.
+    """
+
+    azimuth: float
+    parent: Surface
+    child: Surface
+    half_width: float
+    middle: float = 0.0
+    stiffness: float = 0.0
+    rest_angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        for side in ("parent", "child"):
+            if not isinstance(getattr(self, side), Surface):
+                raise MechanismError(f"contact {side}", getattr(self, side), "a Surface")
+        for name, unit in (("azimuth", "rad"), ("middle", "mm")):
+            value = as_number(
+                f"contact {name}", getattr(self, name), allowed=f"a number [{unit}]", error=MechanismError
+            )
+            object.__setattr__(self, name, value)
+        half_width = as_positive("contact half_width", self.half_width, "a positive number [mm]", MechanismError)
+        object.__setattr__(self, "half_width", half_width)
+        self._check_spring("contact")
+
+    @property
+    def frame(self) -> Array:
+        """Lateral and axial direction of its plane, and its axis, the rows of a rotation matrix (3, 3)."""
+        cos, sin = np.cos(self.azimuth), np.sin(self.azimuth)
+        return np.array([[cos, sin, 0.0], [0.0, 0.0, 1.0], [sin, -cos, 0.0]])
+
+    @cached_property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest arc length of the contact [mm]."""
+        return joint_table.common_range(self.child, self.parent)
+
+    @property
+    def neutral(self) -> float:
+        """Its angle with the contact at s = 0, or at the limit nearest to it [rad]."""
+        return self._angle(float(np.clip(0.0, *self.limits)))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Its angles with the contact at the last and the first arc length [rad]."""
+        low, high = self.limits
+        return self._angle(high), self._angle(low)
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        """Along the axis: the middle of the contact line; the links are not shifted against each other."""
+        return self.middle, 0.0
+
+    @property
+    def line(self) -> float:
+        """Half width of its contact line [mm]."""
+        return self.half_width
+
+    def table(self) -> JointTable:
+        """Its map, in the lateral and axial directions."""
+        return joint_table.tabulate(self.child, self.parent)
+
+    def spacing(self) -> float:
+        """Distance between the origins of its links at rest [mm]."""
+        s, angle = float(np.clip(0.0, *self.limits)), self.neutral
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ self.parent.point(s)
+        return float(np.linalg.norm(self.child.point(s) - turned))
+
+    def check(self, number: int) -> None:
+        """Raise MechanismError unless the surfaces can roll on each other."""
+        joint_table.check_rolling(number, self.child, self.parent)
+
+    def open_range(self, number: int, tendons: Sequence[int], below: Array, above: Array) -> tuple[float, float]:
+        """Smallest and largest angle of the contact [rad]; MechanismError where holes cross between them."""
+        surfaces, aside = (self.child, self.parent), above[:, 2] - below[:, 2]
+        joint_table.check_gaps(number, tendons, *surfaces, below[:, :2], above[:, :2], aside)
+        return self.range
+
+    def arc_lengths(self, angles: Array) -> Array:
+        """Contact arc lengths at joint angles, any shape [mm, rad]; beyond the range, the limit."""
+        table, (low, high) = self.table(), self.range
+        angles = np.clip(angles, low, high)
+        cell = np.clip(np.searchsorted(table.cells[:, 0], angles, side="right") - 1, 0, None)
+        u = (angles - table.cells[cell, 2]) * table.cells[cell, 3]
+        powers = u[..., None] ** np.arange(N_COEFFICIENTS)
+        return np.clip((table.arc_coefficients[cell] * powers).sum(axis=-1), *self.limits)
+
+    def _angle(self, s: float) -> float:
+        return float(self.child.tangent_angle(s) - self.parent.tangent_angle(s))
+
+
+@dataclass(frozen=True)
+class PointHinge(SpatialJoint):
+    """A hinge of any axis, among rolling contacts or alone: the limit of surfaces without size.
+
+    Args:
+        axis: a direction, in the link below; the same in the link above. Held as a unit vector.
+        below, above: the hinge in the frames of the links below and above it, (x, y, z) [mm].
+        stiffness: of a torsion spring [N·mm/rad].
+        rest_angle: where the spring carries no moment [rad]. The hinge is there at rest, or at the limit nearest to it.
+        limits: smallest and largest angle [rad]. It ends earlier where two holes meet.
+    Raises:
+        MechanismError: an axis without direction, points that are not three numbers, limits that are not in order.
+    """
+
+    axis: Sequence[float]
+    below: Sequence[float]
+    above: Sequence[float]
+    stiffness: float = 0.0
+    rest_angle: float = 0.0
+    limits: tuple[float, float] = (-np.pi, np.pi)
+
+    def __post_init__(self) -> None:
+        for name, count in (("axis", 3), ("below", 3), ("above", 3), ("limits", 2)):
+            values = as_floats(f"hinge {name}", getattr(self, name), f"{count} numbers", MechanismError)
+            if values.shape != (count,) or not np.isfinite(values).all():
+                raise MechanismError(f"hinge {name}", getattr(self, name), f"{count} numbers")
+            object.__setattr__(self, name, tuple(values.tolist()))
+        length = float(np.linalg.norm(self.axis))
+        if not 0 < length < np.inf:
+            raise MechanismError("hinge axis", self.axis, "a direction other than (0, 0, 0)")
+        object.__setattr__(self, "axis", tuple((np.array(self.axis) / length).tolist()))
+        low, high = self.limits
+        if not -2 * np.pi <= low < high <= 2 * np.pi:
+            raise MechanismError("hinge limits", self.limits, "two angles in order, from -2π to 2π [rad]")
+        self._check_spring("hinge")
+
+    @property
+    def frame(self) -> Array:
+        """Lateral and axial direction of its plane, and its axis; the lateral direction lies across z, too."""
+        axis = np.array(self.axis)
+        lateral = np.cross([0.0, 0.0, 1.0], axis)
+        if np.linalg.norm(lateral) <= _ALONG_Z:
+            lateral = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
+        lateral /= np.linalg.norm(lateral)
+        return np.stack([lateral, np.cross(axis, lateral), axis])
+
+    @property
+    def neutral(self) -> float:
+        """Its rest angle, or the limit nearest to it [rad]."""
+        return float(np.clip(self.rest_angle, *self.limits))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Its limits [rad]."""
+        return self.limits
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        """Along the axis: the hinge, and the origin of the link above."""
+        below, above = (float(np.dot(self.axis, point)) for point in (self.below, self.above))
+        return below, below - above
+
+    def table(self) -> JointTable:
+        """Its map, in the lateral and axial directions: sine and cosine as polynomials, exact to rounding."""
+        low, high = self.limits
+        edges = np.linspace(low, high, 1 + int(np.ceil((high - low) / _LARGEST_CELL)))
+        middle, half = 0.5 * (edges[:-1] + edges[1:]), 0.5 * np.diff(edges)
+        power = np.arange(N_COEFFICIENTS)
+        factorials = np.cumprod(np.maximum(power, 1))
+        terms = (half[:, None] ** power / factorials)[..., None]  # of a Taylor series about the middle of each cell
+        turns = middle[:, None] + 0.5 * np.pi * power
+        cos, sin = (terms[..., 0] * np.cos(turns))[..., None], (terms[..., 0] * np.sin(turns))[..., None]
+        (bx, by), (ax, ay) = (self.frame[:2] @ point for point in (self.below, self.above))
+        fixed = (power == 0)[:, None] * np.array([bx, by])
+        origin = fixed - np.concatenate([cos * ax - sin * ay, sin * ax + cos * ay], axis=-1)
+        still = np.zeros((len(middle), N_COEFFICIENTS, 2))
+        coefficients = np.concatenate([cos, sin, still + fixed, origin, still], axis=-1)
+        cells = np.stack([edges[:-1], edges[1:], middle, 1.0 / half], axis=1)
+        return JointTable(cells, coefficients, np.zeros((len(middle), N_COEFFICIENTS)))
+
+    def spacing(self) -> float:
+        """Distance between the origins of its links at rest [mm]."""
+        turned = se3.rotation(self.neutral * np.array(self.axis)) @ self.above
+        return float(np.linalg.norm(np.subtract(self.below, turned)))
+
+    def open_range(self, number: int, tendons: Sequence[int], below: Array, above: Array) -> tuple[float, float]:
+        """Its limits, or nearer angles where holes meet [rad]; MechanismError where they meet at rest."""
+        low, high = self.limits
+        turn = self.neutral
+        cos, sin = np.cos(turn), np.sin(turn)
+        below = below - [*(self.frame[:2] @ self.below), 0.0]
+        above = above - [*(self.frame[:2] @ self.above), 0.0]
+        above = above @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        for tendon, w, u in zip(tendons, below, above, strict=True):
+            length = float(np.linalg.norm(u - w))
+            if length <= CLOSED_GAP:
+                allowed = "a positive length [mm]: the holes meet"
+                raise MechanismError(f"gap of tendon {tendon} across joint {number} at rest", length, allowed)
+            closest = u[:2] @ w[:2], w[1] * u[0] - w[0] * u[1]
+            square = u[:2] @ u[:2] + w[:2] @ w[:2] + (u[2] - w[2]) ** 2
+            first, last = open_range(np.array([square, *closest]), CLOSED * length)
+            low, high = max(low, turn + first), min(high, turn + last)
+        return low, high
+
+
+@dataclass(frozen=True)
+class SpatialLink:
+    """The weight of a link of a chain in space; its geometry is that of its joints and of the tendons' holes.
+
+    Args:
+        weight: [N]; it acts in the solves that are given `SpatialChain.gravity`.
+        centre: where the weight acts, in the frame of the link [mm].
+    Raises:
+        MechanismError: a negative weight, a centre that is not three numbers.
+    """
+
+    weight: float = 0.0
+    centre: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        weight = as_number("link weight", self.weight, 0.0, allowed="0 or more [N]", error=MechanismError)
+        allowed = "three numbers (x, y, z) [mm]"
+        centre = as_floats("link centre", self.centre, allowed, MechanismError)
+        if centre.shape != (3,) or not np.isfinite(centre).all():
+            raise MechanismError("link centre", self.centre, allowed)
+        object.__setattr__(self, "weight", weight)
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpatialChain(Chain[SpatialEquilibrium]):
+    """A chain of links in space, base first, pulled by tendons; its joints turn about axes of any direction.
+
+    Link 0 is the base, fixed at the identity; joint i connects links i and i + 1. The z axes of links point to the tip,
+    and at angles 0 all frames are parallel.
+
+    Args:
+        joints: base to tip, at least one, of any kinds.
+        tendons: at least one.
+        links: their weights, the base included; none: links without weight.
+        name: for tables and pictures.
+        friction: of the tendons that have none of their own, and of the rolling contacts. A solve takes it into account
+            where it is given a history.
+        springs: loads that belong to the mechanism and act in every solve; their kinds are load.SPRINGS.
+    Raises:
+        MechanismError: surfaces that cannot roll on each other, holes that cross, wrong counts, springs on links that
+            do not exist.
+    Source: docs/theory.md, section 11.
+    """
+
+    title: ClassVar[str] = "a chain in space"
+    dimension: ClassVar[int] = 3
+    load_columns: ClassVar[tuple[str, ...]] = SPATIAL_LOAD_COLUMNS
+    slips: ClassVar[bool] = True
+    equilibrium: ClassVar[type[SpatialEquilibrium]] = SpatialEquilibrium
+    kernels: ClassVar[Kernels] = Kernels(
+        batch_arrays=ContactBatchArrays,
+        new_results=new_contact_results,
+        torques="torques",
+        pinned_batch=PinnedContacts,
+        most_joints=0,
+        most_with_friction=0,
+    )
+
+    joints: Sequence[SpatialJoint]
+    tendons: Sequence[SpaceTendon]
+    links: Sequence[SpatialLink] = ()
+    name: str = ""
+    friction: CapstanFriction | None = None
+    springs: Sequence[Load] = ()
+
+    def __post_init__(self) -> None:
+        checked_friction(self.friction)
+        object.__setattr__(self, "joints", members("joints", self.joints, SpatialJoint))
+        object.__setattr__(self, "tendons", members("tendons", self.tendons, SpaceTendon))
+        object.__setattr__(self, "links", members("links", self.links, SpatialLink, 0))
+        if self.links and len(self.links) != self.n_links:
+            raise MechanismError("number of links", len(self.links), f"{self.n_links}, the base included, or none")
+        for number, joint in enumerate(self.joints):
+            joint.check(number)
+        object.__setattr__(self, "springs", self._checked_springs())
+        self.joint_limits  # noqa: B018  (holes that cross are refused here)
+
+    @property
+    def n_links(self) -> int:
+        """Number of links, the base included."""
+        return len(self.joints) + 1
+
+    @property
+    def parts(self) -> str:
+        """Number of joints, in words."""
+        return f"{len(self.joints)} joints"
+
+    @property
+    def length(self) -> float:
+        """Sum of the distances between the origins of neighbouring links at rest [mm]."""
+        return float(sum(joint.spacing() for joint in self.joints))
+
+    @property
+    def travel(self) -> str:
+        """Range of its joints, in words."""
+        return f"joints from {self.joint_limits[:, 0].min():.3g} to {self.joint_limits[:, 1].max():.3g} rad"
+
+    @cached_property
+    def neutral_angles(self) -> Array:
+        """Joint angles at rest, (n - 1,) [rad]."""
+        return read_only(np.clip([joint.neutral for joint in self.joints], *self.joint_limits.T))
+
+    @cached_property
+    def joint_limits(self) -> Array:
+        """Smallest and largest angle of every joint, (n - 1, 2) [rad]."""
+        holes, limits = self._holes[0], []
+        for number, joint in enumerate(self.joints):
+            crossing = [tendon for tendon, last in enumerate(self.last_links) if number < last]
+            below, above = np.split(holes[number, crossing], 2, axis=-1)
+            limits.append(joint.open_range(number, crossing, below, above) if crossing else joint.range)
+        return read_only(np.array(limits))
+
+    @cached_property
+    def hole_points(self) -> tuple[Array, ...]:
+        """For every tendon the holes of the links it passes, (links, 2 for parent and child, 3) in link frames [mm]."""
+        return tuple(read_only(np.array(tendon.link_holes(self.n_links))) for tendon in self.tendons)
+
+    @cached_property
+    def hole_radius(self) -> float:
+        """Largest distance of a hole from the z axis of its link [mm]."""
+        return float(max(np.hypot(points[..., 0], points[..., 1]).max() for points in self.hole_points))
+
+    @cached_property
+    def body_ends(self) -> Array:
+        """Lowest and highest z of the holes of every moving link, (n - 1, 2), for pictures [mm]."""
+        ends = np.zeros((self.n_joints, 2))
+        for k in range(1, self.n_links):
+            heights = [height for points in self.hole_points if len(points) > k for height in points[k, :, 2].tolist()]
+            ends[k - 1] = min(heights, default=0.0), max(heights, default=0.0)
+        return read_only(ends)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Unit axes of the joints, (n - 1, 3), in the links below."""
+        return read_only(np.array([joint.frame[2] for joint in self.joints]))
+
+    @cached_property
+    def arrays(self) -> ContactJoints:
+        """Tables for the kernels, a stack of one design."""
+        holes, directions, channels = self._holes
+        rests = [joint.rest_angle for joint in self.joints]
+        lookup, buckets, cells, coefficients = self._tables()
+        return ContactJoints(
+            joints=np.column_stack([self.joint_limits, rests])[None],
+            axes=self.axes[None].copy(),
+            springs=np.array([joint.stiffness for joint in self.joints])[None],
+            frames=np.array([joint.frame.ravel() for joint in self.joints])[None],
+            offsets=np.array([joint.offsets for joint in self.joints])[None],
+            lookup=lookup[None],
+            buckets=buckets[None],
+            cells=cells,
+            coefficients=coefficients,
+            holes=holes[None],
+            directions=directions[None],
+            channels=channels[None],
+            tendon_joints=np.array(self.last_links),
+            standing=self.load_table(self.springs)[None],
+        )
+
+    def _tables(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
+        """Lookup, buckets, cells and coefficients of the tables of all joints, as ContactJoints has them."""
+        tables, before = [joint.table() for joint in self.joints], 0
+        lookup, buckets = np.zeros((self.n_joints, 3)), np.zeros((self.n_joints, BUCKET_ENDS), np.int64)
+        for i, table in enumerate(tables):
+            per_radian, ends = joint_table.buckets(table.cells)
+            lookup[i] = table.cells[0, 0], table.cells[-1, 1], per_radian
+            buckets[i] = before + ends
+            before += len(table.cells)
+        cells, coefficients, _ = (aligned(np.concatenate(parts)) for parts in zip(*tables, strict=True))
+        return lookup, buckets, cells, coefficients
+
+    @cached_property
+    def _holes(self) -> tuple[Array, Array, Array]:
+        """Holes and directions of channels as ContactJoints has them, (n - 1, m, 6) both, and channels, (m,)."""
+        holes, directions = np.zeros((2, self.n_joints, self.n_tendons, 6))
+        channels = np.zeros(self.n_tendons)
+        for j, points in enumerate(self.hole_points):
+            through = points[:, 1] - points[:, 0]
+            lengths = np.linalg.norm(through, axis=1, keepdims=True)
+            channels[j] = lengths.sum()
+            units = np.where(lengths > 0.0, through / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
+            for i, joint in enumerate(self.joints[: len(points) - 1]):
+                frame, (_, shift) = joint.frame, joint.offsets
+                holes[i, j] = *(frame @ points[i, 1]), *(frame @ points[i + 1, 0] + [0.0, 0.0, shift])
+                directions[i, j] = *(frame @ units[i]), *(frame @ units[i + 1])
+        return holes, directions, channels
+
+    @staticmethod
+    def join(parts: Sequence[ContactJoints]) -> ContactJoints:
+        """The arrays of several chains with the same numbers of links, tendons and crossed joints, as one stack."""
+        parts = with_equal_rows(parts)
+        before = np.cumsum([0] + [len(part.cells) for part in parts[:-1]])
+        joined = ContactJoints(*(aligned(np.concatenate(arrays)) for arrays in zip(*parts, strict=True)))
+        return joined._replace(buckets=joined.buckets + before[:, None, None], tendon_joints=parts[0].tendon_joints)
+
+    def gravity(self, direction: Triple = (0.0, 0.0, -1.0)) -> Gravity:
+        """The weight of every link along a direction of the base frame; (0, 0, 1) lets the chain hang."""
+        links = self.links or (SpatialLink(),) * self.n_links
+        return Gravity([link.weight for link in links], direction, [link.centre for link in links])
+
+    def own_weight(self, direction: Any) -> Gravity | None:
+        """The weight of every link along a direction of the base frame; None where no link has a weight."""
+        return self.gravity(direction) if any(link.weight > 0.0 for link in self.links) else None
+
+    def load_table(self, loads: Sequence[Load]) -> Array:
+        """Rows of SPATIAL_LOAD_COLUMNS for external loads, (rows, columns)."""
+        return checked_load_table(loads, list(self.axes))
+
+    def poses(self, joint_angles: ArrayLike) -> Array:
+        """Link poses in the base frame at joint angles within the limits, (..., n, 4, 4) [mm]."""
+        return self._placed(joint_angles)[0]
+
+    def tendon_lengths(self, joint_angles: ArrayLike) -> Array:
+        """Length of every tendon: straight gaps plus channels inside the links, (..., m) [mm]."""
+        return self._placed(joint_angles)[1]
+
+    def _placed(self, joint_angles: ArrayLike) -> tuple[Array, Array]:
+        """Link poses and tendon lengths at joint angles."""
+        angles = self.per_joint("joint angles", joint_angles)
+        rows, at = np.ascontiguousarray(angles.reshape(-1, self.n_joints)), angles.shape[:-1]
+        poses, lengths = np.empty((len(rows), self.n_links, 4, 4)), np.empty((len(rows), self.n_tendons))
+        spatial_poses_of(self.arrays, rows, poses, lengths)
+        return poses.reshape(*at, self.n_links, 4, 4), lengths.reshape(*at, self.n_tendons)
+
+    def tendon_polyline(self, poses: ArrayLike) -> list[Array]:
+        """World points of every tendon's holes, base to end, a list of (2 links passed, 3) [mm]."""
+        T = np.asarray(poses, float)
+        return [
+            (np.einsum("lab,lhb->lha", T[: len(h), :3, :3], h) + T[: len(h), None, :3, 3]).reshape(-1, 3)
+            for h in self.hole_points
+        ]
