@@ -4,6 +4,7 @@ import importlib
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -19,6 +20,7 @@ from agents.policies.errors import PolicyError
 from agents.policies.loading import load_policy
 from agents.runs.environment import EnvConfig, make_vector_env
 from rj_gym import Drawn, RollingJointEnv, RollingJointVectorEnv, Terms
+from rj_gym.registry import registered_settings
 from rollingjoint.errors import ConfigError
 
 MODULE, ID = "hold_task", "hold_task:reader/Hold-v0"
@@ -182,3 +184,18 @@ def test_built_in_ids_have_no_table_of_rewards():
     episodes = run_episodes(EnvConfig(settings={"episode_steps": 3}), untuned_controllers()["do nothing"], range(2))
     assert episodes.reward_terms == {}
     assert RollingJointEnv().config.terms == Terms()
+
+
+def test_an_id_of_a_later_version_keeps_that_version_of_its_class(register):
+    shipped = load_policy("instrument")
+    first = registered_settings("rj_gym/Instrument-v1", {"mechanism": shipped.mechanism})
+    policy = replace(shipped, env_id="rj_gym/Instrument-v1", settings=first, score=None)
+    register("reader/Rig-v0", entry_point="rj_gym:InstrumentV1Env", vector_entry_point="rj_gym:InstrumentV1VectorEnv",
+             kwargs={"terms": Terms(rewards={"near": lambda step: -step.error_mm})})  # fmt: skip
+    settings = registered_settings("reader/Rig-v0", {"mechanism": shipped.mechanism})
+    own = replace(policy, env_id="reader/Rig-v0", settings=settings, score=None)
+    report = run_episodes(own.environment, own, range(2))
+    assert np.array_equal(report.errors, run_episodes(policy.environment, policy, range(2)).errors)
+    assert list(report.reward_terms)[-1] == "near"
+    again = type(own).from_bytes(own.to_bytes())
+    assert again.settings.terms.rewards.keys() == {"near"} and again.sha256 == own.sha256
