@@ -293,7 +293,7 @@ def test_exact_tensions_tell_the_force_at_the_tip_of_a_tube():
         way = np.array([0.5, 0.2, -0.5, -0.2] * 2) * (-1.0 if step < 4 else 1.0)
         observation, *_, info = env.step(np.tile(way, (12, 1)).astype(np.float32))
     estimate = bank.take_in(Reading(observation, env.task))
-    np.testing.assert_allclose(bank.belief.states[:, :3], info["load"]["force"], atol=0.02)  # along the tube it is hardly felt
+    np.testing.assert_allclose(bank.belief.states[:, :3], info["load"]["force"], atol=0.02)
     np.testing.assert_allclose(estimate.tip, info["tip"], atol=0.2)
 
 
