@@ -155,9 +155,8 @@ class TubeModel(FilterModel):
 
 def pivots_of(equilibria: Any) -> Array:
     """Where the joints of chains in space turn, (R, J, 3) [mm]: contact points, or hinges at the origins of links."""
-    if isinstance(equilibria, SpatialEquilibrium):
-        return equilibria.contact_points
-    return np.ascontiguousarray(equilibria.positions[:, :-1])
+    pivots = equilibria.contact_points if isinstance(equilibria, SpatialEquilibrium) else equilibria.positions[:, :-1]
+    return np.array(pivots, order="C")  # of one kind for both: compiled once
 
 
 def model_in_space(task: TrackingTask, links: NDArray[np.int64]) -> FilterModel:

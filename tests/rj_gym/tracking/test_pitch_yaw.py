@@ -32,7 +32,7 @@ from rollingjoint import (
 )
 from rollingjoint.chain.presets import five_link, flexible_arm, pitch_yaw, pitch_yaw_two_segment
 from rollingjoint.errors import ConfigError
-from tests.pages import bounds
+from tests.pages import bounds, rows
 from tests.rj_gym.rollouts import rollout, same
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -218,3 +218,23 @@ def test_the_docstring_tables_every_entry_with_its_bounds():
     for entry in PitchYawEnv().task.entries():
         name = re.sub(r"(tendon) \d", r"\1 j", entry.name)
         assert table[name] == (f"{entry.low:g}", f"{entry.high:g}"), entry.name
+
+
+def test_the_page_has_every_default_that_differs_from_the_arms():
+    page = (ROOT / "docs/arm_environment.md").read_text("utf-8")
+    cells = rows(page, "## An instrument of rolling joints")
+    (_, *defaults) = [row for row in cells if len(row) == 2]
+    table = {key: yaml.safe_load(value) for key, value in defaults}
+    ours, arms = (flat(dataclasses.asdict(config)) for config in (PitchYawConfig(), rj_gym.FlexibleArmConfig()))
+    assert table == {key: value for key, value in ours.items() if value != arms[key]}
+
+
+def flat(settings, section=""):
+    """Values of nested settings by their dotted names; ranges are lists."""
+    values = {}
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            values |= flat(value, f"{section}{key}.")
+        else:
+            values[section + key] = list(value) if isinstance(value, tuple) else value
+    return values
