@@ -171,7 +171,7 @@ def test_a_batch_of_scaled_chains_equals_chains_that_are_built_anew():
 
 @pytest.mark.parametrize("settings", [{}, {"mechanism": mixed()}], ids=["rolling", "mixed"])
 def test_rates_of_the_tip_are_those_of_forward_differences(settings, monkeypatch):
-    """Levers are about contact points: about link origins the tip's rates would be off by a tenth."""
+    """Levers are about contact points: about link origins the tip's rates would be off by 7 %."""
     taut = {"start_tension": 15.0, "tension_range": (0.5, 60.0)}
     envs = gymnasium.make_vec(ID, 5, "vector_entry_point", **settings, **taut).unwrapped
     envs.reset(seed=5)
