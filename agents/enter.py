@@ -1,8 +1,9 @@
 """Score a controller of your own, or one of ours, on the seeds of a benchmark: rj enter FILE.py:NAME --env ID.
 
-NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one that
-makes a function from observations to actions; without a file it is the name of an opponent. Its episodes go into a results file, which rj results merges with others,
-and a table compares it with the known results of the same episodes. docs/enter.md shows how.
+NAME is a controller (agents.controllers.controller), a class or function that makes one without arguments, or one
+that makes a function from observations to actions; without a file it is the name of an opponent. Its episodes go into
+a results file, which rj results merges with others, and a table compares it with the known results of the same
+episodes. docs/enter.md shows how.
 """
 
 from __future__ import annotations
