@@ -57,7 +57,7 @@ def _command(arguments: argparse.Namespace, command: Sequence[str]) -> int:
     from agents.results.record import World
 
     env = EnvConfig(arguments.env, settings=apply_overrides({}, arguments.set))
-    if not env.is_tracking:
+    if not (env.is_tracking and env.is_built_in):
         raise ConfigError("--env", env.id, "a tracking environment of rj_gym", "Others have no tip error.")
     if arguments.training_seed is not None:
         integer(0, 2**31)("--training-seed", arguments.training_seed)

@@ -189,8 +189,9 @@ def registered_formulas() -> dict[Any, list[tuple[type, FunctionType]]]:
         for template in kind.templates if isinstance(kind, types.Function) else ():
             if choose := getattr(template, "_overload_func", None):
                 chosen = inspect.getclosurevars(choose).nonlocals
-                if chosen.keys() >= {"kind", "function"}:
-                    found[generic].append((chosen["kind"], getattr(chosen["function"], "py_func", chosen["function"])))
+                if chosen.keys() >= {"kinds", "function"}:
+                    part = getattr(chosen["function"], "py_func", chosen["function"])
+                    found[generic] += [(kind, part) for kind in chosen["kinds"]]
     return dict(found)
 
 

@@ -60,7 +60,7 @@ from rj_gym.tracking.env import (
 from rj_gym.tracking.observation import observation_entries
 from rj_gym.tracking.observation import observation_entries as arm_observation_entries
 from rj_gym.tracking.sensing import ActuationConfig, SensingConfig
-from rj_gym.tracking.terms import Drawn, Observed, Start, Step, Terms
+from rj_gym.tracking.terms import Drawn, Memory, Observed, Start, Step, Terms
 from rj_gym.tracking.vector import (
     ArmInstrumentV1VectorEnv,
     ArmInstrumentVectorEnv,
@@ -142,6 +142,7 @@ __all__ = [
     "LatePoseV1VectorEnv",
     "LatePoseVectorEnv",
     "LoadConfig",
+    "Memory",
     "Observed",
     "ObservedError",
     "PayloadConfig",

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.controller import Array, Mask, Reading, restarted
 from agents.controllers.filter_feedback import FilterFeedback, FilterFeedbackSettings
@@ -22,6 +23,7 @@ from rollingjoint.checks import as_integer, as_number
 from rollingjoint.errors import InvalidInput
 from rollingjoint.estimate import Effort, HiddenPrior, HiddenRanges, MeasurementLaw, Smoothed, Smoother
 
+_SHARP_RAD, _SHARP_MM = 1e-3, 0.02  # standard deviations of pictures without noise
 _READ_MM = 1e-4  # a motor this near to where it was asked to go has not given way: observations are float32
 
 
@@ -34,6 +36,7 @@ class SmootherSettings(Settings):
         robust: standard deviations beyond which a residual counts linearly.
         start_sd_mm: of the lengths of the tendons at the start, which equal start tensions fix [mm].
         shown_sd: of the tensions that load cells show when motors are set by them at the start [N].
+        picture_share: standard deviations of places and angles in pictures, over those of their noise.
         limit_sd: of the tension at which a motor gives way, where the task fixes it; 0: it is not used [N].
         every: steps after which the history is followed anew. searches: how often the fit starts anew from many places:
             after the probe, and then after twice as many steps.
@@ -47,6 +50,7 @@ class SmootherSettings(Settings):
     robust: float = 3.0
     start_sd_mm: float = 0.005
     shown_sd: float = 0.02
+    picture_share: float = 1.0
     limit_sd: float = 0.05
     every: int = 6
     searches: int = 2
@@ -54,7 +58,7 @@ class SmootherSettings(Settings):
     misfit: float = 1.5
 
     def __post_init__(self) -> None:
-        self._check(as_number, "tension_sd", "robust", "start_sd_mm", "shown_sd", low=1e-4, high=1e4)
+        self._check(as_number, "tension_sd", "robust", "start_sd_mm", "shown_sd", "picture_share", low=1e-4, high=1e4)
         self._check(as_number, "tension_share", "limit_sd", low=0.0, high=1e3)
         self._check(as_number, "misfit", low=0.0)
         self._check(as_integer, "every", "starts", low=1, high=1000)
@@ -114,7 +118,7 @@ class SmootherFeedback(FilterFeedback):
     def estimated(self, reading: Reading) -> Estimate:
         """The estimate after the measurements of this step."""
         motors = reading.commands
-        smoothed = self.smoother.take_in(motors, self._shifts(reading, motors), reading.tensions)
+        smoothed = self.smoother.take_in(motors, self._shifts(reading, motors), reading.tensions, *_pictures(reading))
         self._motors = motors
         self._observations.append(reading.observation)
         self.misfit = smoothed.misfit
@@ -155,6 +159,14 @@ class SmootherFeedback(FilterFeedback):
         return estimate
 
 
+def _pictures(reading: Reading) -> tuple[Array, NDArray[np.int64]] | tuple[()]:
+    """Pictures that come now, (B, n - 1, 3), NaN where none does, and their ages, (B,); empty without poses."""
+    if reading.sees == "none":
+        return ()
+    new = reading.picture_is_new
+    return np.where(new[:, None, None], reading.poses[:, 1:], np.nan), np.rint(reading.picture_age).astype(np.int64)
+
+
 def _row(observation: Any, episode: int) -> Any:
     """The observation of one episode, (1, entries) each."""
     if isinstance(observation, Mapping):
@@ -169,8 +181,10 @@ def check_served(task: TrackingTask) -> TaskConfig:
         raise InvalidInput("mechanism", mechanism, "a planar chain", f"That is {name}.")
     if config.has_friction(mechanism) or mechanism.springs:
         raise InvalidInput("mechanism", mechanism, "a chain without springs and friction", f"That is {name}.")
-    if config.load.process != "constant":
-        raise InvalidInput("load.process", config.load.process, "'constant'", f"That is {name}.")
+    if config.load.process == "step":
+        raise InvalidInput("load.process", config.load.process, "'constant' or 'ou'", f"That is {name}.")
+    if config.sensing.pose == "tip" or config.sensing.biased:
+        raise InvalidInput("sensing", config.sensing, "poses of all links without biases, or none", f"That is {name}.")
     if not config.observe_tensions:
         raise InvalidInput("observe_tensions", False, "True", "The smoother needs measured tensions.")
     return config
@@ -181,8 +195,10 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
     config, mechanism, own = task.config, task.mechanism, settings.smoother
     random, actuation, sensing = config.randomization, config.actuation, config.sensing
     gain_error, zero = getattr(sensing, "tension_gain_error", 0.0), getattr(sensing, "tension_offset", 0.0)
+    wanders = config.load.process == "ou"
     ranges = HiddenRanges(
         force=config.load.magnitude,
+        wanders=wanders,
         offset_mm=(-random.actuator_offset_mm, random.actuator_offset_mm),
         stiffness=(1.0 - random.stiffness_spread, 1.0 + random.stiffness_spread),
         play_mm=settings.filter.play_mm or actuation.play_mm,
@@ -203,12 +219,16 @@ def smoother_of(task: TrackingTask, settings: SmootherFeedbackSettings) -> Smoot
         tension_sd=own.tension_sd,
         tension_share=own.tension_share,
         robust=own.robust,
+        memory=math.exp(-1.0 / config.load.correlation_steps) if wanders else 1.0,
+        angle_sd=own.picture_share * max(random.angle_noise_rad, _SHARP_RAD),
+        position_sd=own.picture_share * max(random.position_noise_mm, _SHARP_MM),
     )
     links = range(1, mechanism.n_links) if config.load.link == "random" else [mechanism.n_links - 1]
     first = 1 + max(4 * round(settings.probe.sweep_mm / config.action_scale_mm), 4)
     searches = [1 + (first - 1) * 2**number for number in range(own.searches)]
     effort = Effort(every=own.every, searches=searches, starts=own.starts)
-    return Smoother(mechanism, HiddenPrior.of(mechanism, ranges), law, list(links), effort, config.episode_steps + 1)
+    steps, pictured = config.episode_steps + 1, sensing.pose != "none"
+    return Smoother(mechanism, HiddenPrior.of(mechanism, ranges), law, list(links), effort, steps, pictured)
 
 
 def _high_limit(config: TaskConfig) -> float:

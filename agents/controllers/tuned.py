@@ -58,11 +58,11 @@ def _predictive(settings: Settings) -> Controller:
     return FilterPredictive(FilterFeedbackSettings.from_dict(settings))
 
 
-def _smoother_in(env_id: str) -> Callable[[Settings], Controller]:
-    """Feedback on a smoother that falls back on the filters of the world's probing bank."""
+def _smoother_in(env_id: str, bank: str) -> Callable[[Settings], Controller]:
+    """Feedback on a smoother that falls back on the filters of this bank."""
 
     def make(settings: Settings) -> Controller:
-        filters = {"filter": tuned_settings(env_id, "probing bank")["filter"]}
+        filters = {"filter": tuned_settings(env_id, bank)["filter"]}
         return SmootherFeedback(SmootherFeedbackSettings.from_dict(with_settings(filters, settings)))
 
     return make
@@ -126,7 +126,13 @@ _SURE: Space = {"gain": Uniform(0.3, 1.0), "crossing": Uniform(0.8, 1.1), "dead_
 
 def _smoother(env_id: str) -> Tunable:
     space = _below("smoother", _SMOOTHER) | _below("feedback", _STEERING | _SURE) | _below("probe", _PROBE)
-    return Tunable(_smoother_in(env_id), space)
+    return Tunable(_smoother_in(env_id, "probing bank"), space)
+
+
+def _smoother_of_pictures(env_id: str, play: bool) -> Tunable:
+    smoother = _SMOOTHER | {"picture_share": LogUniform(0.7, 3.0)}
+    space = _below("smoother", smoother) | _below("feedback", _STEERING | (_SURE if play else {}))
+    return Tunable(_smoother_in(env_id, "bank of filters"), space, {"smoother": {"searches": 3}})
 
 
 _OPEN_LOOP = Tunable(_open_loop, {"rest_tension": Uniform(3.0, 14.5)})
@@ -180,6 +186,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING),
         "bank of filters": Tunable(_filter, _of_filters(play=False, pictures=True, many=False)),
         "predictive bank": Tunable(_predictive, _of_filters(play=False, pictures=True, many=False)),
+        "smoother": _smoother_of_pictures("rj_gym/SlowCamera-v0", play=False),
     },
     "rj_gym/LatePose-v0": {
         "open loop": _OPEN_LOOP,
@@ -187,6 +194,7 @@ _FIRST: Mapping[str, Mapping[str, Tunable]] = {
         "smith predictor": Tunable(_smith, _STEERING | _ASSUMED_PLAY),
         "kalman filter": Tunable(_filter, _of_filters(pictures=True, many=False), _ONE),
         "bank of filters": Tunable(_filter, _of_filters(pictures=True)),
+        "smoother": _smoother_of_pictures("rj_gym/LatePose-v0", play=True),
     },
     "rj_gym/ArmInstrument-v0": _BLIND_ARM,
 }

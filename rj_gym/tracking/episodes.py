@@ -155,10 +155,12 @@ class TrackingEpisodeBuffer(EpisodeBuffer):
             if draws.hardware is not None:
                 self.hardware.friction[:count] = self.solver.friction.law.tendons[:count, :, MU]
         self.solver.laws.low[:count], self.solver.laws.high[:count] = self.task.config.tension_range
+        if self._terms is not None:
+            self._terms.begin(count)
         observations = self._advance(count)
         readings[:, REWARDS] = 0.0
         if self._terms is not None:
-            readings[:, self._terms.rewards] = 0.0
+            self._terms.forget(count)
         return draws, observations
 
     def sampled_info(self, draws: Any) -> dict[str, Any]:

@@ -44,7 +44,8 @@ class HiddenRanges:
     """Ranges of hidden numbers, as the settings of a task give them; each is uniform but for the force.
 
     Args:
-        force: magnitudes of the force on the loaded link, of any direction [N].
+        force: magnitudes of the force on the loaded link, of any direction [N]. wanders: whether it is a process about
+            0 with half the largest one as standard deviation of a component.
         offset_mm: what every commanded length is off [mm]. stiffness: factors of the nominal stiffnesses.
         play_mm: widths of the play [mm]. sheath_friction: coefficients.
         gain: of the load cells. zero: what they show at no tension [N].
@@ -54,6 +55,7 @@ class HiddenRanges:
     """
 
     force: Range = (0.0, 1.0)
+    wanders: bool = False
     offset_mm: Range = (0.0, 0.0)
     stiffness: Range = (1.0, 1.0)
     play_mm: Range = (0.0, 0.0)
@@ -91,7 +93,7 @@ class HiddenPrior:
         m, displaced = chain.n_tendons, ranges.surface_mm > 0.0 or ranges.surface_rad > 0.0
         layout = HiddenLayout.of(m, chain.n_joints if displaced else 0)
         weakest, strongest = ranges.force
-        sd = math.sqrt((weakest**2 + weakest * strongest + strongest**2) / 6.0)  # of a component, any direction
+        any_direction = math.sqrt((weakest**2 + weakest * strongest + strongest**2) / 6.0)
         half_widths = 0.5 * ranges.play_mm[0], 0.5 * ranges.play_mm[1]
         per_tendon = [
             *(ranges.offset_mm, ranges.stiffness, half_widths, ranges.sheath_friction),
@@ -105,7 +107,7 @@ class HiddenPrior:
             for side, way in ((0, -1.0), (1, 1.0))
         )
         sds = (high - low) / math.sqrt(12.0)
-        sds[:2] = sd
+        sds[:2] = 0.5 * strongest if ranges.wanders else any_direction
         return cls(layout, 0.5 * (low + high), sds, low, high, strongest)
 
     def without_surfaces(self) -> HiddenPrior:

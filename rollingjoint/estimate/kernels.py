@@ -52,6 +52,8 @@ class MeasurementLaw(NamedTuple):
     motors were set, which a first, unloaded step of the history stands for [N]; inf: there is none.
     low, high: tensions at which motors take their tendons along; inf: not known [N]. limit_sd: of these tensions; inf:
     they are not used. cells_at_tendons: whether load cells are behind the sheath.
+    memory: share of the force that stays from step to step; 1: all of it.
+    angle_sd, position_sd: of the links in a picture [rad, mm].
     tension_sd: of a measured tension [N]. tension_share: the same in proportion to it. robust: standard deviations
     beyond which a residual counts linearly.
     """
@@ -66,6 +68,9 @@ class MeasurementLaw(NamedTuple):
     tension_sd: float
     tension_share: float
     robust: float
+    memory: float = 1.0
+    angle_sd: float = 0.01
+    position_sd: float = 0.5
 
 
 class Model(NamedTuple):
@@ -87,6 +92,7 @@ class MotorHistory(NamedTuple):
     motors: Annotated[Floats, "N", "T", "m"]  # their positions, mm
     shifts: Annotated[Floats, "N", "T", "m"]  # how far motors have given way in a step, mm
     tensions: Annotated[Floats, "N", "T", "m"]  # measured, N
+    pictures: Annotated[Floats, "N", "T", "links", 3]  # x, y, angle of the moving links, mm, rad; NaN where none is
 
 
 class Track(NamedTuple):
@@ -111,6 +117,10 @@ class Track(NamedTuple):
     tip_by: Annotated[Floats, "R", 2, "K"]
     tensions: Annotated[Floats, "R", "m"]  # N
     tensions_by: Annotated[Floats, "R", "m", "K"]
+    volume: Annotated[Floats, "R"]  # half the logarithm of the determinant of the eliminated information
+    forces: Annotated[Floats, "R", "times", 2]  # in every step, NaN where not known; none where it stays as it is, N
+    forward: Annotated[Floats, "R", "times", 2, "K"]  # the change of a force by those of the next one and all others,
+    alone: Annotated[Floats, "R", "times", 2]  # and without any
 
 
 class Scratch(NamedTuple):
@@ -191,6 +201,8 @@ def _follow(model, history, track, batch, scratch, solver, pins, pending):
 def _prepare(model, history, track, batch, row):
     """Move the tendons of a row on by a step; fill its commands, loads and start."""
     at, numbers, step, episode = model.at, track.numbers[row], track.steps[row], track.episodes[row]
+    if track.forces.shape[1] > 0:
+        _look_up_force(model, track, row)
     if step == 0:
         _begin(model, track, row)
     for j in range(track.played.shape[1]):
@@ -215,6 +227,58 @@ def _prepare(model, history, track, batch, row):
 
 
 @part(inline=True)
+def _look_up_force(model, track, row):
+    """The force of this step; where it is not known, its mean after that of the last one, which leaves the unknowns."""
+    step, memory = track.steps[row], model.law.memory
+    for axis in range(2):
+        if not math.isfinite(track.forces[row, step, axis]):
+            track.forces[row, step, axis] = memory * track.forces[row, step - 1, axis] if step > 0 else 0.0
+        track.numbers[row, axis] = track.forces[row, step, axis]
+    if step > 0:
+        _leave_force(model, track, row)
+
+
+@part(inline=True)
+def _leave_force(model, track, row):
+    """Eliminate the force of the last step from the normal equations, and take that of this step in.
+
+    Their changes x and y: y = memory x + misses + a normal number of variance 1 - memory^2, in standard deviations.
+    """
+    information, slope, K = track.information[row], track.slope[row], track.slope.shape[1]
+    step, memory = track.steps[row], model.law.memory
+    forward, alone = track.forward[row, step - 1], track.alone[row, step - 1]
+    certainty = 1.0 / (1.0 - memory * memory)
+    pull = memory * certainty
+    a, b, c = information[0, 0] + memory * pull, information[1, 0], information[1, 1] + memory * pull
+    per_determinant = 1.0 / (a * c - b * b)
+    track.volume[row] -= 0.5 * math.log(per_determinant) if per_determinant > 0.0 else 0.0
+    for axis in range(2):
+        misses = memory * track.forces[row, step - 1, axis] - track.forces[row, step, axis]
+        misses = misses / model.sds[axis] if model.sds[axis] > 0.0 else 0.0
+        track.cost[row] += 0.5 * certainty * misses * misses
+        slope[axis] -= pull * misses
+        alone[axis] = certainty * misses  # for a while
+    first, second = (c * slope[0] - b * slope[1]) * per_determinant, (a * slope[1] - b * slope[0]) * per_determinant
+    slope[0], slope[1] = alone[0] + pull * first, alone[1] + pull * second
+    alone[0], alone[1] = first, second
+    forward[0, 0], forward[0, 1] = -pull * c * per_determinant, pull * b * per_determinant
+    forward[1, 0], forward[1, 1] = pull * b * per_determinant, -pull * a * per_determinant
+    for k in range(2, K):
+        x, y = information[k, 0], information[k, 1]
+        forward[0, k], forward[1, k] = (c * x - b * y) * per_determinant, (a * y - b * x) * per_determinant
+    for i in range(2, K):
+        x, y = information[i, 0], information[i, 1]
+        for k in range(2, i + 1):
+            information[i, k] -= x * forward[0, k] + y * forward[1, k]
+        slope[i] -= x * first + y * second
+        information[i, 0] = -(x * forward[0, 0] + y * forward[1, 0])
+        information[i, 1] = -(x * forward[0, 1] + y * forward[1, 1])
+    information[0, 0] = certainty + pull * forward[0, 0]
+    information[1, 0] = pull * forward[1, 0]
+    information[1, 1] = certainty + pull * forward[1, 1]
+
+
+@part(inline=True)
 def _load_acts(model, step):
     """1 where the load acts in a step, else 0."""
     return 0.0 if step == 0 and model.law.shown_sd < math.inf else 1.0
@@ -234,6 +298,8 @@ def _take_in(model, chain, history, track, batch, scratch, row):
     if track.steps[row] == 0:
         _take_start(model, track, scratch, row)
     _take_tensions(model, history, track, scratch, row)
+    if history.pictures.shape[2] > 0:
+        _take_picture(model, history, track, batch, scratch, row)
     return True
 
 
@@ -337,8 +403,7 @@ def _fill_rates(model, track, batch, scratch, row):
         tip_by[0, k] = tip_by[1, k] = 0.0
         for j in range(m):
             tensions_by[j, k] = 0.0
-    tip_x, tip_y = state.pose[n_joints, 0], state.pose[n_joints, 1]
-    track.tip[row, 0], track.tip[row, 1] = tip_x, tip_y
+    track.tip[row, 0], track.tip[row, 1] = state.pose[n_joints, 0], state.pose[n_joints, 1]
     for j in range(m):
         rates, elastic = scratch.rates[j], results.elastic[row, j]
         track.tensions[row, j] = results.tensions[row, j]
@@ -356,25 +421,33 @@ def _fill_rates(model, track, batch, scratch, row):
             rates[c] *= elastic
         _spread(model, track, batch, rates, row, tensions_by[j])
     for axis in range(2):
-        rates = scratch.rates[0]
-        for c in range(n_causes):
-            rates[c] = 0.0
-        for i in range(n_joints):
-            lever = state.contact[i, 1] - tip_y if axis == 0 else tip_x - state.contact[i, 0]
-            for c in range(n_causes):
-                rates[c] += lever * turns[i, c]
-        for c in range(2 + m, n_causes):
-            below, number = divmod(c - 2 - m, PER_JOINT)
-            cos, sin = state.pose[below, 3], state.pose[below, 4]
-            dx, dy = scratch.values[below, number * (m + 2) + m], scratch.values[below, number * (m + 2) + m + 1]
-            rates[c] += cos * dx - sin * dy if axis == 0 else sin * dx + cos * dy
-        _spread(model, track, batch, rates, row, tip_by[axis])
+        _fill_place(scratch, n_joints, m, axis)
+        _spread(model, track, batch, scratch.rates[0], row, tip_by[axis])
     for c in range(at.surfaces, at.total):
         displacement = track.numbers[row, c]
         for axis in range(2):
             track.tip[row, axis] += tip_by[axis, c] * displacement
         for j in range(m):
             track.tensions[row, j] += tensions_by[j, c] * displacement
+
+
+@part(inline=True)
+def _fill_place(scratch, link, m, axis):
+    """Fill the first rates with those of a link's origin along an axis, by force, commands and surfaces."""
+    state, turns, rates = scratch.state, scratch.causes, scratch.rates[0]
+    x, y = state.pose[link, 0], state.pose[link, 1]
+    for c in range(turns.shape[1]):
+        rates[c] = 0.0
+    for i in range(link):
+        lever = state.contact[i, 1] - y if axis == 0 else x - state.contact[i, 0]
+        for c in range(turns.shape[1]):
+            rates[c] += lever * turns[i, c]
+    for c in range(2 + m, turns.shape[1]):
+        below, number = divmod(c - 2 - m, PER_JOINT)
+        if below < link:
+            cos, sin = state.pose[below, 3], state.pose[below, 4]
+            dx, dy = scratch.values[below, number * (m + 2) + m], scratch.values[below, number * (m + 2) + m + 1]
+            rates[c] += cos * dx - sin * dy if axis == 0 else sin * dx + cos * dy
 
 
 @part(inline=True)
@@ -406,7 +479,7 @@ def _begin(model, track, row):
         off = (model.means[k] - track.numbers[row, k]) / model.sds[k] if model.sds[k] > 0.0 else 0.0
         slope[k] = off
         cost += 0.5 * off * off
-    track.cost[row], track.misfit[row] = cost, 0.0
+    track.cost[row], track.misfit[row], track.volume[row] = cost, 0.0, 0.0
 
 
 @part(inline=True)
@@ -474,6 +547,32 @@ def _take_tensions(model, history, track, scratch, row):
 
 
 @part(inline=True)
+def _take_picture(model, history, track, batch, scratch, row):
+    """Take a picture of a step in, if there is one: place and angle of every moving link."""
+    law, at, numbers, column = model.law, model.at, track.numbers[row], scratch.column
+    episode, step, state, turns = track.episodes[row], track.steps[row], scratch.state, scratch.causes
+    for link in range(1, history.pictures.shape[2] + 1):
+        for axis in range(3):
+            measured = history.pictures[episode, step, link - 1, axis]
+            if not math.isfinite(measured):
+                continue
+            if axis < 2:
+                _fill_place(scratch, link, track.played.shape[1], axis)
+            else:
+                for c in range(turns.shape[1]):
+                    scratch.rates[0, c] = 0.0
+                    for i in range(link):
+                        scratch.rates[0, c] += turns[i, c]
+            for k in range(column.size):
+                column[k] = 0.0
+            _spread(model, track, batch, scratch.rates[0], row, column)
+            expected = state.pose[link, axis]
+            for c in range(at.surfaces, at.total):
+                expected += column[c] * numbers[c]
+            _add(model, track, column, measured - expected, law.position_sd if axis < 2 else law.angle_sd, row)
+
+
+@part(inline=True)
 def _add(model, track, column, off, sd, row):
     """Add a measurement to the normal equations: it is `off` from what a row expects, with these derivatives."""
     information, slope, robust, sds = track.information[row], track.slope[row], model.law.robust, model.sds
@@ -493,16 +592,18 @@ def _add(model, track, column, off, sd, row):
 
 
 @kernel(nogil=True, title="the smoother")
-def propose(track, sds, damping, farthest, numbers):
+def propose(track, sds, damping, farthest, numbers, volumes):
     """Fill numbers (R, K): the minimum of the normal equations, at most `farthest` standard deviations away in each.
 
-    damping: share of its diagonal added to the information, (R,). A row whose equations cannot be solved stays.
+    Args:
+        damping: share of its diagonal added to the information, (R,). A row whose equations cannot be solved stays.
+        volumes: to be filled with half the logarithm of the determinant of that sum, (R,).
     """
     n_rows, K = track.slope.shape
     L, x = np.empty((K, K)), np.empty(K)
     for row in range(n_rows):
         information, slope = track.information[row], track.slope[row]
-        usable = True
+        usable, volumes[row] = True, 0.0
         for i in range(K):
             for k in range(i + 1):
                 L[i, k] = information[i, k]
@@ -519,6 +620,7 @@ def propose(track, sds, damping, farthest, numbers):
                 pivot -= L[i, c] * L[i, c]
             usable = usable and pivot > 0.0
             L[i, i] = math.sqrt(pivot) if pivot > 0.0 else 1.0
+            volumes[row] += math.log(L[i, i])
         for i in range(K):
             for c in range(i):
                 x[i] -= L[i, c] * x[c]
@@ -532,12 +634,36 @@ def propose(track, sds, damping, farthest, numbers):
             numbers[row, i] = track.numbers[row, i] + change * sds[i]
 
 
-def empty_track(episodes: np.ndarray, links: np.ndarray, numbers: np.ndarray, angles: np.ndarray, m: int) -> Track:
-    """Rows of hidden numbers (R, K), to be followed from the start."""
-    R, K = numbers.shape
+@kernel(nogil=True, title="the smoother")
+def recall(track, sds, farthest, numbers, forces):
+    """Fill the forces (R, T, 2) of all steps where the numbers are changed to these, (R, K)."""
+    n_rows, K = numbers.shape
+    x = np.empty(K)
+    for row in range(n_rows):
+        for k in range(K):
+            x[k] = (numbers[row, k] - track.numbers[row, k]) / sds[k] if sds[k] > 0.0 else 0.0
+        last = track.steps[row] - 1
+        forces[row] = math.nan
+        for step in range(last, -1, -1):
+            if step < last:
+                first, second = track.alone[row, step, 0], track.alone[row, step, 1]
+                for k in range(K):
+                    first -= track.forward[row, step, 0, k] * x[k]
+                    second -= track.forward[row, step, 1, k] * x[k]
+                x[0], x[1] = min(max(first, -farthest), farthest), min(max(second, -farthest), farthest)
+            for axis in range(2):
+                forces[row, step, axis] = track.forces[row, step, axis] + x[axis] * sds[axis]
+
+
+def empty_track(
+    episodes: np.ndarray, links: np.ndarray, numbers: np.ndarray, angles: np.ndarray, m: int, forces: np.ndarray
+) -> Track:
+    """Rows of hidden numbers (R, K) and forces (R, T, 2), to be followed from the start."""
+    (R, K), times = numbers.shape, forces.shape[1]
     return Track(
         episodes, links, numbers, np.zeros(R, np.int64),
         np.zeros((R, m)), np.zeros((R, m)), np.zeros((R, m)), angles,
         np.zeros((R, K, K)), np.zeros((R, K)), np.zeros(R), np.zeros(R),
         np.zeros((R, 2)), np.zeros((R, 2, K)), np.zeros((R, m)), np.zeros((R, m, K)),
+        np.zeros(R), forces, np.zeros((R, times, 2, K)), np.zeros((R, times, 2)),
     )  # fmt: skip

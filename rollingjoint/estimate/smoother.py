@@ -65,7 +65,7 @@ class Smoothed(NamedTuple):
     tensions_by_command: Array  # (N, m, m) N/mm
     played: Array  # commands of the tendons behind their play, (N, m) mm
     half_widths: Array  # of the play, (N, m) mm
-    misfit: Array  # cost per measured tension, (N,): about 1/2 where the model holds
+    misfit: Array  # cost per measurement, (N,): about 1/2 where the model holds
 
 
 class Smoother:
@@ -83,6 +83,7 @@ class Smoother:
         links: those that the load may pull.
         effort: of the search.
         steps: number of measured steps that an episode can have.
+        pictured: whether there are pictures.
     """
 
     def __init__(
@@ -93,16 +94,18 @@ class Smoother:
         links: Sequence[int],
         effort: Effort | None = None,
         steps: int = 51,
+        pictured: bool = False,
     ) -> None:
         if chain.springs or chain.has_friction:
             raise InvalidInput("mechanism", chain, "a chain without springs and friction", "The smoother knows none.")
         self.chain, self.prior, self.effort, self._links = chain, prior, effort or Effort(), list(links)
+        self._pictured = chain.n_joints if pictured else 0
         self._before = 1 if math.isfinite(law.shown_sd) else 0  # steps of a history before those that are measured
         self._steps, self._n_tendons = self._before + steps, chain.n_tendons
         tables = surface_tables(chain, prior.layout, law.start_tension)
-        self._fine = _Followed(chain, prior, law, tables)
+        self._fine = _Followed(chain, prior, law, tables, self._steps)
         coarse = law._replace(tension_sd=max(law.tension_sd, self.effort.coarse_sd))
-        self._coarse = _Followed(chain, prior.without_surfaces(), coarse, tables)
+        self._coarse = _Followed(chain, prior.without_surfaces(), coarse, tables, self._steps)
         self.reset(np.ones(0, bool))
 
     def reset(self, mask: Mask) -> None:
@@ -110,14 +113,15 @@ class Smoother:
         count, m = len(mask), self._n_tendons
         if count != getattr(self, "_count", -1):
             self._count, mask = count, np.ones(count, bool)
-            self.history = MotorHistory(
-                np.zeros(count, np.int64), *(np.zeros((count, self._steps, m)) for _ in range(3))
-            )
+            pictures = np.full((count, self._steps, self._pictured, 3), np.nan)
+            motors, shifts, tensions = (np.zeros((count, self._steps, m)) for _ in range(3))
+            self.history = MotorHistory(np.zeros(count, np.int64), motors, shifts, tensions, pictures)
             self._track = self._begun(np.arange(count), np.full(count, self._links[-1]))
             self._damping = np.full(count, _LEAST)
             self._since = np.zeros(count, np.int64)
         rows = np.flatnonzero(mask)
         if rows.size:
+            self.history.pictures[rows] = np.nan
             self.history.counts[rows], self._damping[rows], self._since[rows] = 0, _LEAST, 0
             _put(self._track, rows, self._begun(rows, np.full(len(rows), self._links[-1])))
 
@@ -134,13 +138,22 @@ class Smoother:
     def _begun(self, episodes: Integers, links: Integers) -> Track:
         return self._fine.begun(episodes, links, np.tile(self.prior.means, (len(episodes), 1)))
 
-    def take_in(self, motors: Array, shifts: Array, tensions: Array) -> Smoothed:
+    def take_in(
+        self,
+        motors: Array,
+        shifts: Array,
+        tensions: Array,
+        pictures: Array | None = None,
+        ages: Integers | None = None,
+    ) -> Smoothed:
         """The estimate after another step of all episodes; those with all their steps measured stay as they are.
 
         Args:
             motors: measured positions, (N, m) [mm].
             shifts: how far motors have given way in this step at a limit of tension, taking tendons along, (N, m) [mm].
             tensions: measured, (N, m) [N]; NaN where there is none.
+            pictures: x, y and angle of the moving links in a picture that comes now, (N, n - 1, 3) [mm, rad]; NaN where
+                none comes. ages: of the pictures, (N,) [steps].
         """
         history = self.history
         if self._before:
@@ -148,32 +161,43 @@ class Smoother:
             history.motors[rows, 0], history.tensions[rows, 0] = motors[rows], self._fine.model.law.start_tension
             history.counts[rows] = 1
         rows = np.flatnonzero(history.counts < self._steps)
-        for values, measured in zip(history[1:], (motors, shifts, tensions), strict=True):
+        for values, measured in zip(history[1:4], (motors, shifts, tensions), strict=True):
             values[rows, history.counts[rows]] = measured[rows]
         history.counts[rows] += 1
         self._since[rows] += 1
+        late = np.zeros(self._count, bool)
+        if pictures is not None and ages is not None:
+            places = history.counts - 1 - ages
+            late = np.isfinite(pictures[:, 0, 0]) & (places >= self._before)
+            late[np.setdiff1d(np.arange(self._count), rows)] = False
+            history.pictures[np.flatnonzero(late), places[late]] = pictures[late]
+            late &= ages > 0
         self._fine.follow(self._track, history)
         searched = np.zeros(self._count, bool)
         searched[rows] = np.isin(self.measured_steps[rows], list(self.effort.searches))
         if searched.any():
             self._search(np.flatnonzero(searched))
-        self._renew(searched)
+        self._renew(searched, late)
         return self._smoothed()
 
-    def _renew(self, searched: Mask) -> None:
-        """Follow histories anew, where that is due, along estimates that lower their costs."""
+    def _renew(self, searched: Mask, late: Mask) -> None:
+        """Follow histories anew, where that is due, along estimates that lower their costs.
+
+        late: where a picture of an earlier step has come, whose costs are not known before that.
+        """
         effort, track = self.effort, self._track
         for number in range(effort.passes):
-            proposals = self._fine.proposals(track, self._damping, effort.farthest)
+            proposals, forces = self._fine.proposals(track, self._damping, effort.farthest)
             change = np.abs(proposals - track.numbers) / np.maximum(self.prior.sds, 1e-12)
             due = (change.max(axis=1) > effort.moved) & (self._damping < _MOST)
             if number == 0:
-                due |= (self._since >= effort.every) | searched
+                due |= (self._since >= effort.every) | searched | late
             rows = np.flatnonzero(due)
             if not rows.size:
                 break
-            trial = self._fine.followed(self.history, track.episodes[rows], track.links[rows], proposals[rows])
-            better = trial.cost < track.cost[rows]
+            which = track.episodes[rows], track.links[rows], proposals[rows], forces[rows]
+            trial = self._fine.followed(self.history, *which)
+            better = (trial.cost < track.cost[rows]) | (late[rows] & (number == 0))
             self._damping[rows] = _adapted(self._damping[rows], better)
             self._since[rows] = 0
             _put(track, rows[better], trial, np.flatnonzero(better))
@@ -189,18 +213,20 @@ class Smoother:
         widths = slice(prior.layout.half_widths, prior.layout.frictions)
         numbers[:, widths] = np.tile(prior.low[widths] + grid * (prior.high - prior.low)[widths], (len(rows), 1))
         self._place_at_start(numbers, np.repeat(rows, starts))
-        coarse = self._coarse.followed(self.history, np.repeat(rows, starts), np.tile(links, len(rows)), numbers)
+        which = np.repeat(rows, starts), np.tile(links, len(rows)), numbers
+        coarse = self._coarse.followed(self.history, *which, self._track.forces[which[0]])
         self._fit(self._coarse, coarse, effort.rounds)
-        costs = coarse.cost.reshape(len(rows) * len(self._links), -1)
+        costs = self._coarse.unlikely(coarse).reshape(len(rows) * len(self._links), -1)
         order = costs.argsort(axis=1)[:, : effort.kept]
         best = (np.arange(len(costs))[:, None] * costs.shape[1] + order).ravel()
         numbers = np.tile(self.prior.means, (len(best), 1))
         numbers[:, : prior.layout.total] = coarse.numbers[best]
-        fine = self._fine.followed(self.history, coarse.episodes[best], coarse.links[best], numbers)
+        starts_again = coarse.episodes[best], coarse.links[best], numbers, coarse.forces[best]
+        fine = self._fine.followed(self.history, *starts_again)
         self._fit(self._fine, fine, 1 + effort.passes)
-        costs = fine.cost.reshape(len(rows), -1)
+        costs = self._fine.unlikely(fine).reshape(len(rows), -1)
         winners = np.arange(len(rows)) * costs.shape[1] + costs.argmin(axis=1)
-        better = costs.min(axis=1) < self._track.cost[rows]
+        better = costs.min(axis=1) < self._fine.unlikely(self._track)[rows]
         _put(self._track, rows[better], fine, winners[better])
         self._damping[rows[better]] = _LEAST
 
@@ -220,18 +246,19 @@ class Smoother:
         damping = np.full(len(track.steps), _FIRST)
         for _ in range(rounds):
             proposals = followed.proposals(track, damping, self.effort.farthest)
-            trial = followed.followed(self.history, track.episodes, track.links, proposals)
+            trial = followed.followed(self.history, track.episodes, track.links, *proposals)
             better = trial.cost < track.cost
             damping = _adapted(damping, better)
             _put(track, np.flatnonzero(better), trial, np.flatnonzero(better))
 
     def _smoothed(self) -> Smoothed:
         track, at = self._track, self.prior.layout
-        numbers = self._fine.proposals(track, self._damping, self.effort.farthest)
+        numbers, _ = self._fine.proposals(track, self._damping, self.effort.farthest)
         change = numbers - track.numbers
         widths, places = slice(at.half_widths, at.frictions), slice(at.places, at.gains)
         commands = slice(at.offsets, at.stiffnesses)
-        count = np.maximum(self.history.counts * self._n_tendons, 1)
+        shown = np.isfinite(self.history.pictures).sum(axis=(1, 2, 3))
+        count = np.maximum(self.history.counts * self._n_tendons + shown, 1)
         return Smoothed(
             numbers,
             track.tip + np.einsum("nik,nk->ni", track.tip_by, change),
@@ -247,22 +274,28 @@ class Smoother:
 class _Followed:
     """A chain with a prior and a law, along whose rows histories are followed."""
 
-    def __init__(self, chain: RollingChain, prior: HiddenPrior, law: MeasurementLaw, tables: SurfaceTables) -> None:
-        self.chain, self.prior = chain, prior
+    def __init__(
+        self, chain: RollingChain, prior: HiddenPrior, law: MeasurementLaw, tables: SurfaceTables, steps: int
+    ) -> None:
+        self.chain, self.prior, self._steps = chain, prior, steps
         self.model = Model(chain.arrays, tables, law, prior.layout, np.array(chain.stiffnesses), prior.means, prior.sds)
         self._solvers: dict[int, tuple[object, PinnedRange]] = {}
 
     def __getstate__(self) -> dict[str, object]:
         return vars(self) | {"_solvers": {}}  # bound to addresses in this process
 
-    def begun(self, episodes: Integers, links: Integers, numbers: Array) -> Track:
+    def begun(self, episodes: Integers, links: Integers, numbers: Array, forces: Array | None = None) -> Track:
         """Rows at the start of their histories."""
         angles = np.tile(self.chain.neutral_angles, (len(episodes), 1))
-        return kernels.empty_track(episodes, links, numbers, angles, self.chain.n_tendons)
+        times = self._steps if self.model.law.memory < 1.0 else 0
+        forces = np.full((len(episodes), times, 2), np.nan) if forces is None else forces.copy()
+        return kernels.empty_track(episodes, links, numbers, angles, self.chain.n_tendons, forces)
 
-    def followed(self, history: MotorHistory, episodes: Integers, links: Integers, numbers: Array) -> Track:
-        """Rows of hidden numbers (R, K) along the histories of these episodes."""
-        track = self.begun(episodes.copy(), links.copy(), numbers)
+    def followed(
+        self, history: MotorHistory, episodes: Integers, links: Integers, numbers: Array, forces: Array | None = None
+    ) -> Track:
+        """Rows of hidden numbers (R, K) and forces (R, T, 2) along the histories of these episodes."""
+        track = self.begun(episodes.copy(), links.copy(), numbers, forces)
         self.follow(track, history)
         return track
 
@@ -276,11 +309,24 @@ class _Followed:
             solver.solve_the_rest(0, len(track.steps))
             pending = True
 
-    def proposals(self, track: Track, damping: Array, farthest: float) -> Array:
-        """The minima of the normal equations, (R, K), within bounds."""
-        numbers = np.empty_like(track.numbers)
-        kernels.propose(track, self.prior.sds, damping, farthest, numbers)
-        return self.prior.within(numbers)
+    def proposals(self, track: Track, damping: Array, farthest: float) -> tuple[Array, Array]:
+        """The minima of the normal equations, (R, K), within bounds, and the forces there, (R, T, 2)."""
+        numbers, forces = np.empty_like(track.numbers), np.empty_like(track.forces)
+        kernels.propose(track, self.prior.sds, damping, farthest, numbers, np.empty(len(numbers)))
+        numbers = self.prior.within(numbers)
+        if forces.shape[1] > 0:
+            kernels.recall(track, self.prior.sds, farthest, numbers, forces)
+        return numbers, forces
+
+    def unlikely(self, track: Track) -> Array:
+        """Minus the logarithm of the evidence of rows, (R,), but for a constant: cost, and how narrow its minimum is.
+
+        Source: Laplace's approximation.
+        """
+        volumes, rows = np.empty(len(track.steps)), np.zeros(len(track.steps))
+        kernels.propose(track, self.prior.sds, rows, 0.0, np.empty_like(track.numbers), volumes)
+        unlikely: Array = track.cost + track.volume + volumes
+        return unlikely
 
     def _solver(self, rows: int) -> tuple[object, PinnedRange]:
         if rows not in self._solvers:

@@ -99,7 +99,8 @@ def test_without_the_last_actions_in_the_observation_it_remembers_its_own():
 @pytest.mark.parametrize(
     ("env_id", "settings", "match"),
     [
-        (INSTRUMENT, {"load": {"process": "ou"}}, "load.process"),
+        (INSTRUMENT, {"load": {"process": "step"}}, "load.process"),
+        ("rj_gym/LatePose-v0", {"sensing": {"pose": "tip"}}, "poses of all links"),
         (INSTRUMENT, {"friction": {}}, "without springs and friction"),
         (INSTRUMENT, {"observe_tensions": False}, "observe_tensions"),
         ("rj_gym/ArmInstrument-v0", {}, "a planar chain"),

@@ -89,8 +89,11 @@ def measured(chain, numbers, at, way, tip_link=4, shown=False, at_tendons=False)
     return tuple(map(np.array, zip(*rows, strict=True)))
 
 
-def history_of(motors, tensions):
-    return MotorHistory(np.array([len(motors)]), motors[None], np.zeros_like(motors)[None], tensions[None])
+def history_of(motors, tensions, pictures=None):
+    pictures = np.empty((len(motors), 0, 3)) if pictures is None else pictures
+    return MotorHistory(
+        np.array([len(motors)]), motors[None], np.zeros_like(motors)[None], tensions[None], pictures[None]
+    )
 
 
 def smoothed(smoother, motors, tensions, noise=0.0):
@@ -105,14 +108,17 @@ def smoothed(smoother, motors, tensions, noise=0.0):
 def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
     rng, ranges = np.random.default_rng(1), HiddenRanges(**RANGES, **SURFACES, gain=(0.9, 1.1), zero=(-0.3, 0.3))
     prior = HiddenPrior.of(chain, ranges)
-    followed = _Followed(chain, prior, LAW._replace(tension_share=0.0), surface_tables(chain, prior.layout, START))
+    followed = _Followed(
+        chain, prior, LAW._replace(tension_share=0.0), surface_tables(chain, prior.layout, START), STEPS
+    )
     numbers = drawn(prior, rng, 1)[0]
     motors, tensions, _ = measured(chain, numbers, prior.layout, moves(rng, 12, chain.n_tendons), chain.n_links - 1)
     numbers[prior.layout.surfaces :] = 0.0  # elsewhere they are those at the nominal surfaces
     K, step = prior.layout.total, 1e-4
     rows = np.concatenate([numbers[None], *(numbers + way * step * np.diag(prior.sds) for way in (1.0, -1.0))])
-    episodes = np.zeros(len(rows), np.int64)
-    track = followed.followed(history_of(motors, tensions), episodes, episodes + chain.n_links - 1, rows)
+    episodes, pictures = np.zeros(len(rows), np.int64), np.full((12, chain.n_joints, 3), np.nan)
+    pictures[::5] = chain.poses(chain.neutral_angles)[1:]
+    track = followed.followed(history_of(motors, tensions, pictures), episodes, episodes + chain.n_links - 1, rows)
     assert track.steps.tolist() == [12] * len(rows)
     for values, rates in ((track.tip, track.tip_by[0]), (track.tensions, track.tensions_by[0])):
         expected = (values[1 : K + 1] - values[K + 1 :]).T / (2 * step)
@@ -124,7 +130,7 @@ def test_derivatives_by_all_hidden_numbers_are_central_differences(chain):
 def test_displaced_surfaces_act_as_those_of_a_chain_with_them():
     """But for what is not linear in them, and for kinks of the profiles."""
     rng, prior = np.random.default_rng(2), HiddenPrior.of(CHAIN, HiddenRanges(**RANGES, **SURFACES))
-    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START))
+    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     whole, way = drawn(prior, rng, 1)[0], moves(rng, STEPS, 2)
     for share in (1.0, 0.2):
         numbers = whole.copy()
@@ -187,7 +193,7 @@ def test_its_minimum_is_that_of_a_general_least_squares_solver():
     truth, way = drawn(prior, rng, 1)[0], moves(rng, 14, 2)
     motors, tensions, _ = measured(CHAIN, truth, prior.layout, way)
     tensions = tensions + 0.1 * rng.standard_normal(tensions.shape)
-    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START))
+    followed = _Followed(CHAIN, prior, LAW, surface_tables(CHAIN, prior.layout, START), STEPS)
     smoother = Smoother(CHAIN, prior, LAW, [4], Effort(every=1, passes=20, moved=1e-9), 14)
     estimate = smoothed(smoother, motors[None], tensions[None])
     varied = np.flatnonzero(prior.sds)
@@ -222,6 +228,71 @@ def test_its_minimum_is_that_of_a_general_least_squares_solver():
     reference = least_squares(residuals, units, x_scale=1.0, xtol=1e-12, ftol=1e-12)
     assert cost(estimate.numbers[0]) == pytest.approx(reference.cost, rel=1e-4)
     np.testing.assert_allclose(units, reference.x, atol=0.02)
+
+
+def wandering(rng, prior, memory, steps, link):
+    """Motors, tensions and poses of the moving links under a force that wanders; no play."""
+    numbers, force, rows = drawn(prior, rng, 1)[0], 0.5 * rng.standard_normal(2), []
+    at, way = prior.layout, moves(rng, steps, 2)
+    chain = varied_chain(CHAIN, np.zeros((5, 2, 3)), numbers[at.stiffnesses : at.stiffnesses + 2])
+    motor = solve_tensions_batch(chain, np.full((1, 2), START)).lengths[0] - START / chain.stiffnesses
+    angles = CHAIN.neutral_angles
+    for step in range(steps):
+        motor = motor + (0.5 * way[step] if step else 0.0)
+        loads = load_table([WorldForce(link, tuple(force))], 5)[None]
+        command = (motor + numbers[at.offsets : at.offsets + 2])[None]
+        found = solve_lengths_batch(chain, command, loads, angles, tension_limits=(0.0, 1e4))
+        angles = found.joint_angles
+        rows.append((motor, found.tensions[0], found.poses[0, 1:]))
+        force = memory * force + 0.5 * math.sqrt(1.0 - memory**2) * rng.standard_normal(2)
+    return tuple(map(np.array, zip(*rows, strict=True)))
+
+
+def test_a_force_that_wanders_is_where_the_cost_is_least():
+    rng, memory = np.random.default_rng(9), 0.9
+    prior = HiddenPrior.of(CHAIN, HiddenRanges(**RANGES | {"play_mm": (0.0, 0.0), "wanders": True}))
+    motors, tensions, poses = wandering(rng, prior, memory, 12, 4)
+    law = LAW._replace(memory=memory, angle_sd=0.01, position_sd=0.5)
+    poses[::2] = np.nan
+    smoother = Smoother(CHAIN, prior, law, [4], Effort(every=1, passes=15, moved=1e-9, searches=()), 12, True)
+    smoother.reset(np.ones(1, bool))
+    for step in range(12):  # pictures are two steps late
+        shown = poses[max(step - 2, 0), None] if step > 1 else np.full((1, 4, 3), np.nan)
+        now = motors[step, None], np.zeros((1, 2)), tensions[step, None]
+        estimate = smoother.take_in(*now, shown, np.array([2]))
+    followed, track = smoother._fine, smoother._track
+    numbers, forces = followed.proposals(track, np.zeros(1), 2.0)
+    np.testing.assert_allclose(numbers, estimate.numbers, atol=1e-9)
+    one, link = np.zeros(1, np.int64), np.array([4])
+
+    def cost(numbers, forces):
+        return followed.followed(smoother.history, one, link, numbers, forces).cost[0]
+
+    least, varied = cost(numbers, forces), [k for k in np.flatnonzero(prior.sds) if k > 1]
+    np.testing.assert_allclose(track.cost, least, rtol=1e-6)
+    for way in (-0.01, 0.01):
+        for k in varied:
+            assert cost(numbers + way * prior.sds * (np.arange(len(prior.sds)) == k), forces) > least - 1e-6
+        for step in range(12):
+            for axis in range(2):
+                moved = forces.copy()
+                moved[0, step, axis] += way
+                assert cost(numbers, moved) > least - 1e-6
+
+
+def test_pictures_tell_which_link_a_wandering_force_pulls():
+    rng, memory = np.random.default_rng(10), 0.93
+    prior = HiddenPrior.of(CHAIN, HiddenRanges(**RANGES | {"play_mm": (0.0, 0.0), "wanders": True}))
+    cases = [wandering(rng, prior, memory, 40, link) for link in (1, 2, 3, 4)]
+    motors, tensions, poses = map(np.stack, zip(*cases, strict=True))
+    law, effort = LAW._replace(memory=memory, angle_sd=2e-3, position_sd=0.1), Effort(searches=(9, 39))
+    smoother = Smoother(CHAIN, prior, law, range(1, 5), effort, 40, True)
+    smoother.reset(np.ones(4, bool))
+    for step in range(40):
+        now = motors[:, step], np.zeros((4, 2)), tensions[:, step], poses[:, step], np.zeros(4, np.int64)
+        estimate = smoother.take_in(*now)
+    assert smoother.links.tolist() == [1, 2, 3, 4]
+    np.testing.assert_allclose(estimate.tip, poses[:, -1, -1, :2], atol=0.2)
 
 
 def test_episodes_side_by_side_are_those_of_episodes_alone_and_begin_apart():
