@@ -42,17 +42,22 @@ def test_a_loop_is_that_of_the_library(capsys: pytest.CaptureFixture[str]) -> No
     assert loop["path"]["tip_mm"] == expected.path.tip.tolist()
 
 
-def test_friction_is_identified_from_tips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_friction_and_rolling_resistance_are_identified_from_tips(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng, chain = np.random.default_rng(0), pitch_yaw(6)
-    rubbed, at, steps = chain.replace(friction=CapstanFriction(0.12)), None, []
+    rubbed, at, steps = chain.replace(friction=CapstanFriction(0.12, rolling=0.05)), None, []
     for pulls in rng.uniform(2.0, 5.0, (8, 4)):
         at = solve_tensions(rubbed, pulls, history=at)
         steps.append({"tensions": pulls.tolist(), "tip": at.tip.tolist()})
     content = {"mechanism": mechanism_to_dict(chain), "deviations": {"position": 0.1}, "runs": {"A": steps}}
     file = tmp_path / "measured.yaml"
     file.write_text(yaml.safe_dump(content), "utf-8")
-    assert rj(f"identify {file} --intervals linear --json") == 0
-    assert json.loads(capsys.readouterr().out)["parameters"]["mu"]["value"] == pytest.approx(0.12, abs=1e-4)
+    assert rj(f"identify {file} --parameters mu,rolling --intervals linear --json") == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    assert found["mu"]["value"] == pytest.approx(0.12, abs=1e-4)
+    assert found["rolling"]["value"] == pytest.approx(0.05, abs=1e-4)
+    assert rj(f"identify {file} --parameters surface_turn") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Only planar chains have it" in line
 
 
 def test_files_for_the_workshop_are_refused_in_one_line(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
