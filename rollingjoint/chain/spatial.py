@@ -23,6 +23,7 @@ from rollingjoint.chain.tendon import SpaceTendon
 from rollingjoint.checks import as_floats, as_number, as_positive
 from rollingjoint.errors import MechanismError
 from rollingjoint.friction import CapstanFriction, checked_friction
+from rollingjoint.kernels.contact_lanes import memory_alone, solve_contacts_alone, solve_contacts_pinned
 from rollingjoint.kernels.contacts import (
     ContactBatchArrays,
     ContactJoints,
@@ -31,6 +32,7 @@ from rollingjoint.kernels.contacts import (
     spatial_poses_of,
 )
 from rollingjoint.kernels.joints import BUCKET_ENDS, CLOSED_GAP, N_COEFFICIENTS, aligned
+from rollingjoint.kernels.lanes import MOST_JOINTS
 from rollingjoint.load import SPATIAL_LOAD_COLUMNS, Gravity, Load
 from rollingjoint.profile import Surface
 
@@ -377,8 +379,10 @@ class SpatialChain(Chain[SpatialEquilibrium]):
         torques="torques",
         pivots="contacts",
         pinned_batch=PinnedContacts,
-        most_joints=0,
-        most_with_friction=0,
+        solve=solve_contacts_pinned,
+        solve_alone=solve_contacts_alone,
+        memory=memory_alone,
+        most_joints=MOST_JOINTS,
     )
 
     joints: Sequence[SpatialJoint]
