@@ -329,6 +329,7 @@ class TrackingTask(Task):
         low, high = (np.array([getattr(entry, side) for entry in entries]) for side in ("low", "high"))
         return Rules(
             dimension=self.dimension,
+            slips=self.mechanism.slips,
             action_scale=config.action_scale_mm,
             length=self.length,
             command_scale=config.command_scale_mm,
