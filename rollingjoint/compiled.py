@@ -31,10 +31,10 @@ Motors and sheaths, parts of kernels; the formulas of `rollingjoint.transmission
 Solvers:
     BatchArrays: inputs and results of a batch of rolling chains; of any class of chains, its kernels.batch_arrays.
         PinnedRange solves ranges of its rows, step_range with friction.
-    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with entry and pins of a PinnedRange
-        (arms: PinnedHinges, rolling joints in space: PinnedContacts); number of rows left to its solve_the_rest, -1 where it had no memory.
-    TendonLaw: commanded lengths, stiffnesses and tension limits, (B, m) each.
-    PENDING: the status of a row left to it.
+    call_range: in a kernel, call_range(entry, pins, PinnedBatch, first, last) with entry and pins of a
+        PinnedRange (arms: PinnedHinges, rolling joints in space: PinnedContacts); number of rows left to its
+        solve_the_rest, -1 where it had no memory. TendonLaw: commanded lengths, stiffnesses and tension
+        limits, (B, m) each. PENDING: the status of a row left to it.
     FrictionArrays: friction of rows, with histories, for step_range, and for begin_range, which fills histories before
         any slip. A caller copies `after` to `before` where a step stands. MU, PRESLIDING, CONSTANT: some of its
         N_COEFFICIENTS columns.

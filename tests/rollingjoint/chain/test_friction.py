@@ -343,3 +343,23 @@ def test_responses_of_a_step_are_how_its_angles_answer_commands(force):
     answers = np.stack(differences, axis=1) / (2.0 * h)
     assert np.abs(answers).max() > 0.01
     np.testing.assert_allclose(step.responses[0], answers, rtol=0, atol=1e-9)
+
+
+def test_a_tendon_at_its_limit_answers_nothing_where_it_ends_half_way():
+    chain = with_friction(two_segment, 0.1)
+    joints, m = chain.n_joints, chain.n_tendons
+    assert min(chain.last_links) < chain.n_links - 1
+    command = chain.neutral_lengths - np.array([2.0 if end == chain.n_links - 1 else -50.0 for end in chain.last_links])
+    zero = np.zeros((1, m))
+    laws = TendonLaw(command[None], chain.stiffnesses[None], zero + 0.5, zero + 15.0)
+    fresh, start = np.zeros((1, joints, m)), np.array(chain.neutral_angles[None])
+    results = new_results(1, joints, m, responses=True)
+    problem = BatchArrays(
+        chain.arrays, np.zeros(1, np.int64), laws, load_table((), chain.n_links)[None], start, results
+    )
+    friction = new_friction_arrays(friction_laws(chain, 1), History(fresh, fresh, fresh, start, np.zeros((1, joints))))
+    batch.step_range(chain.kernels, problem, friction, 0, 1)
+    at_limit = results.tensions[0] == 0.5
+    assert results.status == Status.CONVERGED and at_limit.any() and not at_limit.all()
+    assert np.all(results.responses[0][:, at_limit] == 0.0)
+    assert np.abs(results.responses[0][:, ~at_limit]).max() > 1e-3

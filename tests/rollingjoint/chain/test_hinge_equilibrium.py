@@ -165,6 +165,18 @@ def test_springs_hold_a_long_arm_whose_steps_are_still_newtons():
     assert stiff.tip == pytest.approx(pinned, abs=1e-4)
 
 
+def test_a_spring_of_one_newton_per_millimetre_is_no_special_case():
+    arm = small_arm(6)
+    x, y, z = arm.poses(arm.neutral_angles)[-1][:3, 3]
+    tips = [
+        solve_tensions(arm, np.full(arm.n_tendons, 2.0), [Spring(-1, k, (x + 3.0, y, z))]).tip
+        for k in (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
+    ]
+    np.testing.assert_allclose(tips[1], 0.5 * (tips[0] + tips[2]), atol=1e-7)
+    assert abs(tips[1][0] - x) > 0.1
+
+
+
 def test_a_negative_spring_is_a_status():
     assert solve_tensions(small_arm(), np.ones(4), [Spring(1, -1.0, (0, 0, 0))]).status is Status.INVALID_INPUT
 
