@@ -176,7 +176,6 @@ def test_a_spring_of_one_newton_per_millimetre_is_no_special_case():
     assert abs(tips[1][0] - x) > 0.1
 
 
-
 def test_a_negative_spring_is_a_status():
     assert solve_tensions(small_arm(), np.ones(4), [Spring(1, -1.0, (0, 0, 0))]).status is Status.INVALID_INPUT
 
